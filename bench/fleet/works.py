@@ -110,7 +110,7 @@ class Validating(WithModel):
             "forced": model.warning,
             "shift": found.shift,
             "beyond_percent": found.beyond_percent,
-            "output_unit": found.unit,
+            "output_unit": model.structure.output_unit,
         }
 
     def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:

@@ -9,8 +9,6 @@ error that the explanation leaves, as a share of the output's range, infinite wh
     backlash    v = line in one play of u                     ones
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,13 +4,10 @@ Errors are those of the output over the counted part of the data, as a share of 
 comes first, then the findings in order of what they cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from piezo_model.identification.fitting import Certificate
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
@@ -54,15 +51,11 @@ class Fit:
 
     def headline(self, unit: str, where: str = "") -> str:
         """What the fit is worth, in one sentence."""
-        counted = (
-            f"{self.samples} samples"
-            if not self.skipped
-            else (f"{self.samples} of {self.samples + self.skipped} samples")
-        )
+        every = f" of {self.samples + self.skipped}" if self.skipped else ""
         return (
             f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
-            f"model{where and ' ' + where}: RMS error "
-            f"of the output as a share of its full range, over {counted}; at most {percent(self.max_percent)} "
+            f"model{where and ' ' + where}: RMS error of the output as a share of its full range, "
+            f"over {self.samples}{every} samples; at most {percent(self.max_percent)} "
             f"({quantity(self.max, unit, 2)}"
             f"{'' if unit else ' in the unit of the output, which the file does not say'})."
         )
@@ -97,6 +90,15 @@ class Lag:
     def pays(self) -> bool:
         """Whether removing the lag lowers the error by more than two per cent of itself."""
         return abs(self.samples) > 0.1 and self.error_without_lag_percent < 0.98 * self.error_percent
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Proof that the weights are the optimum: relative cost gap and violation, exact arithmetic."""
+
+    cost_gap: float
+    violation: float
+    unique: bool
 
 
 @dataclass(frozen=True)
@@ -163,22 +165,14 @@ class FitReport:
                     f"{percent(fit.cubic_percent)}."
                 ),
             )
-        if fit.skipped_max_percent > FAR_MORE * fit.max_percent:
+        if fit.skipped:
+            transient = fit.skipped_max_percent > FAR_MORE * fit.max_percent
             yield (
                 fit.skipped_max_percent,
                 (
                     f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; "
-                    "they hold a transient that no "
-                    f"start explains: the error there reaches {percent(fit.skipped_max_percent)}."
-                ),
-            )
-        elif fit.skipped:
-            yield (
-                fit.skipped_max_percent,
-                (
-                    f"The first {fit.skipped} samples "
-                    f"({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; the "
-                    f"error there reaches {percent(fit.skipped_max_percent)}."
+                    f"{'they hold a transient that no start explains: ' if transient else ''}"
+                    f"the error there reaches {percent(fit.skipped_max_percent)}."
                 ),
             )
         if fit.samples < fit.skipped:

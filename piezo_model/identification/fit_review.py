@@ -9,8 +9,6 @@ weights that touch no bound have about the covariance
 Weights at a bound and thresholds never reached have no such interval.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

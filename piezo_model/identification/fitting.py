@@ -1,34 +1,49 @@
-"""From a recording to the quadratic program (6) and its answer, given the structure and the states at the start."""
+"""From a recording to the quadratic program (6), its answer and the errors of its model, given the structure and the
+states at the start.
+
+The errors are those of the output, of the model and of the best line and cubic beside it, in one pass. Line and cubic
+are fitted by their normal equations in Chebyshev polynomials of the unit input.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import NDArray
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.travel import skipping
+from piezo_model.identification.fit_report import Certificate, Fit
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Vector
+from solvers.arrays import Matrix, Vector
 from solvers.certificate import certify, exact_cost_gap
+
+if TYPE_CHECKING:
+    from piezo_model.model import HysteresisCreepModel
+
+ENOUGH = 1_000_000
+"""Samples that a line and a cubic are fitted to, of a longer recording spread over all of it."""
+WITHIN, FEWEST_INSIDE = 1.01, 0.2
+"""Unit amplitudes of a drive within the model's range, and the share of such samples from which on they tell an
+offset."""
 
 
 class IdentificationError(ValueError):
     """The data do not give a model; the message is one sentence that says why."""
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """Proof that the weights are the optimum: relative cost gap and violation, exact arithmetic."""
-
-    cost_gap: float
-    violation: float
-    unique: bool
+def skipping(recording: Recording, skip: int) -> Iterator[tuple[Vector, Vector, int]]:
+    """Chunks of a recording, each with how many of its samples are among the first ``skip``."""
+    for x, y in recording.chunks():
+        yield x, y, min(skip, x.size)
+        skip -= min(skip, x.size)
 
 
 def accumulate(
@@ -76,3 +91,56 @@ def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
 def error_percent(problem: IdentificationProblem, w: Vector) -> float:
     """RMS of the error (5) as a share of the input's range."""
     return 100.0 * math.sqrt(max(2.0 * problem.cost(w), 0.0)) / (problem.excitation.x_max - problem.excitation.x_min)
+
+
+def forward_error(
+    model: HysteresisCreepModel,
+    recording: Recording,
+    skipped: int,
+    state: OperatorState,
+    span: float,
+    free_shift: bool = False,
+) -> tuple[Fit, float]:
+    """Figures over the samples after ``skipped``, per cent of ``span``, and the constant that ``free_shift`` removes.
+
+    That is the mean error where the drive is within the model's range; 0 where it hardly is, since an extrapolation
+    errs, too.
+    """
+    s, state, counted = model.structure, state.copy(), recording.length - skipped
+    skipped_worst, low, high = 0.0, math.inf, -math.inf
+    sums, gram, stride = np.zeros(4), np.zeros((5, 5)), max(1, recording.length // ENOUGH)
+    for x, y, head in skipping(recording, skipped):
+        error = y - model.simulate(x, state)
+        skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
+        x, y, error = x[head:], y[head:], error[head:]
+        low, high = float(np.min(error, initial=low)), float(np.max(error, initial=high))
+        known = np.abs(s.unit_input(x)) <= WITHIN
+        sums += np.sum(error), np.sum(np.square(error)), np.count_nonzero(known), np.sum(error[known])
+        columns = np.column_stack([chebvander(s.unit_input(x[::stride]), 3), s.unit_output(y[::stride])])
+        gram += columns.T @ columns
+    total, squares, inside, inside_total = sums.tolist()
+    shift = inside_total / inside if free_shift and inside > FEWEST_INSIDE * counted else 0.0
+    rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
+    worst = max(high - shift, shift - low)
+    (line, coefficients), (cubic, _) = (_polynomial(gram / gram[0, 0], degree) for degree in (1, 3))
+    unit = 100.0 * abs(s.y_scale) / span
+    return Fit(
+        counted,
+        skipped,
+        100.0 * rms / span,
+        100.0 * worst / span,
+        rms,
+        worst,
+        100.0 * skipped_worst / span,
+        unit * line,
+        unit * cubic,
+        (float(coefficients[0]), float(coefficients[1])),
+        span,
+    ), shift
+
+
+def _polynomial(gram: Matrix, degree: int) -> tuple[float, NDArray]:
+    """Root mean square that the best polynomial of a degree leaves of the last column, and its coefficients."""
+    part, right = gram[: degree + 1, : degree + 1], gram[: degree + 1, -1]
+    coefficients = np.linalg.lstsq(part, right, rcond=None)[0]
+    return math.sqrt(max(float(gram[-1, -1] - right @ coefficients), 0.0)), coefficients

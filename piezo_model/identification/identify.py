@@ -5,20 +5,26 @@ What a recording does not say is found out and reported: sign, transient and the
 tell apart. Data that the model class does not describe are refused (`adequacy`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Literal, get_args
+from functools import partial
+from typing import Literal, get_args
 
 from numpy.typing import ArrayLike
 
 from piezo_model.identification.adequacy import check_adequacy
 from piezo_model.identification.fit_report import Fit, FitReport, Offset, percent
-from piezo_model.identification.fitting import IdentificationError, accumulate, error_percent, optimum, prove
-from piezo_model.identification.forward_error import forward_error
+from piezo_model.identification.fitting import (
+    IdentificationError,
+    accumulate,
+    error_percent,
+    forward_error,
+    optimum,
+    prove,
+)
+from piezo_model.identification.initial_state import moving_from, y_range
 from piezo_model.identification.model_selection import (
     HYSTERESIS_ORDERS,
     SAMPLES,
@@ -27,10 +33,9 @@ from piezo_model.identification.model_selection import (
     candidate_rates,
     select,
 )
-from piezo_model.identification.preprocessing import preprocess, require
+from piezo_model.identification.preprocessing import Preprocessed, preprocess, require
 from piezo_model.identification.remedies import remedy
 from piezo_model.identification.sensor_lag import estimate_lag, without_lag
-from piezo_model.identification.travel import moving_from, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -144,26 +149,27 @@ def identify(
     if skip is not None and skip < 0:
         raise IdentificationError(f"skip must not be negative, not {skip}")
     recording = check_direction(_recording_of(x, y, structure))
-    given: dict[str, Any] = {
-        "structure": structure,
-        "n": USUAL[0] if n is None else n,
-        "m": USUAL[1] if m is None else m,
-        "creep_rates": creep_rates,
-        "skip": skip,
-    }
-
-    def fitted(**changes: Any) -> HysteresisCreepModel:
-        return _fitted(
-            recording, **{**given, **changes}, solver=solver, lag=lag, state=state, proximal=proximal, force=force
-        )
-
+    usual_n, usual_m = (usual if order is None else order for order, usual in zip((n, m), USUAL, strict=True))
+    fitted = partial(
+        _fitted,
+        recording,
+        structure=structure,
+        n=usual_n,
+        m=usual_m,
+        creep_rates=creep_rates,
+        skip=skip,
+        solver=solver,
+        lag=lag,
+        state=state,
+        proximal=proximal,
+        force=force,
+    )
     progress("identifying", 0, 1)
     try:
         model = fitted()
     except InadequateError as refusal:
-        raise IdentificationError(
-            f"{refusal}{remedy(fitted, recording, skip, given['m'] if structure is None else None, refusal.explained)}"
-        ) from None
+        way_out = remedy(fitted, recording, skip or 0, usual_m if structure is None else 0, refusal.explained)
+        raise IdentificationError(f"{refusal}{way_out}") from None
     if (
         structure is not None
         or None not in (n, m, creep_rates)
@@ -293,13 +299,12 @@ def _fitted(
             f"structure is {structure.sample_time:g} s"
         )
     recording.require(structure.d + 1)
-    rest = None
     if state is None:
         found = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
-        structure, state, skip, rest = found.structure, found.state, found.skip, found.rest
     else:
-        skip = skip or 0
-        require(recording, structure, skip)
+        found = Preprocessed(structure, skip or 0, state, None)
+        require(recording, structure, found.skip)
+    structure, skip, state, rest = found
     low, high = y_range(recording, skip)
     start, found_lag = state.copy(), None
     if lag != "ignore":

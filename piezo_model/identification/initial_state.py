@@ -7,20 +7,35 @@ start as if the actuator had rested at a level, or where the plays are. The sear
 (at rest at a level, which includes coming from above, from below and demagnetised) and refines it on a grid of
 halving steps, so that rounding does not decide.
 
+They are found from the head of a recording, where the drive moves enough for the plays to forget them. Which first
+samples no start explains, as where an amplifier was switched on, is told by an error far larger than anywhere after.
+
 Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from piezo_model.identification.fitting import skipping
 from piezo_model.operator_state import OperatorArrays, OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
+from solvers.arrays import Vector
 
+HEAD, LONGEST_HEAD = 200_000, 500_000
+"""Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""
+MOVED = 0.01
+"""Share of its range that a drive covers within the noise of its rest."""
+TRANSIENT_SHARE = 0.1
+"""Longest transient, as a share of the recording."""
+FAR_MORE, NOTABLE = 4.0, 0.03
+"""An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the
+range."""
 LEVELS = tuple(np.linspace(-1.0, 1.0, 9).tolist())
 COARSEST, COARSE, FINEST = 0.5, 2.0**-5, 2.0**-16
 """Steps of slopes and level in the refinement, halved down to COARSE, and on to FINEST for as long as that helps."""
@@ -110,7 +125,8 @@ def find_initial_state(
             before = best
             for change in (step, -step):
                 for i in free:
-                    best = better_of(best, [_tilted(best, i, change)])
+                    slope = _clip(best.slopes[i] + change, 1.0)
+                    best = better_of(best, [replace(best, slopes=(*best.slopes[:i], slope, *best.slopes[i + 1 :]))])
                 if best.level is not None:
                     level = centre + half * _clip((best.level - centre) / half + change, FARTHEST)
                     branch = _clip(best.branch + change, 1.0)
@@ -128,11 +144,68 @@ def find_initial_state(
     return best.state(s, centre, half), best.level
 
 
-def _tilted(start: Start, i: int, change: float) -> Start:
-    slopes = list(start.slopes)
-    slopes[i] = _clip(slopes[i] + change, 1.0)
-    return replace(start, slopes=tuple(slopes))
-
-
 def _clip(value: float, limit: float) -> float:
     return max(-limit, min(limit, value))
+
+
+def head_of(recording: Recording, s: ModelStructure, skip: int = 0) -> Recording:
+    """The samples that starts are tried on, as many after the first ``skip``, which are not counted, as without
+    these."""
+    settled = settled_from(recording, s)
+    return recording.head(skip + max(HEAD, min(2 * settled, max(LONGEST_HEAD, settled + HEAD // 2))))
+
+
+def settled_from(recording: Recording, s: ModelStructure) -> int:
+    """Index of the first sample at which every play that the drive moves at all is known, whatever it started at."""
+    span = recording.x_range[1] - recording.x_range[0]
+    return covered_from(
+        recording, max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0)
+    )
+
+
+def moving_from(recording: Recording, skip: int) -> int:
+    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if
+    it stays so."""
+    return covered_from(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
+
+
+def covered_from(recording: Recording, span: float, skip: int = 0) -> int:
+    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
+    never does."""
+    low, high, seen = math.inf, -math.inf, 0
+    for x, _ in recording.chunks():
+        after = max(skip - seen, 0)
+        lows, highs = (
+            np.minimum.accumulate(np.minimum(x[after:], low)),
+            np.maximum.accumulate(np.maximum(x[after:], high)),
+        )
+        covered = np.flatnonzero(highs - lows >= span)
+        if covered.size:
+            return seen + after + int(covered[0])
+        low, high, seen = np.min(lows, initial=low), np.max(highs, initial=high), seen + x.size
+    return seen
+
+
+def y_range(recording: Recording, skip: int) -> tuple[float, float]:
+    """Range of the output after the first ``skip`` samples."""
+    if skip == 0:
+        return recording.y_range
+    low, high = math.inf, -math.inf
+    for _, y, head in skipping(recording, skip):
+        low, high = float(np.min(y[head:], initial=low)), float(np.max(y[head:], initial=high))
+    return low, high
+
+
+def longest_transient(head: Recording, s: ModelStructure) -> int:
+    """Samples at the start within which a transient may lie; 0 where the drive does not move after them."""
+    look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
+    return look if look and moving_from(head, look) < head.length else 0
+
+
+def transient_end(error: Vector, look: int) -> int:
+    """First samples, at most ``look``, of which an error, as a share of the range, is far larger than anywhere after
+    them; 0 for none."""
+    later = float(np.max(error[look:]))
+    if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
+        return 0
+    return int(np.flatnonzero(error[:look] > later)[-1]) + 1

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from piezo_model.identification.fitting import optimum
 from piezo_model.identification_problem import Excitation, IdentificationProblem
@@ -113,18 +114,8 @@ class Selection:
     def to_dict(self) -> dict[str, Any]:
         """The sentence, and the table with the standing of each row, as JSON can hold them."""
         standing = {self.best: "smallest error", self.unchosen: "without a choice", self.chosen: "chosen"}
-        rows = [
-            {
-                "n": c.n,
-                "m": c.m,
-                "creep_rates": list(c.creep_rates),
-                "d": c.d,
-                "error_percent": c.error_percent,
-                "standard_error": c.standard_error,
-                "standing": standing.get(c, ""),
-            }
-            for c in self.table
-        ]
+        columns = ("n", "m", "creep_rates", "d", "error_percent", "standard_error")
+        rows = [{**{name: getattr(c, name) for name in columns}, "standing": standing.get(c, "")} for c in self.table]
         return {"sentence": self.sentence, "tried": len(self.candidates), "table": rows}
 
 
@@ -136,22 +127,11 @@ def _said(candidate: Candidate) -> str:
 def excursions(x: Vector) -> NDArray[np.int64]:
     """Samples at which the drive turns at the bottom, after it went down and before it goes up by DEPTH of its
     range."""
-    depth, bottoms = DEPTH * float(np.ptp(x)), []
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0) + 1
-    high, low, at, falling = x[0], x[0], 0, False
-    for k in turns.tolist():
-        value = x[k]
-        if falling:
-            if value < low:
-                low, at = value, k
-            elif value > low + depth:
-                bottoms.append(at)
-                high, falling = value, False
-        elif value > high:
-            high = value
-        elif value < high - depth:
-            low, at, falling = value, k, True
-    return np.array(bottoms, dtype=np.int64)
+    depth, turns = DEPTH * float(np.ptp(x)), np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
+    x = x[: np.max(turns, initial=0) + 1]  # the last way, on which the drive has not turned yet, may end anywhere
+    bottoms: NDArray[np.int64] = find_peaks(-x, prominence=depth)[0]
+    # Of several bottoms of one excursion, which are equally low, the last is taken.
+    return bottoms[np.maximum.reduceat(x, bottoms) >= x[bottoms] + depth] if bottoms.size else bottoms
 
 
 def candidate_rates(sample_time: float, duration_s: float, per_decade: int = PER_DECADE) -> tuple[float, ...]:

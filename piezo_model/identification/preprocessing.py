@@ -5,16 +5,21 @@ explains: first samples at which the model of the whole, and that of the rest, e
 where an amplifier was switched on.
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from piezo_model.identification.fitting import IdentificationError, accumulate, optimum
-from piezo_model.identification.initial_state import find_initial_state
-from piezo_model.identification.travel import head_of, longest_transient, moving_from, transient_end, y_range
+from piezo_model.identification.initial_state import (
+    find_initial_state,
+    head_of,
+    longest_transient,
+    moving_from,
+    transient_end,
+    y_range,
+)
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -26,8 +31,7 @@ SPOILED = 3.0
 """First samples spoil a fit that errs so many times as much after them as the fit without them."""
 
 
-@dataclass(frozen=True)
-class Preprocessed:
+class Preprocessed(NamedTuple):
     """Structure with the sign and ranges of the counted part, first counted sample, states before the first sample.
 
     ``rest`` is the input in unit amplitudes at which creep had rested, None where it rested with the plays.
@@ -47,7 +51,7 @@ def preprocess(
     First samples to ``skip`` are a transient's by default; with ``fit_range`` the output's range in the structure
     becomes that of the counted part. IdentificationError where too few samples are left.
     """
-    head = head_of(recording, s)
+    head = head_of(recording, s, skip or 0)
 
     def fitted(s: ModelStructure, skip: int, state: OperatorState) -> tuple[IdentificationProblem, Vector]:
         problem = accumulate(head, s, skip, state, proximal)

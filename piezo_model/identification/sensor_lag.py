@@ -11,11 +11,8 @@ design using the I0-sinh window function", 1974) and not by a spline: halfway be
 of the variance of white noise, which the residual would take for a better fit, and this kernel 96 %.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +21,7 @@ from scipy.optimize import minimize_scalar
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.fit_report import Lag
 from piezo_model.identification.fitting import IdentificationError, error_percent, optimum
-from piezo_model.identification.travel import moving_from
+from piezo_model.identification.initial_state import moving_from
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -38,21 +35,8 @@ LAG_SAMPLES = 100_000
 
 LONGEST_LAG = 10
 """Samples of lag looked for."""
-
-
-@dataclass(frozen=True)
-class LagEstimate:
-    """Where the residual is smallest."""
-
-    lag: float
-    """Samples by which the sensor lags."""
-    cost: float
-    """Residual at that lag."""
-    cost_without: float
-    """Residual at no lag."""
-    evaluations: int
-    at_edge: bool
-    """The smallest residual is at ``max_lag``: the lag may be larger."""
+RESOLUTION = 0.01
+"""Fraction of a sample to which the lag is found."""
 
 
 class Shifted(NamedTuple):
@@ -63,49 +47,45 @@ class Shifted(NamedTuple):
     """``values`` belongs to ``x[kept]``; the samples before and after are trimmed, for want of neighbours."""
 
 
-def minimise_over_lag(cost: Callable[[float], float], max_lag: float, *, resolution: float = 0.01) -> LagEstimate:
-    """Find the lag between 0 and ``max_lag`` samples of the smallest cost.
+def minimise_over_lag(error: Callable[[float], float], max_lag: float, *, remove: bool = False) -> Lag:
+    """Find the lag between 0 and ``max_lag`` samples that leaves the smallest error.
 
     Parameters
     ----------
-    cost : callable
-        Residual of the identification at a lag in samples. It must be counted over the same samples at every lag.
+    error : callable
+        Error of the identification at a lag in samples. It must be counted over the same samples at every lag.
     max_lag : float
         Largest lag looked at, in samples.
-    resolution : float
-        Fraction of a sample to which the lag is found.
+    remove : bool
+        Whether a lag that is found is removed.
 
     Raises
     ------
     ValueError
-        ``max_lag`` or ``resolution`` make no sense, or the cost is not a number at some lag.
+        ``max_lag`` makes no sense, or the error is not a number at some lag.
 
     Examples
     --------
-    >>> round(minimise_over_lag(lambda lag: (lag - 2.25) ** 2, 6).lag, 2)
+    >>> round(minimise_over_lag(lambda lag: (lag - 2.25) ** 2, 6).samples, 2)
     2.25
     """
     if not (math.isfinite(max_lag) and max_lag >= 0):
         raise ValueError(f"max_lag must be a finite number of samples from 0 up, not {max_lag}")
-    if not resolution > 0:
-        raise ValueError(f"resolution must be a positive fraction of a sample, not {resolution}")
-    costs: dict[float, float] = {}
+    errors: dict[float, float] = {}
 
     def seen(lag: float) -> float:
-        lag = float(lag)
-        if lag not in costs:
-            costs[lag] = float(cost(lag))
-            if math.isnan(costs[lag]):
-                raise ValueError(f"the cost is not a number at a lag of {lag:g} samples")
-        return costs[lag]
+        if lag not in errors:
+            errors[lag] = float(error(lag))
+            if math.isnan(errors[lag]):
+                raise ValueError(f"the error is not a number at a lag of {lag:g} samples")
+        return errors[lag]
 
-    grid = sorted({*map(float, range(math.floor(max_lag) + 1)), float(max_lag)})
-    best = min(grid, key=seen)
+    best = min(sorted({*map(float, range(math.floor(max_lag) + 1)), float(max_lag)}), key=seen)
     low, high = max(0.0, best - 1), min(float(max_lag), best + 1)
     if high > low:
-        minimize_scalar(seen, bounds=(low, high), method="bounded", options={"xatol": resolution})
-    lag = min(costs, key=costs.__getitem__)
-    return LagEstimate(lag, costs[lag], costs[0.0], len(costs), at_edge=max_lag - lag <= resolution)
+        minimize_scalar(seen, bounds=(low, high), method="bounded", options={"xatol": RESOLUTION})
+    lag = float(min(errors, key=seen))
+    return Lag(lag, remove and lag > 0.0, errors[0.0], errors[lag], max_lag - lag <= RESOLUTION)
 
 
 def shift_output(y: Vector, lag: float) -> Shifted:
@@ -174,11 +154,8 @@ def estimate_lag(
     too_few = stop - start <= s.d
     if too_few or not np.ptp(x[start:stop]):
         if remove:
-            why = (
-                f"{x.size} samples are too few"
-                if too_few
-                else ("the drive moves too close to the ends of the recording")
-            )
+            moves = "the drive moves too close to the ends of the recording"
+            why = f"{x.size} samples are too few" if too_few else moves
             raise IdentificationError(f"{recording.name}: {why} to look for a lag")
         return None
     settled = DataBasis(s, state)
@@ -191,8 +168,7 @@ def estimate_lag(
         problem = basis.problem(proximal=proximal)
         return error_percent(problem, optimum(problem, solver))
 
-    found = minimise_over_lag(error, longest)
-    return Lag(found.lag, remove and found.lag > 0.0, found.cost_without, found.cost, found.at_edge)
+    return minimise_over_lag(error, longest, remove=remove)
 
 
 def without_lag(

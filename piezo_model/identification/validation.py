@@ -7,6 +7,7 @@ is the mean of it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,11 +16,15 @@ import numpy as np
 
 from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.fit_report import Fit, percent
-from piezo_model.identification.fitting import IdentificationError
-from piezo_model.identification.forward_error import forward_error
-from piezo_model.identification.initial_state import find_initial_state
+from piezo_model.identification.fitting import IdentificationError, forward_error
+from piezo_model.identification.initial_state import (
+    find_initial_state,
+    head_of,
+    longest_transient,
+    transient_end,
+    y_range,
+)
 from piezo_model.identification.sensor_lag import without_lag
-from piezo_model.identification.travel import head_of, longest_transient, transient_end, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
@@ -38,20 +43,15 @@ SAME = 1.001
 class Validation:
     """What a model is worth on a recording."""
 
+    model: HysteresisCreepModel
     fit: Fit
     """The figures that an identification reports, with ``shift`` removed."""
     shift: float
     """Offset of the sensor against the session of the identification, output unit."""
     start: OperatorState
     """States before the first sample, as they were found."""
-    fitted_rms_percent: float | None
-    """What the identification reported."""
     beyond_percent: float
     """How far the drive leaves the range that the model was identified over, per cent of that range."""
-    unit: str
-    """Of the output."""
-    warning: str
-    """What speaks against the model where it was forced."""
     outlier: str
     """The sample of the output that stands alone, as a clause; "" for none."""
 
@@ -61,9 +61,10 @@ class Validation:
 
     def sentences(self) -> Iterator[str]:
         """The headline, then what an engineer has to know."""
-        if self.warning:
-            yield self.warning
-        yield self.fit.headline(self.unit, "on this recording")
+        unit = self.model.structure.output_unit
+        if self.model.warning:
+            yield self.model.warning
+        yield self.fit.headline(unit, "on this recording")
         if self.outlier:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
@@ -73,14 +74,14 @@ class Validation:
             )
         if abs(self.shift) > 0.1 * self.fit.rms:
             yield (
-                f"The sensor's offset has changed by {quantity(self.shift, self.unit, 3)} "
+                f"The sensor's offset has changed by {quantity(self.shift, unit, 3)} "
                 f"({percent(100.0 * abs(self.shift) / self.fit.span)} "
                 f"of the range) since the identification; that is removed."
             )
-        if self.fitted_rms_percent is not None and self.fit.rms_percent > 2.0 * self.fitted_rms_percent:
+        reported = self.model.report.get("fit", {}).get("rms_percent", math.inf)
+        if self.fit.rms_percent > 2.0 * reported:
             yield (
-                f"That is {self.fit.rms_percent / max(self.fitted_rms_percent, 1e-9):.2g} times the "
-                f"{percent(self.fitted_rms_percent)} "
+                f"That is {self.fit.rms_percent / max(reported, 1e-9):.2g} times the {percent(reported)} "
                 f"of the recording that it was identified from."
             )
         if self.beyond_percent > 1.0:
@@ -149,15 +150,13 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     if lag is not None and lag["removed"]:
         recording, skip, state = without_lag(recording, s, lag["samples"], skip, state)
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
-    reported, y = model.report.get("fit", {}).get("rms_percent"), recording.head(LOOKED_AT).arrays()[1]
+    y = recording.head(LOOKED_AT).arrays()[1]
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
     return Validation(
+        model,
         fit,
         shift,
         start,
-        reported,
         max(0.0, 50.0 * (farthest - 1.0)),
-        s.output_unit,
-        model.warning,
         "" if (at := outlier(y)) is None else outlier_sentence(y, at, 0, s.output_unit),
     )

@@ -6,11 +6,11 @@ A voltage on its way from a file to a weight passes
                         in a child process (`subprocess_reader`)
     tables              ``Table.pieces``: float64, (columns, rows)
     roles, profile      which column is what, by names, and by values where these do not say it
-    scan                ``scan``: values and clock checked (`checks`, `clocks`, `time_rounding`), held, streamed, or
-                        interpolated, in one pass
+    scan                ``scan``: values and clock (`sampling`) checked, held, streamed, or interpolated, in one pass
     recording           ``Recording.chunks``
     identification      `preprocessing` (sign, transient, initial state), `sensor_lag`; `fitting.accumulate`: the sums
-                        of (6), `fitting.optimum`: the weights; `forward_error`, `adequacy`, `fit_report`: their worth
+                        of (6), `fitting.optimum`: the weights; `fitting.forward_error`, `adequacy`, `fit_report`: their
+                        worth
 
 and enters none of these files twice but where a recording is too long to be held.
 """

@@ -1,7 +1,5 @@
 """Pieces of a table: float64 arrays of shape (columns, rows), cut to any size while they stream by."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar

@@ -4,16 +4,14 @@ Every pair of separator and decimal mark is tried on the first lines. The pair i
 rows of equal width holds the most numbers; what stands above the run is header, units and remarks.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from piezo_model.recordings.clocks import is_clock
-from piezo_model.recordings.tables import Kind
+from piezo_model.recordings.arrow_columns import is_clock
+from piezo_model.recordings.tables import Column, Kind
 from piezo_model.units import canonical
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -79,17 +77,13 @@ class Layout:
     """Where things are in the first lines of a file."""
 
     dialect: Dialect
-    width: int
-    """Cells of a row."""
     start: int
     """Index of the first line of numbers."""
-    names: tuple[str, ...]
-    """One a column; ``column 1``, ``column 2``, … where the file has none."""
-    units: tuple[str, ...]
-    kinds: tuple[Kind, ...]
-    header: int | None
+    columns: tuple[Column, ...]
+    """Named ``column 1``, ``column 2``, … where the file has no names."""
+    header: int | None = None
     """Index of the line that names the columns."""
-    repeated: tuple[str, ...]
+    repeated: tuple[str, ...] = ()
     """Header and units as lines, to be passed over where they come again."""
     glued: int = 0
     """Character at which the first row starts in its line, behind a header that lacks its line break."""
@@ -115,8 +109,7 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | No
         return None
     kinds = _kinds(dialect, [dialect.split(lines[k]) for k in rows])
     fitting = next((k for k in rows if _fits(dialect, lines[k], width, kinds)), rows[0])
-    start = _with_damaged_rows(dialect, lines, fitting, width, first)
-    return _headed(lines, dialect, width, start, kinds, header)
+    return _headed(lines, dialect, _with_damaged_rows(dialect, lines, fitting, width, first), kinds, header)
 
 
 def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, int, list[int]]:
@@ -124,12 +117,9 @@ def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, D
     rows: dict[int, list[int]] = {}
     worth: dict[int, float] = {}
     marks: Counter[str] = Counter()
-    for at in range(first, len(lines)):
-        line = lines[at]
+    for at, line in enumerate(lines[first:], start=first):
         try:
-            if not line.strip() or dialect.is_comment(line):
-                continue
-            cells = dialect.split(line)
+            cells = [] if dialect.is_comment(line) else dialect.split(line)
         except csv.Error:
             continue
         kinds = [dialect.kind(cell) for cell in cells]
@@ -137,9 +127,9 @@ def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, D
             mark for cell, kind in zip(cells, kinds, strict=True) if kind == "text" and (mark := dialect.mark(cell))
         ]
         marks.update(found)
-        value = sum(WORTH[kind] for kind in kinds) + 1.4 * len(found)
         if "number" in kinds or "clock" in kinds or found:
             rows.setdefault(len(cells), []).append(at)
+            value = sum(WORTH[kind] for kind in kinds) + 1.4 * len(found)
             worth[len(cells)] = worth.get(len(cells), 0.0) + value
     if not worth:
         return 0.0, dialect, 0, []
@@ -151,12 +141,9 @@ def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, D
 
 def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
     """What most cells of each column hold that are not empty."""
-    kinds: list[Kind] = []
-    for column in zip(*rows, strict=True):
-        seen = Counter(dialect.kind(cell) for cell in column)
-        seen.pop("empty", None)
-        kinds.append(max(seen, key=lambda kind: (seen[kind], WORTH[kind])) if seen else "empty")
-    return tuple(kinds)
+    columns = [Counter(map(dialect.kind, column)) for column in zip(*rows, strict=True)]
+    # "empty" comes last, however many there are
+    return tuple(max(seen, key=lambda kind: (kind != "empty", seen[kind], WORTH[kind])) for seen in columns)
 
 
 def _fits(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> bool:
@@ -179,30 +166,31 @@ def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, width
     return at
 
 
-def _headed(
-    lines: Sequence[str], dialect: Dialect, width: int, start: int, kinds: tuple[Kind, ...], header: int | None
-) -> Layout:
+def _headed(lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[Kind], header: int | None) -> Layout:
     """Find names and units above the first row: the header may be a comment, with a remark or a rule below it."""
     above = [k for k in range(start) if re.search(r"\w", lines[k])] if header is None else [*range(header, start)]
     headed = [
         (k, cells)
         for k in above[-REMARKS_BELOW_HEADER - 1 :]
-        if header != -1 and (cells := _names(dialect, lines[k], width, kinds))
+        if header != -1 and (cells := _names(dialect, lines[k], kinds))
     ]
     if header is not None and header >= 0:
         headed = headed[:2]
-    units: tuple[str, ...] = ("",) * width
-    repeated: list[str] = []
-    if len(headed) > 1 and _all_units(headed[-1][1]):
-        units = tuple(map(canonical, headed[-1][1]))
-        repeated.append(lines[headed.pop()[0]].strip())
+    none: Sequence[str] = [""] * len(kinds)
     if not headed and above and (found := _glued(dialect, lines[above[-1]], kinds)):
-        return Layout(dialect, width, above[-1], found[0], units, kinds, above[-1], (), found[1])
+        return Layout(dialect, above[-1], _columns(found[0], none, kinds), above[-1], glued=found[1])
     if not headed:
-        return Layout(dialect, width, start, tuple(f"column {k + 1}" for k in range(width)), units, kinds, None, ())
+        return Layout(dialect, start, _columns(none, none, kinds))
+    with_units = len(headed) > 1 and _all_units(headed[-1][1])
+    units_at, units = headed.pop() if with_units else (None, none)
     at, names = headed[-1] if header is None else headed[0]
-    named = tuple(name or f"column {k + 1}" for k, name in enumerate(names))
-    return Layout(dialect, width, start, named, units, kinds, at, (lines[at].strip(), *repeated))
+    repeated = tuple(lines[k].strip() for k in (at, units_at) if k is not None)
+    return Layout(dialect, start, _columns(names, units, kinds), at, repeated)
+
+
+def _columns(names: Sequence[str], units: Sequence[str], kinds: Sequence[Kind]) -> tuple[Column, ...]:
+    described = enumerate(zip(names, units, kinds, strict=True), start=1)
+    return tuple(Column.named(name or f"column {k}", unit, kind=kind) for k, (name, unit, kind) in described)
 
 
 def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
@@ -225,8 +213,9 @@ def _all_units(cells: Sequence[str]) -> bool:
     )
 
 
-def _names(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> list[str] | None:
-    """The names in a line above ``width`` columns, or None where the line is a remark."""
+def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | None:
+    """The names in a line above columns of these kinds, or None where the line is a remark."""
+    width = len(kinds)
     text = COMMENT.sub("", line.strip("\r\n"), count=1) if dialect.is_comment(line) else line.strip("\r\n")
     for cut in _splits(dialect, text):
         cells = [cell.strip().strip('"').strip() for cell in cut]

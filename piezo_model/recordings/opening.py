@@ -1,8 +1,6 @@
 """Opens a file of any known format; a format is a file in :mod:`piezo_model.recordings.formats`, and that folder is the
 registry."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 import sys
@@ -30,7 +28,9 @@ def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
             head = file.read(HEAD_BYTES)
         if not head:
             raise RecordingError(f"{path}: is an empty file")
-        known = next(module for module in _registered() if module.recognises(path, head))
+        formats = _registered()
+        text = formats["text"]  # is what no other format recognises
+        known = next((each for each in formats.values() if each is not text and each.recognises(path, head)), text)
         reading = reading or ReadOptions()
         for name in ("header_row", "decimal", "sheet"):
             if getattr(reading, name) is not None and name not in getattr(known, "READS", ()):
@@ -44,8 +44,7 @@ def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
             from piezo_model.recordings import subprocess_reader
 
             return subprocess_reader.open_table(known, path, reading)
-        table: Table = known.open_table(path, reading)
-        return table
+        return known.open_table(path, reading)
     except ModuleNotFoundError as error:
         if error.name == "pyarrow":  # on which the registry of formats stands
             raise RecordingError(
@@ -61,8 +60,8 @@ def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
 
 
 @cache
-def _registered() -> list[ModuleType]:
-    """Every format, plain text last: it is what remains."""
+def _registered() -> dict[str, ModuleType]:
+    """Every format by its module's name."""
     formats = importlib.import_module("piezo_model.recordings.formats")
-    names = [f"{formats.__name__}.{module.name}" for module in pkgutil.iter_modules(formats.__path__)]
-    return sorted(map(importlib.import_module, names), key=lambda module: module.ORDER)
+    names = [module.name for module in pkgutil.iter_modules(formats.__path__)]
+    return {name: importlib.import_module(f"{formats.__name__}.{name}") for name in names}

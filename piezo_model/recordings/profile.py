@@ -8,8 +8,6 @@ the loop is run through counterclockwise where the gain is positive, clockwise w
 is positive if b lags a. Data without a loop have a noisier side, and that is the sensor's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -74,16 +72,16 @@ def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
     }
 
 
-def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], str] | None:
-    """Which of two columns is the input and which the output, and why; None where the values do not tell."""
+def input_first(table: Table, pair: tuple[int, int]) -> tuple[Sequence[int], str]:
+    """Which of two columns is the input and which the output, and why; nothing where the values do not tell."""
     rows = _sane(next(rechunk(table.pieces(pair), LOOK), np.empty((2, 0))))
     if rows.shape[1] < 16:
-        return None
+        return (), ""
     a, b = window = rows - rows[:, :1]
     area, ranges = 0.5 * float(np.sum(a[:-1] * b[1:] - a[1:] * b[:-1])), np.ptp(window, axis=1)
     variation, bends = (np.abs(np.diff(window, order, axis=1)).sum(axis=1) for order in (1, 2))
     if not np.all(ranges > 0) or not np.all(np.isfinite(bends)):
-        return None
+        return (), ""
     loops = max(1.0, float(np.min(variation / (2 * ranges))))
     lag = area * np.sign(np.cov(a, b)[0, 1]) / (loops * ranges[0] * ranges[1])
     if abs(lag) > LEAST_LOOP:
@@ -91,7 +89,7 @@ def input_first(table: Table, pair: tuple[int, int]) -> tuple[tuple[int, int], s
     noise = bends / ranges
     if noise.max() > LEAST_NOISE_RATIO * noise.min():
         return (pair if noise[0] < noise[1] else pair[::-1]), NOISIER
-    return None
+    return (), ""
 
 
 def _sane(piece: Matrix) -> Matrix:

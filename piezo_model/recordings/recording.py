@@ -4,7 +4,7 @@ The file, of any format that :mod:`piezo_model.recordings.formats` knows, has co
 y_k, and for the time t_k = t_0 + k T unless T is known otherwise. It is checked once, when it is opened, and streamed
 ever after: a recording of hours fits because nothing of it is kept but its ranges. Columns that the user does not name
 are guessed (:mod:`piezo_model.recordings.roles`), and ``describe()`` says so; what is checked and how is in
-:mod:`piezo_model.recordings.checks`.
+:mod:`piezo_model.recordings.scan` and :mod:`piezo_model.recordings.sampling`.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model.recordings.checks import CHUNK, TIME_TOLERANCE, ValueCheck
 from piezo_model.recordings.chunks import RecordingError, check_sample_time, rechunk
 from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.roles import choose_roles
-from piezo_model.recordings.scan import Scan, scan
+from piezo_model.recordings.sampling import CHUNK, TIME_TOLERANCE
+from piezo_model.recordings.scan import Scan, ValueCheck, scan
 from piezo_model.recordings.tables import Column, ReadOptions
 from piezo_model.structure import SMALLEST
 from piezo_model.units import canonical, quantity, shown
@@ -245,7 +245,7 @@ class Recording(Source):
         """Say in two lines what was recorded, and which columns were guessed and why."""
         first = (
             f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
-            f"{quantity(self.duration_s, 's')}, {_every(self.sample_time)}"
+            f"{quantity(self.duration_s, 's')}, one every {quantity(self.sample_time, 's')}"
         )
         if "time" in self.columns:
             first += f" by {self.columns['time']!r}"
@@ -277,7 +277,7 @@ class Reference(Source):
     def describe(self) -> str:
         """Say in a sentence what was read and which columns were guessed."""
         return (
-            f"{self.name}: {self.form}; {self.values.size} samples, {_every(self.sample_time)}; "
+            f"{self.name}: {self.form}; {self.values.size} samples, one every {quantity(self.sample_time, 's')}; "
             + _said(
                 "reference", self.columns["reference"], self.unit, (float(self.values.min()), float(self.values.max()))
             )
@@ -332,15 +332,12 @@ def _read(
     roles = choose_roles(table, named, reading.sample_time is not None)
     found = scan(table, roles, reading, tolerance, hold)
     columns = {role: table.columns[k] for role, k in roles.at.items()}
-    rows = "row is incomplete and was" if found.incomplete == 1 else f"{found.incomplete} rows are incomplete and were"
-    left_out = f", the last {rows} left out" if found.incomplete else ""
-    uneven = f", interpolated from {found.uneven} rows at the times of the file" if found.uneven else ""
     source = {
         "name": str(path),
         "sample_time": found.sample_time,
         "columns": {role: column.name for role, column in columns.items()},
         "reasons": roles.reasons,
-        "form": table.form + left_out + uneven,
+        "form": table.form + found.remark,
     }
     return source, found, [column for role, column in columns.items() if role != "time"]
 
@@ -360,21 +357,12 @@ def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
         raise RecordingError(f"{label}: the range, {high - low:g}, is too small")
 
 
-def _every(sample_time: float) -> str:
-    return f"one every {quantity(sample_time, 's')}"
-
-
 def _said(role: str, column: str | None, unit: str, span: tuple[float, float]) -> str:
-    named = f"{role} {column!r}" if column else role
-    if not unit:
-        return f"{named} from {quantity(span[0], '')} to {quantity(span[1], '')} (unit unknown)"
-    low, high = (f"{value:.4g}" for value in span)
-    return f"{named} from {low} to {high} {shown(unit)}"
+    low, high = (f"{value:.4g}" if unit else quantity(value, "") for value in span)
+    return f"{role}{f' {column!r}' if column else ''} from {low} to {high} {shown(unit) if unit else '(unit unknown)'}"
 
 
 def _guessed(reasons: Mapping[str, str]) -> str:
-    if not reasons:
-        return ""
     roles = {why: ", ".join(role for role in reasons if reasons[role] == why) for why in reasons.values()}
     said = "; ".join(f"{some} {why}" for why, some in roles.items())
-    return f"; guessed: {said} (otherwise {', '.join(f'--{role}' for role in reasons)})"
+    return f"; guessed: {said} (otherwise {', '.join(f'--{role}' for role in reasons)})" if reasons else ""

@@ -7,14 +7,12 @@ Every word votes: for the drive (positive) or for the sensor (negative). Two col
 the user is asked.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.profile import Profile, input_first, profiles
@@ -212,26 +210,27 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     else:
         _find_signals(search)
     missing = [role for role in named if role != "time" and role not in search.at]
-    if sampled:
-        search.at.pop("time", None)
-        search.reasons.pop("time", None)
-    elif all(table.columns[k].sample_time for role, k in search.at.items() if role != "time"):
-        pass  # the file states the period, be there a clock or not
-    elif "time" not in search.at:
+    stated = all(table.columns[k].sample_time for role, k in search.at.items() if role != "time")
+    if not (sampled or stated or "time" in search.at):
         if not clockless:
             _find_time_by_values(search)
         missing += ["time"] * ("time" not in search.at)
     if missing:
         raise RecordingError(_question(table, missing, list(named)))
-    at = {role: search.at[role] for role in ROLES if role in named and role in search.at}
-    return Roles(at, {role: why for role, why in search.reasons.items() if role in at}, unread)
+    read = [role for role in ROLES if role in named and role in search.at and not (sampled and role == "time")]
+    return Roles(
+        {role: search.at[role] for role in read},
+        {role: why for role, why in search.reasons.items() if role in read},
+        unread,
+    )
 
 
 def find(table: Table, role: str, named: str) -> int:
     """Position of the column that the user means: by name, by the end of a path, without its unit, or by its number."""
+    normal = partial(unicodedata.normalize, "NFKC")
     tests: tuple[Callable[[Column], bool], ...] = (
         lambda column: column.name == named,
-        lambda column: _normal(column.name) == _normal(named),
+        lambda column: normal(column.name).strip() == normal(named).strip(),
         lambda column: column.name.rpartition("/")[2] == named,
         lambda column: column.stem.casefold() == named.strip().casefold(),
     )
@@ -322,7 +321,7 @@ def _find_signals(search: _Search) -> None:
         if absent == ["input"] or (absent == ["output"] and not any(words_of(columns[k]) & WISHED for k in left)):
             search.give(absent[0], left, "as the only one left")
         elif len(absent) == len(left) == 2 and not all(vote(columns[k]) < 0 for k in left):
-            pair, reason = input_first(search.table, (left[0], left[1])) or ((), "")
+            pair, reason = input_first(search.table, (left[0], left[1]))
             for role, k in zip(absent, pair, strict=False):
                 search.give(role, [k], reason)
 
@@ -336,16 +335,13 @@ def _by_name(search: _Search, usual: Sequence[int]) -> None:
 
 
 def _question(table: Table, missing: Sequence[str], asked: Sequence[str]) -> str:
-    listed = _listed(table.columns)
-    if list(missing) == ["time"]:
-        return (
-            f"{table.path}: cannot tell which column is the time; its columns are {listed}; name it with --time, "
-            "or say --sample-time or --sample-rate if there is none"
-        )
     options = [f"--{role}" for role in asked]
+    way_out = f"name them with {', '.join(options[:-1])} and {options[-1]}"
+    if list(missing) == ["time"]:
+        way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
-        f"{listed}; name them with {', '.join(options[:-1])} and {options[-1]}"
+        f"{_listed(table.columns)}; {way_out}"
     )
 
 
@@ -357,10 +353,6 @@ def seconds_per_unit(table: Table, column: Column) -> float:
             f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is not a unit of time"
         )
     return found
-
-
-def _normal(name: str) -> str:
-    return unicodedata.normalize("NFKC", name).strip()
 
 
 def _listed(columns: Iterable[Column]) -> str:

@@ -1,7 +1,5 @@
 """The sampling period where a file states it in so many words: "Sample rate [Hz]: 2000", "dt = 1e-4"."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 

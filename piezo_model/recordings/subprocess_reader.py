@@ -4,8 +4,6 @@ the caller.
 The child keeps the file that it opened last; there is one for each process that reads, started by the first such file.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 from collections.abc import Callable
@@ -79,8 +77,7 @@ def _ask(question: Callable[..., T], file: File, *more: Any) -> T:
         raise RecordingError(f"{file.path}: is damaged, the process that read it ended with {error}") from None
     if isinstance(found, Exception):
         raise found
-    answer: T = found
-    return answer
+    return found
 
 
 @cache
@@ -96,20 +93,19 @@ def _child(process: int) -> Child:
 
 def _answer(question: Callable[..., T], file: File, *more: Any) -> T | Exception:
     try:
-        return question(file, *more)
+        return question(_opened(file), *more)
     except MemoryError:
         return RecordingError(f"{file.path}: takes more than {MEMORY_MB} MB to be read")
     except Exception as error:
         return error
 
 
-def _list(file: File) -> tuple[str, tuple[Column, ...]]:
-    table = _opened(file)
+def _list(table: ArrayTable) -> tuple[str, tuple[Column, ...]]:
     return table.form, table.columns
 
 
-def _read(file: File, at: int, rows: slice) -> NDArray:
-    return np.asarray(_opened(file).arrays[at][rows])
+def _read(table: ArrayTable, at: int, rows: slice) -> NDArray:
+    return np.asarray(table.arrays[at][rows])
 
 
 def _opened(file: File) -> ArrayTable:

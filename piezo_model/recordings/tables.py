@@ -3,7 +3,7 @@
 A table is a path, its columns and two verbs: ``pieces(at)`` streams the columns at those positions as float64 arrays of
 shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where
 a row is. A format says only how its ``batches`` are read. A missing cell arrives as NaN; what NaN means is judged in
-:mod:`piezo_model.recordings.checks`.
+:mod:`piezo_model.recordings.scan`.
 
 A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the registry.
 """

@@ -5,8 +5,6 @@ Everything is checked before the first byte is written, and the table is written
 the old one as it was. CSV follows RFC 4180 with the shortest decimals that give the same float64 back.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import os
@@ -56,7 +54,7 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str 
             f"{path}: unknown suffix {path.suffix!r}; a table is written as {' or '.join(WRITTEN_SUFFIXES)}"
         )
     pa = _arrow(path)
-    table = pa.table({name: _column(path, name, values) for name, values in _checked_names(path, columns).items()})
+    table = pa.table(_checked(path, columns))
     if remark:
         table = table.replace_schema_metadata({"remark": remark})
     write = _write_csv if path.suffix.lower() == ".csv" else pa.parquet.write_table
@@ -67,7 +65,7 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str 
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def _checked_names(path: Path, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+def _checked(path: Path, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
     arrays = {name: np.asarray(values) for name, values in columns.items()}
     if not arrays:
         raise RecordingError(f"{path}: a table needs at least one column")
@@ -75,18 +73,14 @@ def _checked_names(path: Path, columns: Mapping[str, ArrayLike]) -> dict[str, ND
     if any(len(shape) != 1 for shape in lengths.values()) or len(set(lengths.values())) > 1:
         shapes = ", ".join(f"{name!r} {shape}" for name, shape in lengths.items())
         raise RecordingError(f"{path}: columns must be one-dimensional and of one length, not {shapes}")
+    for name, values in arrays.items():
+        label = f"{path}: column {name!r} holds"
+        if values.dtype.kind not in "iuf":
+            raise RecordingError(f"{label} {values.dtype}, where numbers are needed")
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise RecordingError(f"{label} {values[bad[0]]} in data row {bad[0] + 1}, where a finite number is needed")
     return arrays
-
-
-def _column(path: Path, name: str, values: NDArray[Any]) -> NDArray[Any]:
-    if values.dtype.kind not in "iuf":
-        raise RecordingError(f"{path}: column {name!r} holds {values.dtype}, where numbers are needed")
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise RecordingError(
-            f"{path}: column {name!r} holds {values[bad[0]]} in data row {bad[0] + 1}, where a finite number is needed"
-        )
-    return values
 
 
 def _arrow(path: Path) -> Any:

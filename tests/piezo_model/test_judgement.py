@@ -10,7 +10,7 @@ from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, d
 from scipy.signal import lfilter
 
 from piezo_model import IdentificationError, Recording, identify
-from piezo_model.identification import alternative_models
+from piezo_model.identification import alternative_models, initial_state
 from piezo_model.identification.adequacy import LOOK
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import RecordingError
@@ -243,6 +243,14 @@ def switched_on(period: float, size: float, length: int) -> Recording:
 def test_a_transient_of_twenty_samples_is_left_out_however_large_it_is(size: float) -> None:
     fit = identify(switched_on(470.0, size, 20)).report["fit"]
     assert 10 <= fit["skipped"] <= 200
+    assert fit["rms_percent"] < 0.3
+
+
+def test_more_first_samples_may_be_skipped_than_starts_are_tried_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HEAD", "LONGEST_HEAD"):
+        monkeypatch.setattr(initial_state, name, 500)
+    fit = identify(switched_on(470.0, 3.0, 20), skip=1500).report["fit"]
+    assert fit["skipped"] == 1500
     assert fit["rms_percent"] < 0.3
 
 

@@ -152,3 +152,13 @@ def test_irregular_steps_of_the_last_digit_are_no_rounding(tmp_path: Path) -> No
     times[300] += 0.001
     sentence = refusal(with_times(tmp_path, [f"{t:.3f}" for t in times]))
     assert "is not sampled uniformly: 0.006 s from row 301 (data row 300)" in sentence
+
+
+def test_times_of_seven_significant_digits_are_uniform_and_a_gap_in_them_is_found(tmp_path: Path) -> None:
+    columns = signals(100_000, 125e-6)
+    columns["time_s"] = np.array([float(f"{t:.7g}") for t in columns["time_s"]])
+    write_table(tmp_path / "s.parquet", columns)
+    assert Recording.open(tmp_path / "s.parquet").sample_time == 125e-6
+    columns["time_s"][-20:] += 1e-3
+    write_table(tmp_path / "gap.parquet", columns)
+    assert "has a gap" in refusal(tmp_path / "gap.parquet")

@@ -336,7 +336,7 @@ def test_a_format_is_added_by_adding_a_file(tmp_path: Path) -> None:
     for package in ("piezo_model", "solvers"):
         shutil.copytree(root / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "piezo_model/recordings/formats/doubles.py").write_text(
-        'import numpy as np\nfrom piezo_model.recordings.tables import in_memory\nNAME, ORDER = "doubles", 5\n'
+        'import numpy as np\nfrom piezo_model.recordings.tables import in_memory\nNAME = "doubles"\n'
         'def recognises(path, head):\n    return head.startswith(b"DBL1")\n'
         "def open_table(path, reading):\n    data = np.frombuffer(path.read_bytes()[8:]).reshape(-1, 2)\n"
         '    return in_memory(path, "doubles", {"u": data[:, 0], "y": data[:, 1]}, sample_time=0.01)\n'

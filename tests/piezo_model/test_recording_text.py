@@ -359,7 +359,7 @@ def test_any_dialect_is_found_out(
         writer.writerow([f"{value:.{digits}f}".replace(".", decimal) for value in row])
     found = layout_of(text.getvalue().splitlines(keepends=True))
     assert found is not None
-    assert (found.dialect.separator, found.dialect.decimal, found.width) == (separator, decimal, width)
+    assert (found.dialect.separator, found.dialect.decimal, len(found.columns)) == (separator, decimal, width)
     assert found.start == header + (header and units)
-    assert list(found.names) == (names if header else [f"column {k + 1}" for k in range(width)])
-    assert set(found.units) == ({"V"} if header and units else {""})
+    assert [column.name for column in found.columns] == (names if header else [f"column {k + 1}" for k in range(width)])
+    assert {column.unit for column in found.columns} == ({"V"} if header and units else {""})

@@ -1,8 +1,6 @@
 """A stream of Arrow batches, as ``piezobench live`` leaves one where it could not end: read up to its last whole
 batch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,6 @@ from piezo_model.recordings.chunks import RecordingError, first_line
 from piezo_model.recordings.tables import ReadOptions, Table
 
 NAME = "a stream of Arrow batches"
-ORDER = 11
 CONTINUATION = b"\xff\xff\xff\xff"
 """With which every message of a stream begins."""
 

@@ -4,8 +4,6 @@
 "Target Position of axis 1" (PI manual SM146, section on GCS arrays).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +14,6 @@ from piezo_model.recordings.formats.text import TextTable
 from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions, distinct
 
 NAME = "a GCS array"
-ORDER = 20
 ENTRY = re.compile(r"#\s*([A-Z_]+\d*)\s*=\s*(.*?)\s*$", re.MULTILINE)
 
 

@@ -4,8 +4,6 @@ Plain columns are read in slices. Units stand in the attribute ``units`` (NeXus)
 attribute whose name is that of a sampling rate or period gives the period.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,6 @@ from piezo_model.recordings.sampling_remark import only, sample_time_of
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an HDF5 file"
-ORDER = 30
 APART = True
 UNITS = ("Unit", "Units", "unit", "units")
 """Attributes that hold one; the last that is there counts."""
@@ -25,8 +22,9 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether the signature of HDF5 stands at the start or at one of the places where it may."""
-    return any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
+    """Whether the signature of HDF5 stands at the start or at one of the places where it may, and not in a file of
+    MATLAB."""
+    return not head.startswith(b"MATLAB ") and any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``) is a c
 dSPACE write them; otherwise a variable is a column by its path, a matrix one column for each of its columns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -18,7 +16,6 @@ from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a MATLAB file"
-ORDER = 25
 APART = True
 NAMES, VALUES, UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
 

@@ -1,13 +1,10 @@
 """MDF of ASAM (versions 3 and 4) by asammdf: every group has its own time, so channels of one group go together."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, distinct, in_memory, parsed
 
 NAME = "an MDF file"
-ORDER = 70
 APART = True
 
 

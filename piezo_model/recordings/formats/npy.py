@@ -1,7 +1,5 @@
 """NumPy's ``.npy``, mapped into memory and read in slices."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +7,6 @@ import numpy as np
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a NumPy file"
-ORDER = 40
 
 
 def recognises(path: Path, head: bytes) -> bool:

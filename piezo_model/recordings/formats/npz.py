@@ -1,7 +1,5 @@
 """NumPy's ``.npz``, an archive of arrays."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 
@@ -11,7 +9,6 @@ from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an archive of NumPy"
-ORDER = 45
 APART = True
 
 

@@ -1,7 +1,5 @@
 """Apache Parquet, streamed."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +15,6 @@ from piezo_model.recordings.chunks import BUFFER_BYTES, RecordingError, ahead, f
 from piezo_model.recordings.tables import ReadOptions, Table
 
 NAME = "a Parquet file"
-ORDER = 10
 BATCH_ROWS = 1 << 17
 
 

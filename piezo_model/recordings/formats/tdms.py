@@ -1,7 +1,5 @@
 """TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a waveform knows its sampling period."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,6 @@ from numpy.typing import NDArray
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a TDMS file"
-ORDER = 60
 APART = True
 UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 

@@ -4,8 +4,6 @@ Only when Arrow refuses a file is the text walked through once more, slowly, to 
 its row as an editor shows it.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re
@@ -17,26 +15,19 @@ import pyarrow as pa
 import pyarrow.csv as arrow_csv
 from numpy.typing import NDArray
 
-from piezo_model.recordings.arrow_columns import numbers
+from piezo_model.recordings.arrow_columns import ClockReader, numbers
 from piezo_model.recordings.chunks import RecordingError, first_line
-from piezo_model.recordings.clocks import ClockReader
 from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions, Table
+from piezo_model.recordings.tables import HEAD_BYTES, ReadOptions, Table
 from piezo_model.recordings.text_rows import LINE, LONGEST_LINE, TextRows, end_of_rows
 
 NAME = "plain text"
-ORDER = 100
 READS = ("header_row", "decimal")
 SAMPLE_LINES = 1000
 NULLS = ["", "NaN", "nan", "NAN", "NA", "N/A", "#N/A", "null", "None", "-", "--", "---", "#VALUE!"]
 SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
 ENCODING_NAMES = {"latin-1": "Latin-1", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16"}
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Fallback: any other file."""
-    return True
 
 
 @dataclass(frozen=True)
@@ -53,12 +44,12 @@ class TextTable(Table):
             for k in at
             if self.columns[k].kind == "clock"
         }
-        dialect = self.rows.dialect
+        dialect = self.rows.layout.dialect
         options = {
             "read_options": arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LONGEST_LINE),
             "parse_options": arrow_csv.ParseOptions(delimiter="\t" if dialect.separator == " " else dialect.separator),
             "convert_options": arrow_csv.ConvertOptions(
-                column_types={keys[k]: pa.binary() if k in clocks else pa.float64() for k in at},
+                column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
                 include_columns=[keys[k] for k in at],
                 null_values=NULLS,
                 strings_can_be_null=True,
@@ -67,10 +58,10 @@ class TextTable(Table):
             ),
         }
         try:
-            for block in self.rows.blocks():
+            for block in filter(bytes.strip, self.rows.blocks()):
                 for batch in arrow_csv.read_csv(pa.BufferReader(block), **options).to_batches():
                     yield [
-                        clocks[k].times(self.rows.decoded(column.to_pylist())) if k in clocks else numbers(column)
+                        clocks[k].times(column.to_pylist()) if k in clocks else numbers(column)
                         for k, column in zip(at, batch.columns, strict=True)
                     ]
         except (pa.ArrowException, OSError) as error:
@@ -85,7 +76,7 @@ class TextTable(Table):
 
     def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
         """The sentence for the first row that cannot be read; Arrow's own where the text shows nothing wrong."""
-        dialect = self.rows.dialect
+        dialect = self.rows.layout.dialect
         try:
             for data_row, (number, line) in enumerate(self.rows.lines(), start=1):
                 cells, place = dialect.split(line), f"row {number} (data row {data_row})"
@@ -122,14 +113,10 @@ def open_table(path: Path, reading: ReadOptions) -> TextTable:
     _refuse_two_meanings_of_a_comma(path, lines, layout)
     start = mark + sum(len(line.encode(encoding, errors="replace")) for line in lines[: layout.start])
     start += len(lines[layout.start][: layout.glued].encode(encoding))
-    stop, dropped = end_of_rows(path, encoding, layout.dialect, layout.width, start)
-    rows = TextRows(path, encoding, layout.dialect, layout.width, start, stop, layout.start, layout.repeated)
+    stop, dropped = end_of_rows(path, encoding, layout, start)
     stated = sample_time_in(lines[: layout.start] if layout.header is None else lines[: layout.header])
-    columns = tuple(
-        Column.named(name, unit, kind=kind, sample_time=stated)
-        for name, unit, kind in zip(layout.names, layout.units, layout.kinds, strict=True)
-    )
-    return TextTable(path, _form(encoding, layout, dropped), columns, rows)
+    columns = tuple(replace(column, sample_time=stated) for column in layout.columns)
+    return TextTable(path, _form(encoding, layout, dropped), columns, TextRows(path, encoding, layout, start, stop))
 
 
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:

@@ -1,10 +1,9 @@
 """Workbooks of Excel (.xlsx): the sheet with the most numbers, or the one that the user names."""
 
-from __future__ import annotations
-
 import datetime
 import warnings
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.dialect import Layout, layout_of
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import ArrayTable, Column, ReadOptions, parsed
+from piezo_model.recordings.tables import ArrayTable, ReadOptions, parsed
 
 NAME = "an Excel workbook"
-ORDER = 50
 READS = ("header_row", "sheet")
 DAY_0 = datetime.datetime(1899, 12, 31)
 
@@ -47,17 +45,16 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     tables = {name: found for name, rows in sheets.items() if (found := _layout(rows, reading))}
     if not tables:
         raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
-    name = max(tables, key=lambda name: len(sheets[name]) * tables[name][0].width)
+    name = max(tables, key=lambda name: len(sheets[name]) * len(tables[name][0].columns))
     layout, offset = tables[name]
-    rows = [row[offset : offset + layout.width] for row in sheets[name][layout.start :]]
+    rows = [row[offset : offset + len(layout.columns)] for row in sheets[name][layout.start :]]
     while rows and not any(isinstance(cell, int | float) for cell in rows[-1]):
         rows.pop()
     stated = sample_time_in("\t".join(map(_cell, row)) for row in sheets[name][: layout.start])
     said = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
-    columns, arrays = [], [_values(path, layout, k, rows, name) for k in range(layout.width)]
-    for label, unit, kind in zip(layout.names, layout.units, layout.kinds, strict=True):
-        columns.append(Column.named(label, unit, kind=kind, rows=len(rows), sample_time=stated))
-    return ArrayTable(path, said, tuple(columns), arrays)
+    arrays = [_values(path, layout, k, rows, name) for k in range(len(layout.columns))]
+    columns = tuple(replace(column, rows=len(rows), sample_time=stated) for column in layout.columns)
+    return ArrayTable(path, said, columns, arrays)
 
 
 def _layout(rows: list[tuple[Any, ...]], reading: ReadOptions) -> tuple[Layout, int] | None:
@@ -75,7 +72,7 @@ def _layout(rows: list[tuple[Any, ...]], reading: ReadOptions) -> tuple[Layout, 
 
 
 def _values(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], sheet: str) -> NDArray[Any]:
-    kind = layout.kinds[at]
+    kind = layout.columns[at].kind
     values = np.full(len(rows), "NaT", "m8[us]") if kind == "clock" else np.full(len(rows), np.nan)
     if kind in ("number", "clock"):
         for k, row in enumerate(rows):
@@ -84,7 +81,7 @@ def _values(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], sh
                     values[k] = _since_1900(row[at]) if kind == "clock" else float(row[at])
             except (TypeError, ValueError):
                 raise RecordingError(
-                    f"{path}: column {layout.names[at]!r} holds {row[at]!r} in row "
+                    f"{path}: column {layout.columns[at].name!r} holds {row[at]!r} in row "
                     f"{layout.start + k + 1} of sheet {sheet!r}, where a {kind} is needed"
                 ) from None
     return values

@@ -1,4 +1,4 @@
-"""Are values finite and times uniform, over any number of pieces and in bounded memory?
+"""Are times uniform, over any number of pieces and in bounded memory?
 
 Uniform sampling means t_k = t_0 + k T. Printed times carry a rounding of up to half the last digit r (125 µs printed
 with three digits reads 0.000, 0.000, …), so that two of them, s samples apart, may miss s T by r without anything
@@ -10,17 +10,16 @@ intervals,
 
 T is first the median of t_{k+h} − t_k over h, which no single gap moves, and in the end the mean over the recording,
 given as the shortest decimal that the rounding leaves possible.
-"""
 
-from __future__ import annotations
+Times are rounded before they are written: to decimals, to significant digits, or to single precision.
+"""
 
 import math
 from collections.abc import Callable
 
 import numpy as np
 
-from piezo_model.recordings.chunks import ABSURD, RecordingError, check_sample_time
-from piezo_model.recordings.time_rounding import Rounding, printed_digit
+from piezo_model.recordings.chunks import RecordingError, check_sample_time
 from solvers.arrays import Vector
 
 CHUNK = 65536
@@ -29,49 +28,44 @@ TIME_TOLERANCE = 0.01
 SAME_RATE, LEAST_CHANGE = 16, 0.05
 """Equal intervals in a row that make a sampling rate, and the share by which another one differs."""
 
+MOST_DECIMALS = 15
+FEW = 8
+"""Times from which on their decimals tell how they are printed."""
+SINGLE_GRID = 0.1
+"""Greatest distance from a number of single precision, in steps of its grid, that printing explains; by chance it is
+0.5."""
+
 Where = Callable[[int], str]
+"""Names a row counted from 0."""
 
 
-class ValueCheck:
-    """Finite values and their range, over any number of pieces.
+def printed_digit(times: Vector) -> tuple[float, float]:
+    """Last decimal digit that times are printed with, and the rounding of their floating point alone, which both are
+    where no decimals show.
 
-    The sentence of an error starts with the label; ``where`` names a row counted from 0.
+    Significant digits, as by ``%g``, leave the largest times the fewest decimals, so those above the last power of ten
+    tell.
     """
+    size = np.abs(times)
+    exact = float(size.max()) * float(np.finfo(np.float32 if _single(times) else np.float64).eps)
+    late = times[size >= 10.0 ** math.floor(math.log10(float(size.max()) or 1.0))]
+    shown = late if late.size >= FEW else times
+    for decimals in range(MOST_DECIMALS + 1):
+        digit = 10.0**-decimals
+        if digit <= 16 * exact:  # every number would look rounded to it
+            break
+        if (np.abs(np.round(shown, decimals) - shown) <= 4 * exact).all():
+            return digit, exact
+    return exact, exact
 
-    def __init__(self, label: str, where: Where) -> None:
-        """Start before the first sample."""
-        self.label, self.where = label, where
-        self.count = self.bad = 0
-        self.low, self.high = math.inf, -math.inf
-        self._first_bad, self._first_value, self._only_missing = 0, 0.0, True
 
-    def update(self, values: Vector) -> None:
-        """Take the next piece."""
-        low, high = float(values.min()), float(values.max())
-        if not (low > -ABSURD and high < ABSURD):
-            finite = np.abs(values) < ABSURD
-            if not self.bad:
-                at = int(np.argmin(finite))
-                self._first_bad, self._first_value = self.count + at, float(values[at])
-            self.bad += int(values.size - np.count_nonzero(finite))
-            self._only_missing &= bool(np.isnan(values[~finite]).all())
-            kept = values[finite]
-            low, high = float(np.min(kept, initial=math.inf)), float(np.max(kept, initial=-math.inf))
-        self.count += values.size
-        self.low, self.high = min(self.low, low), max(self.high, high)
-
-    def finish(self) -> int:
-        """Refuse what is not finite; returns the rows up to the last value where all the missing ones come at the
-        end."""
-        if not self.bad:
-            return self.count
-        if self._only_missing and self.bad == self.count - self._first_bad and self._first_bad >= 2:
-            return self._first_bad
-        value = self._first_value
-        kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
-        absurd = ", which is too large for a measured value" if math.isfinite(value) else ""
-        many = f"; in all {self.bad} of {self.count} values are missing, infinite or absurd" if self.bad > 1 else ""
-        raise RecordingError(f"{self.label} is {kind} in {self.where(self._first_bad)}{absurd}{many}")
+def _single(times: Vector) -> bool:
+    """Whether times are of single precision, be it printed in decimals: they lie on its grid far better than by
+    chance."""
+    some = times[times != 0.0]
+    grid = np.float32(some)
+    near = np.abs(grid - some) < SINGLE_GRID * np.spacing(np.abs(grid))
+    return bool(near.all()) and np.unique(grid).size == np.unique(some).size
 
 
 class ClockCheck:
@@ -90,7 +84,7 @@ class ClockCheck:
         self._first = self._last = 0.0
         self._tail: Vector = np.empty(0)
         self._period = self._period_error = 0.0
-        self._rounding = Rounding(0.0)
+        self._digit, self._shows = 0.0, False
         self._strides = [1]
 
     def update(self, times: Vector) -> None:
@@ -102,7 +96,9 @@ class ClockCheck:
             self._first = float(times[0])
             if times.size > 1:
                 self._settle(times)
-        self.resolution = max(self.resolution, self._rounding.at(times))
+        elif times.size >= FEW:
+            digit, exact = printed_digit(times)
+            self.resolution = max(self.resolution, digit if self._shows or digit > self._digit else exact)
         self.count += times.size
         self._last = float(times[-1])
         for stride in self._strides if self.even else ():
@@ -130,10 +126,9 @@ class ClockCheck:
         mean = float(times[-1] - times[0]) / (n - 1)
         if mean == 0:
             raise RecordingError(f"{self.label} stands still from {self.where(0)} on, at {self._seconds(times[0])}")
-        digit, self._rounding = printed_digit(times)
-        if not self._rounding_shows(times, mean, digit):
-            digit = self._rounding.at(times)
-        self.resolution = digit
+        self._digit, exact = printed_digit(times)
+        self._shows = self._rounding_shows(times, mean, self._digit)
+        digit = self.resolution = self._digit if self._shows else exact
         # Far enough apart for the rounding to vanish, near enough for one gap to touch few of the differences.
         reach = max(1, min(math.ceil(4 * digit / (self.tolerance * mean)), n // 8))
         if reach * mean >= 2 * digit:
@@ -213,8 +208,5 @@ def two_rates(steps: Vector, tolerance: float) -> tuple[float, float, int] | Non
 
 def _shortest(value: float, uncertainty: float) -> float:
     """Number of the fewest significant digits within the uncertainty of a value."""
-    for digits in range(17):
-        short = float(f"{value:.{digits}e}")
-        if abs(short - value) <= uncertainty:
-            return short
-    return value
+    shorter = (float(f"{value:.{digits}e}") for digits in range(17))
+    return next((number for number in shorter if abs(number - value) <= uncertainty), value)
