@@ -27,6 +27,14 @@ def random_bounds(rng: np.random.Generator, d: int) -> tuple[Array, Array]:
     return np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
 
 
+def random_program(seed: int, d: int, decades: float) -> tuple[Array, Array, Array, Array]:
+    """P, q, lb, ub; q is in the range of P more often than not."""
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d) if rng.random() < 0.7 else rng.normal(size=d)
+    return P, q, lb, ub
+
+
 def inside(x: Array, lb: Array, ub: Array) -> bool:
     """Whether no bound is violated, not by the last digit."""
     return bool(((lb <= x) & (x <= ub)).all())

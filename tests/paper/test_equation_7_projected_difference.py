@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from allocations import left_by
 from box_programs import INF, seeds, spectrum_matrix
 from programs import library
 from properties import given, settings, st
 from qpsolvers import Problem
 
-from solvers import Unsupported, get
+from solvers import get
 from solvers.descent import limit, trajectory
 
 quick = settings(max_examples=40, deadline=None)
@@ -179,53 +178,3 @@ def test_the_paths_in_slopes_and_in_weights_differ():
     weights = projection(start - 0.5 * limit(P_weights) * (P_weights @ start + q_weights), G, h, lb_weights)
     slopes = trajectory(P, q, lb_slopes, np.full(lb_slopes.size, INF), lb_slopes, 0.5 * limit(P), (1,))[0]
     assert np.abs(T @ weights - slopes).max() > 0.1
-
-
-@pytest.mark.parametrize(
-    ("G", "h"),
-    [
-        ([[1.0, 0.0]], [1.0]),
-        ([[1.0, 1.0], [-1.0, -1.0]], [-1.0, -1.0]),
-        ([[1e-20, 2e-20], [1.0, 1.0]], [1.0, 1.0]),
-        ([[1e200, 1e200]], [1e200]),
-    ],
-)
-def test_general_rows_are_refused_even_where_they_are_bounds(G, h):
-    with pytest.raises(Unsupported, match="takes bounds only, and the problem has general rows"):
-        solver(Problem(np.eye(2), np.array([-3.0, -4.0]), np.array(G), np.array(h)))
-
-
-# --- manners -------------------------------------------------------------------------------------------------
-
-
-def test_unusable_problems_are_refused_in_one_sentence():
-    with pytest.raises(Unsupported, match="bounds only"):
-        solver(Problem(np.eye(2), np.zeros(2), A=np.ones((1, 2)), b=np.ones(1)))
-    with pytest.raises(ValueError, match="P must be finite"):
-        solver(Problem(np.diag([1.0, np.nan]), np.zeros(2)))
-    with pytest.raises(ValueError, match="q must be finite"):
-        solver(Problem(np.eye(2), np.array([np.nan, 0.0])))
-    with pytest.raises(ValueError, match="NaN"):
-        solver(Problem(np.eye(2), np.zeros(2), lb=np.array([np.nan, 0.0])))
-    with pytest.raises(ValueError, match="indefinite"):
-        solver(Problem(np.diag([1.0, -1.0]), np.zeros(2)))
-    with pytest.raises(ValueError, match="steps"):
-        solver(Problem(np.eye(2), np.zeros(2)), steps=-1)
-
-
-def test_inputs_are_not_written():
-    rng = np.random.default_rng(5)
-    P, q, lb, start = spectrum_matrix(rng, 7, 2.0), rng.normal(size=7), -rng.random(7), rng.normal(size=7)
-    before = [a.copy() for a in (P, q, lb, start)]
-    s = solver(Problem(P, q, lb=lb), steps=50)
-    s.update(P, q)
-    s.solve(start)
-    for a, b in zip((P, q, lb, start), before, strict=True):
-        assert (a == b).all()
-
-
-def test_many_solves_allocate_nothing_that_stays():
-    rng = np.random.default_rng(6)
-    s = solver(Problem(spectrum_matrix(rng, 18, 2.0), rng.normal(size=18), lb=np.zeros(18)), steps=10)
-    s.solve()
-    assert left_by(s.solve, 500) < 1024
