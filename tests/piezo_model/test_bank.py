@@ -22,7 +22,6 @@ from piezo_model import (
     HysteresisCreepModel,
     ModelError,
     ModelStructure,
-    SelfLearningCompensator,
 )
 from solvers.core import bindings
 from solvers.core.compile_core import instruction_sets
@@ -150,60 +149,6 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
 
 
-def test_it_compensates_as_well_as_a_single_self_learning_compensator_does() -> None:
-    y_ref = references(3000, 1)
-    _, y = close_loop(CompensatorBank(STRUCTURE, 1), Actuators(1), y_ref)
-    single = SelfLearningCompensator(
-        STRUCTURE,
-        mode="continuous",
-        find_centre=False,
-        follow_range=False,
-        hand_over_s=INTERVAL * STRUCTURE.sample_time,
-    )
-    plant = Actuators(1)
-    _, y_single = single.run(y_ref[:, 0], lambda x: np.concatenate([plant(x[k : k + 1]) for k in range(x.size)]))
-    errors = [float(np.sqrt(np.mean((told[-1000:] - y_ref[-1000:, 0]) ** 2))) for told in (y[:, 0], y_single)]
-    untaught = CompensatorBank(STRUCTURE, 1, learn=False)
-    _, y_line = close_loop(untaught, Actuators(1), y_ref)
-    assert errors[0] < 1.3 * errors[1]
-    assert errors[0] < 0.2 * float(np.sqrt(np.mean((y_line[-1000:] - y_ref[-1000:]) ** 2)))
-
-
-def test_every_optimum_is_that_of_its_program_alone() -> None:
-    bank, plant, y_ref, checked = (
-        CompensatorBank(STRUCTURE, 20, hand_over_s=0.02),
-        Actuators(20),
-        references(700, 20),
-        0,
-    )
-    before = np.full(20, np.nan)
-    order = np.triu_indices(STRUCTURE.d + 1)
-    for row in y_ref:
-        old = bank._get("candidate", bank._slots)
-        x = bank.step(row, before)
-        before = plant(x)
-        new, grams = bank._get("candidate", bank._slots), bank._get("gram", bank._slots)
-        for i in np.flatnonzero(np.any(old != new, axis=1)):
-            gram = np.zeros((STRUCTURE.d + 1,) * 2)
-            gram[order] = grams[i]
-            gram += np.triu(gram, 1).T
-            alone = optimum(gram, old[i])
-            rho = PROXIMAL * np.minimum(np.diag(gram)[:-1], np.trace(gram[:-1, :-1]) / STRUCTURE.d)
-
-            def cost(v: Vector, gram: Matrix = gram, rho: Vector = rho, centre: Vector = old[i]) -> float:
-                return float(
-                    0.5 * v @ gram[:-1, :-1] @ v
-                    + gram[:-1, -1] @ v
-                    + 0.5 * rho @ (v - centre) ** 2
-                    + 0.5 * gram[-1, -1]
-                )
-
-            assert abs(cost(new[i]) - cost(alone)) <= 1e-9 * abs(cost(alone)), (i, cost(new[i]), cost(alone))
-            assert np.all(new[i] >= STRUCTURE.lower_bounds(MIN_SLOPE))
-            checked += 1
-    assert checked > 200
-
-
 def fail(kind: int, k: int, y: Matrix, i: int) -> None:
     """A sensor of one of five kinds from sample 500 on: gone, frozen, off the rail, jumping, drifting away."""
     if k >= 500:
@@ -230,20 +175,6 @@ def test_sensors_that_fail_hurt_their_own_actuators_only() -> None:
     assert np.all(faults[broken][[1, 2, 3, 6, 7, 8]] > 0)
     assert np.all(faults[broken][[0, 5]] == 0), "a value that is missing is no fault"
     assert np.all(faults[others] == 0)
-
-
-def test_after_a_fault_an_actuator_goes_back_to_what_it_had_learned_and_learns_on() -> None:
-    y_ref = references(4000, 1)
-
-    def spoil(k: int, y: Matrix) -> None:
-        if 2000 <= k < 2300:
-            y[k] = y[1999]
-
-    bank = CompensatorBank(STRUCTURE, 1)
-    _, y = close_loop(bank, Actuators(1), y_ref, spoil)
-    error = np.sqrt(np.mean((y - y_ref).reshape(-1, 500) ** 2, axis=1))
-    assert bank.counts["faults"][0] > 0
-    assert np.all(error[5:] < 1.5 * error[3])
 
 
 @pytest.mark.parametrize("hand_over_s", [0.1, 0.01])

@@ -67,17 +67,6 @@ def refitted(
     return min(errors)
 
 
-def test_without_a_constant_in_the_structure_one_is_learned_and_pays() -> None:
-    errors = {}
-    for find_centre in (None, False):
-        plant = sensor()
-        learner, y_ref = learner_for(plant, "continuous", offset=False, find_centre=find_centre), steps(plant, 16.0)
-        y = learner.run(y_ref, plant.run)[1]
-        errors[find_centre] = error(y[-4000:], y_ref[-4000:], plant)
-        assert learner.structure.offset is (find_centre is None)
-    assert errors[None] < 0.1 * errors[False]
-
-
 @pytest.mark.slow
 def test_hours_at_rest_do_not_wind_it_up() -> None:
     plant, learner, y_ref, before = learned()

@@ -62,26 +62,16 @@ def test_steps_equal_a_run_bit_for_bit(make, name):
 
 
 @contract
-def test_a_restored_state_continues_as_the_first_time(make, name):
-    x = walk()
-    plant = make(name)
-    plant.run(x[:700])
-    saved = plant.state()
-    first = plant.run(x[700:])
-    plant.restore(saved)
-    np.testing.assert_array_equal(plant.run(x[700:]), first)
-    other = make(name)
-    other.restore(saved)
-    np.testing.assert_array_equal(other.run(x[700:]), first)
-
-
-@contract
-def test_reset_is_as_made(make, name):
-    x = walk()
-    plant = make(name)
-    first = plant.run(x)
+def test_a_restored_state_continues_as_the_first_time_and_reset_is_as_made(make, name):
+    x, plant, other = walk(), make(name), make(name)
+    whole = plant.run(x)
     plant.reset()
-    np.testing.assert_array_equal(plant.run(x), first)
+    np.testing.assert_array_equal(plant.run(x[:700]), whole[:700])
+    saved = plant.state()
+    plant.run(x[700:])
+    for each in (plant, other):
+        each.restore(saved)
+        np.testing.assert_array_equal(each.run(x[700:]), whole[700:])
 
 
 @contract

@@ -1,11 +1,10 @@
 """Roles that no name tells: by elimination and by what the values say."""
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_files import refusal, text_file
+from recording_files import text_file
 from recording_kinds import DESCRIBABLE, creeping, noisy
 
 from piezo_model import identify
@@ -68,16 +67,6 @@ def test_without_a_loop_the_noisier_side_is_the_output(tmp_path: Path) -> None:
     recording = Recording.open(path)
     assert recording.columns == {"time": "column 1", "input": "column 3", "output": "column 2"}
     assert "because the output is the noisier one" in recording.describe()
-
-
-def test_what_the_values_do_not_tell_is_asked_for(tmp_path: Path) -> None:
-    t = np.arange(500) * 1e-3
-    path = text_file(tmp_path, *(f"{a:.3f},{math.sin(a)!r},{2 * math.sin(a)!r}" for a in t.tolist()))
-    assert (
-        "cannot tell which column is the input and which the output; its columns are 'column 1', 'column 2', "
-        "'column 3'; name "
-        "them with --time, --input and --output"
-    ) in refusal(path)
 
 
 @pytest.mark.parametrize(

@@ -118,11 +118,6 @@ def test_a_run_in_chunks_equals_one_run_bit_for_bit(cuts, actuators):
     np.testing.assert_array_equal(np.concatenate([other.run(part) for part in np.split(x, sorted(cuts))]), whole)
 
 
-def test_steps_equal_a_run_bit_for_bit():
-    x, stepped = wander(0.2), stage(2)
-    np.testing.assert_array_equal([stepped.step(row) for row in x], stage(2).run(x))
-
-
 @pytest.mark.parametrize("actuators", [1, 2])
 def test_a_restored_state_continues_as_the_first_time_and_reset_is_as_made(actuators):
     x, made = wander(0.6), stage(actuators)

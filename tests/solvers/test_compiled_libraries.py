@@ -16,7 +16,6 @@ from programs import library, solver_class
 from qpsolvers import Problem
 
 import solvers
-from bench.problems import find
 from solvers import Lane, Solver, Unsupported
 from solvers.forgetting import absorb
 from solvers.protocol import Matrix
@@ -101,23 +100,6 @@ def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str,
     if name not in APART:
         for part in ("status", "iterations"):
             assert compiled_says.extras[part] == direct_says.extras[part]
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in APART])
-def test_on_the_problems_of_the_paper_every_rung_answers_as_in_the_direct_lane(name: str) -> None:
-    for problem in find("paper")().problems():
-        for form in problem.forms.values():
-            for rung in ({}, *solvers.find(name, Lane.DIRECT).load().ladder(form.unit)):
-                compiled, direct = both(name, **rung)
-                P, q = form.qp.P[None], form.qp.q[None]
-                for solver in (compiled, direct):
-                    solver.setup(form.qp)
-                less = np.array([0.9, 1.0])[:, None]
-                *_, answers = compiled.time_kernel(np.concatenate([P, P]), q * less)
-                for k, answer in enumerate(answers):
-                    direct.update(P[0], (q * less)[k])
-                    np.testing.assert_array_equal(answer, direct.solve())
 
 
 @pytest.mark.parametrize("name", NAMES)

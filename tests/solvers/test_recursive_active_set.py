@@ -163,27 +163,6 @@ def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
     assert extras["cold_starts"] == 0
 
 
-def test_between_refreshes_the_matrix_drifts_by_less_than_the_rule_allows():
-    rng = np.random.default_rng(6)
-    s = recursive(np.eye(18), np.zeros(18), np.zeros(18), forgetting=0.9995, proximal=0.0)
-    ld = 24
-    M = s.part("M")
-    s.append_many(drifting(rng, 18, 4 * REFRESH))
-    while s.part("since_refresh").view(np.int32)[0] < REFRESH - 18:
-        s.append_many(drifting(rng, 18, 1))
-    row_weight, root_weight = s.part("row_weight")
-    carried, root = M.copy(), root_weight**2 / row_weight
-    free = np.append(s.part("free") > 0, False)
-    bindings.recursive_refresh(s.state)
-    carried, fresh = carried.reshape(-1, ld)[:19, :19], M.reshape(-1, ld)[:19, :19].copy()
-    assert (np.append(s.part("free") > 0, False) == free).all()
-    fresh[np.ix_(free, free)] /= root
-    fresh[np.ix_(~free, ~free)] *= root
-    for rows, columns in ((free, free), (~free, ~free), (free, ~free)):
-        a, b = carried[np.ix_(rows, columns)], fresh[np.ix_(rows, columns)]
-        assert np.abs(a - b).max() < 1e-9 * np.abs(b).max()
-
-
 def test_a_row_that_says_what_was_open_refreshes_at_once():
     s = recursive(np.diag([1.0, 1e-9]), np.zeros(2), proximal=0.0)
     before = s.solution().extras["refreshes"]
