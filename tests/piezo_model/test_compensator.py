@@ -71,19 +71,3 @@ def test_the_state_handed_in_is_copied(model: HysteresisCreepModel) -> None:
     state = OperatorState.at_rest(model.structure, 0.5)
     Compensator(model, state=state).run([1.0, -3.0])
     np.testing.assert_array_equal(state.play, np.full(8, 0.5))
-
-
-def test_senseless_limits_and_states_of_another_structure_are_refused_in_one_sentence(
-    model: HysteresisCreepModel,
-) -> None:
-    other = ModelStructure.equidistant(
-        n=9, m=1, x_range=(0, 100), y_range=(-10, 10), creep_rates=(1.0,), sample_time=1e-3
-    )
-    with pytest.raises(ValueError, match=r"x_limits must be two numbers in ascending order, not \(1\.0, nan\)"):
-        Compensator(model, (1.0, math.nan))
-    with pytest.raises(ValueError, match="rate_limit must be positive, not 0"):
-        Compensator(model, rate_limit=0.0)
-    with pytest.raises(
-        ValueError, match="states are those of another structure: 16 of play and 16 of creep where 8 and 8"
-    ):
-        Compensator(model, state=OperatorState.at_rest(other))

@@ -13,7 +13,6 @@ from random_models import Case, cases, drive, model_of, structure_of
 from piezo_model.atomic_file import write_text
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
-from piezo_model.structure import ModelStructure
 
 # Simulation.
 
@@ -54,12 +53,6 @@ def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepMode
     assert np.all(np.isfinite(model.simulate([math.nan], state)))
     np.testing.assert_array_equal(state.play, before.play)
     np.testing.assert_array_equal(state.creep, before.creep)
-
-
-def test_states_of_another_structure_are_refused(model: HysteresisCreepModel) -> None:
-    other = ModelStructure.equidistant(n=5, m=0, x_range=(0, 1), y_range=(0, 1), creep_rates=(1.0,), sample_time=1.0)
-    with pytest.raises(ValueError, match="8 of play and 8 of creep where 8 and 24 are needed"):
-        model.simulate([0.0], OperatorState.at_rest(other))
 
 
 # Files.

@@ -33,11 +33,9 @@ def test_the_folder_is_the_registry():
     assert NAMES == ["bouc_wen", "dense_prandtl_ishlinskii", "duhem", "maxwell_slip", "relay_preisach"]
 
 
-def test_an_unknown_plant_and_an_unknown_option_are_refused_with_what_is_known():
+def test_an_unknown_plant_is_refused_with_what_is_known():
     with pytest.raises(KeyError, match="known are bouc_wen"):
         plants.get("stack")
-    with pytest.raises(ValueError, match="'bouc_wen' has no option 'lines'"):
-        plants.get("bouc_wen", lines=3)
 
 
 # The contract of a plant

@@ -15,7 +15,7 @@ from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
 from learning_loops import MODES, NOISE, WAYS, T, learner_for, sensor, structure_for
 from qpsolvers import Problem
 
-from piezo_model import OperatorState, SelfLearningCompensator, compensator_file, plants
+from piezo_model import OperatorState, SelfLearningCompensator, compensator_file
 from piezo_model.deployment import Deployment
 from piezo_model.learning.events import Phase
 from piezo_model.learning.settings import LearningSettings
@@ -463,20 +463,3 @@ def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
     assert rms_percent(y[-3000:], narrow[-3000:], plant) < 0.2
     y = learner.run(wide, plant.run)[1]
     assert rms_percent(y[500:3000], wide[500:3000], plant) < 3.0
-
-
-# Bad input
-
-
-def test_senseless_input_is_refused_in_one_sentence() -> None:
-    plant = plants.get("relay_preisach", sample_time=T)
-    learner, structure = learner_for(plant), structure_for(plant)
-    with pytest.raises(ValueError, match=r"x\[1\] is not a finite number"):
-        learner.observe([0.0, math.nan], [0.0, 0.0])
-    with pytest.raises(ValueError, match="vectors of the same length"):
-        learner.replay([0.0, 1.0], [0.0])
-    with pytest.raises(ValueError, match="x_limits must be two numbers in ascending order"):
-        SelfLearningCompensator(structure, x_limits=(1.0, 0.0))
-    other = HysteresisCreepModel.from_weights(structure_for(plant, n=3), structure_for(plant, n=3).straight_line)
-    with pytest.raises(ValueError, match="the model has another structure than the one given"):
-        SelfLearningCompensator(structure, model=other)

@@ -28,6 +28,8 @@ from solvers.exact import linear_algebra as exact_linear_algebra
 
 
 def test_a_box_problem_solved_by_hand_is_certified() -> None:
+    with pytest.raises(ValueError, match=r"x\[1\] is nan"):
+        certify(corner, np.array([0.0, np.nan]))
     proof = certify(corner, np.array([0.9, 0.2]))
     assert (proof.x, proof.value, proof.value_rounded) == ((1.0, 0.0), "-1", -1.0)
     assert (proof.lower, proof.upper, proof.unique, proof.convexity_shift) == ((1,), (), True, 0.0)
@@ -247,16 +249,18 @@ def test_nan_and_misplaced_infinities_in_the_data_are_refused_by_name(name: str,
         certify(Problem(**data), np.zeros(2))
 
 
-def test_an_answer_that_is_not_finite_or_of_the_wrong_shape_is_refused() -> None:
-    proof = certify(corner, np.zeros(2))
-    with pytest.raises(ValueError, match=r"x\[1\] is nan"):
-        certify(corner, np.array([0.0, np.nan]))
-    with pytest.raises(ValueError, match=r"x\[0\] is inf"):
-        exact_cost_gap(corner, proof, np.array([INF, 0.0]))
-    with pytest.raises(ValueError, match=r"x has shape \(3,\), expected \(2,\)"):
-        exact_cost_gap(corner, proof, np.zeros(3))
-    with pytest.raises(ValueError, match="the constant term c is nan"):
-        exact_cost_gap(corner, proof, np.zeros(2), c=np.nan)
+@pytest.mark.parametrize(
+    ("x", "c", "sentence"),
+    [
+        (np.array([0.0, np.nan]), 0.0, r"x\[1\] is nan"),
+        (np.array([INF, 0.0]), 0.0, r"x\[0\] is inf"),
+        (np.zeros(3), 0.0, r"x has shape \(3,\), expected \(2,\)"),
+        (np.zeros(2), np.nan, "the constant term c is nan"),
+    ],
+)
+def test_an_answer_that_is_not_finite_or_of_the_wrong_shape_is_refused(x: np.ndarray, c: float, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        exact_cost_gap(corner, certify(corner, np.zeros(2)), x, c=c)
 
 
 def test_a_proof_that_takes_too_much_work_is_said() -> None:

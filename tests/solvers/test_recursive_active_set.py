@@ -272,17 +272,20 @@ def test_data_that_are_refused_change_nothing(P, q, why):
     assert (s.solve() == 0.0).all()
 
 
-def test_unusable_rows_and_settings_are_refused_in_one_sentence():
-    for name, value in (("forgetting", 1.1), ("weight", 0.0), ("proximal", -1.0)):
-        with pytest.raises(ValueError, match=name):
-            recursive(np.eye(2), np.zeros(2), **{name: value})
-    s = recursive(np.eye(2), np.zeros(2))
-    with pytest.raises(ValueError, match="a row has 2 numbers"):
-        s.append(np.ones(3), 1.0)
-    with pytest.raises(ValueError, match=r"rows must have shape \(N, 3\)"):
-        s.append_many(np.ones((4, 2)))
-    with pytest.raises(ValueError, match="was set up with forgetting"):
-        s.time_rows(np.ones((4, 3)), 0.9)
+@pytest.mark.parametrize(
+    ("settings_", "call", "sentence"),
+    [
+        ({"forgetting": 1.1}, None, "forgetting"),
+        ({"weight": 0.0}, None, "weight"),
+        ({"proximal": -1.0}, None, "proximal"),
+        ({}, lambda s: s.append(np.ones(3), 1.0), "a row has 2 numbers"),
+        ({}, lambda s: s.append_many(np.ones((4, 2))), r"rows must have shape \(N, 3\)"),
+        ({}, lambda s: s.time_rows(np.ones((4, 3)), 0.9), "was set up with forgetting"),
+    ],
+)
+def test_unusable_rows_and_settings_are_refused_in_one_sentence(settings_, call, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        call(recursive(np.eye(2), np.zeros(2), **settings_))
 
 
 def test_a_bounded_problem_whose_matrix_is_singular_is_solved():
