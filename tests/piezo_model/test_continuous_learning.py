@@ -5,11 +5,9 @@ import pytest
 from faulty_sensor import rms_percent, steps
 from learning_loops import learner_for, sensor
 
-from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState, SelfLearningCompensator, plants
-from piezo_model.identification.fitting import optimum
+from piezo_model import SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
 from piezo_model.learning.layout import MEMORY
-from piezo_model.plants.protocol import Memory
 
 
 def error(y: np.ndarray, y_ref: np.ndarray, plant: object) -> float:
@@ -24,47 +22,15 @@ def learned(share: float = 1.0) -> tuple[plants.Sensor, SelfLearningCompensator,
     return plant, learner, y_ref, error(y[-5000:], y_ref[-5000:], plant)
 
 
-def test_it_follows_a_drift_of_the_gain_as_a_model_refitted_with_hindsight_does_and_better_than_cycles() -> None:
-    squares = dict.fromkeys(("continuous", "cyclic", "hindsight"), 0.0)
-    for mode in ("continuous", "cyclic"):
-        plant = sensor(gain_drift_per_s=0.05 / 60.0)
-        learner, y_ref = learner_for(plant, mode, build_s=8.0), steps(plant, 10.0)
-        for window in range(6):
-            state, before, model = learner.compensator.state.copy(), plant.state(), learner.model
-            x, y = learner.run(y_ref, plant.run)
-            if window == 0:
-                continue  # the start, where nothing was known
-            squares[mode] += error(y, y_ref, plant) ** 2
-            if mode == "continuous":
-                after = plant.state()
-                squares["hindsight"] += refitted(model, state, plant, before, x, y, y_ref) ** 2
-                plant.restore(after)
-    assert squares["continuous"] < 1.5**2 * squares["hindsight"]
-    assert squares["continuous"] < squares["cyclic"]
-
-
-def refitted(
-    model: HysteresisCreepModel,
-    state: OperatorState,
-    plant: plants.Sensor,
-    before: Memory,
-    x: np.ndarray,
-    y: np.ndarray,
-    y_ref: np.ndarray,
-) -> float:
-    """Error over a window with the best of a few models that were identified from that very window."""
-    errors = []
-    for _ in range(3):
-        basis = DataBasis(model.structure, state)
-        basis.update(x, y)
-        model = HysteresisCreepModel.from_weights(
-            model.structure, optimum(basis.problem(model.weights), "box_active_set")
-        )
-        plant.restore(before)
-        x = Compensator(model, plant.x_range, state=state).run(y_ref)
-        y = plant.run(x)
-        errors.append(error(y, y_ref, plant))
-    return min(errors)
+def test_it_follows_a_drift_of_the_gain_better_than_cycles_and_within_twice_the_error_without() -> None:
+    errors = {}
+    for mode, drift in (("continuous", 0.05 / 60.0), ("cyclic", 0.05 / 60.0), ("continuous", 0.0)):
+        plant = sensor(gain_drift_per_s=drift)
+        learner, y_ref = learner_for(plant, mode, build_s=8.0), steps(plant, 60.0)
+        y = learner.run(y_ref, plant.run)[1]
+        errors[mode, drift > 0.0] = error(y[10_000:], y_ref[10_000:], plant)
+    assert errors["continuous", True] < errors["cyclic", True]
+    assert errors["continuous", True] < 2.0 * errors["continuous", False]
 
 
 @pytest.mark.slow

@@ -68,6 +68,7 @@ def test_an_output_beyond_its_range_counts_in_a_piece_without_a_fault_only() -> 
     assert driven.look((-1.0, 1.0, -1.0, 1.0), wide_enough()) is not None
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("mode", ["cyclic", "continuous"])
 @pytest.mark.parametrize("guess", [0.5, 3.0])
 def test_ranges_given_half_or_three_times_as_wide_are_mended(mode: str, guess: float) -> None:

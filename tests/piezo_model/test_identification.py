@@ -58,6 +58,7 @@ def test_the_offset_is_found_and_said() -> None:
     assert sentences(model, "The sensor has an offset, 12.5 V of the input")
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("tenths", [10, 30, 24, 7])
 @pytest.mark.parametrize("choice", ["estimate", "remove"])
 def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: str) -> None:
@@ -114,6 +115,7 @@ def test_a_lag_is_found_after_a_rest_longer_than_what_is_looked_at() -> None:
     assert model.report["lag"]["samples"] == pytest.approx(4.0, abs=0.03)
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("moving", [1, 5, 31])
 @pytest.mark.parametrize("at_the_end", [True, False])
 @pytest.mark.parametrize("force", [True, False])

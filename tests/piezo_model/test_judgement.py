@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording
+from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording, resonant
 from scipy.signal import lfilter
 
 from piezo_model import IdentificationError, Recording, identify
 from piezo_model.model import HysteresisCreepModel
+from piezo_model.operators import play
 from piezo_model.recordings import RecordingError
 from piezo_model.units import quantity
 
@@ -26,6 +27,7 @@ def test_data_that_the_model_class_does_not_describe_are_refused_with_the_reason
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("kind", DESCRIBABLE)
 def test_data_that_the_model_class_describes_are_taken(kind: str) -> None:
     model = identify(recording(DESCRIBABLE[kind], SEED))
@@ -134,11 +136,11 @@ def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_what_is_found()
     assert whole.report["fit"]["rms_percent"] < 0.3
 
 
-def rested_first(seconds: float, drive: np.ndarray, resonant: bool = False) -> Recording:
+def rested_first(seconds: float, drive: np.ndarray, ringing: bool = False) -> Recording:
     """Up to ±150 V after a rest at 0 V."""
     rng, u = np.random.default_rng(3), np.concatenate([np.zeros(round(seconds / SAMPLE_TIME)), drive])
-    y = lfilter([0.0, 0.062], [1.0, -1.918, 0.98], u) if resonant else loops(rng, u / 150.0, 0.2)  # at 40 Hz
-    return Recording.from_arrays(150.0 * u if resonant else u, noisy(rng, y, 0.001), SAMPLE_TIME)
+    y = resonant(u, 40.0, 0.04) if ringing else loops(rng, u / 150.0, 0.2)
+    return Recording.from_arrays(150.0 * u if ringing else u, noisy(rng, y, 0.001), SAMPLE_TIME)
 
 
 T = np.arange(35_001) * SAMPLE_TIME
@@ -160,7 +162,7 @@ def test_a_rest_before_the_drive_does_not_hide_hysteresis_however_long_it_is(res
 def test_a_resonance_is_found_after_a_rest_as_without_one(rest_s: float) -> None:
     sweep = np.sin(2 * np.pi * (5.0 * T + T**2))
     with pytest.raises(IdentificationError, match=r"the output has a resonance at (39|40)"):
-        identify(rested_first(rest_s, sweep, resonant=True))
+        identify(rested_first(rest_s, sweep, ringing=True))
 
 
 def test_two_public_lines_give_the_reported_figure(tmp_path: object) -> None:
@@ -258,9 +260,7 @@ def test_a_resonance_is_named_with_its_frequency_however_few_samples_a_period_ha
         if highest
         else lfilter([0.02], [1.0, -0.98], rng.standard_normal(t.size))
     )
-    w = 2.0 * np.pi * 919.0 / rate
-    a, b = 2.0 * np.exp(-damping * w) * np.cos(w), -np.exp(-2.0 * damping * w)
-    y = noisy(rng, lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], loops(rng, u / np.abs(u).max(), 0.1)), 0.001)
+    y = noisy(rng, resonant(loops(rng, u / np.abs(u).max(), 0.1), 919.0, damping, 1.0 / rate), 0.001)
     with pytest.raises(IdentificationError, match=r"the output has a resonance at 9(1|2)\d Hz"):
         identify(Recording.from_arrays(u, y, 1.0 / rate))
 
@@ -282,10 +282,7 @@ def test_the_backlash_of_a_motor_is_named_with_its_width_and_no_option_that_does
 ) -> None:
     rng = np.random.default_rng(0)
     u = drive(rng, form=form)
-    position, y = u[0], np.empty_like(u)
-    for k, value in enumerate(u):
-        position = min(max(position, value - width), value + width)
-        y[k] = position
+    y = play(u, [width], [u[0]])[0][:, 0]
     made = Recording.from_arrays(75.0 + 70.0 * u, noisy(rng, y, 0.001), SAMPLE_TIME, input_unit="V")
     with pytest.raises(IdentificationError, match=r"with a backlash of ([\d.]+) V, as of a gear") as caught:
         identify(made)
@@ -294,22 +291,20 @@ def test_the_backlash_of_a_motor_is_named_with_its_width_and_no_option_that_does
     assert "--" not in str(caught.value)
 
 
-def resonant(*frequencies: float, damping: float, seed: int = 3) -> Recording:
+def tones(*frequencies: float, damping: float, seed: int = 3) -> Recording:
     """A stage with a resonance at 40 Hz, driven by a few tones."""
     rng, t = np.random.default_rng(seed), np.arange(8000) * SAMPLE_TIME
     u = np.mean([np.sin(2.0 * np.pi * f * t + k) for k, f in enumerate(frequencies)], axis=0)
-    w = 2.0 * np.pi * 40.0 * SAMPLE_TIME
-    a, b = 2.0 * np.exp(-damping * w) * np.cos(w * np.sqrt(1.0 - damping**2)), -np.exp(-2.0 * damping * w)
-    y = lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], u + 0.05 * loops(rng, u))
-    return Recording.from_arrays(u, noisy(rng, y, 0.001), SAMPLE_TIME)
+    y = noisy(rng, resonant(u + 0.05 * loops(rng, u), 40.0, damping), 0.001)
+    return Recording.from_arrays(u, y, SAMPLE_TIME)
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("tones", [(30.0, 45.0), (38.0, 44.0), (7.0, 60.0)])
+@pytest.mark.parametrize("frequencies", [(30.0, 45.0), (38.0, 44.0), (7.0, 60.0)])
 @pytest.mark.parametrize("damping", [0.02, 0.1])
-def test_two_tones_tell_a_resonance_and_its_frequency(tones: tuple[float, ...], damping: float) -> None:
+def test_two_tones_tell_a_resonance_and_its_frequency(frequencies: tuple[float, ...], damping: float) -> None:
     with pytest.raises(IdentificationError, match=r"the output has a resonance at (\d+)") as caught:
-        identify(resonant(*tones, damping=damping))
+        identify(tones(*frequencies, damping=damping))
     assert float(str(caught.value).partition("resonance at ")[2].split()[0]) == pytest.approx(40.0, rel=0.03)
     assert "--" not in str(caught.value)
 
@@ -318,7 +313,7 @@ def test_two_tones_tell_a_resonance_and_its_frequency(tones: tuple[float, ...], 
 @pytest.mark.parametrize(("frequency", "damping"), [(45.0, 0.02), (45.0, 0.1), (60.0, 0.1)])
 def test_one_tone_above_a_resonance_is_not_taken_for_swapped_columns_alone(frequency: float, damping: float) -> None:
     with pytest.raises(IdentificationError, match=r"lags by 1\d\d° at (45|60) Hz, as above a resonance, or") as caught:
-        identify(resonant(frequency, damping=damping))
+        identify(tones(frequency, damping=damping))
     assert "--" not in str(caught.value)
 
 

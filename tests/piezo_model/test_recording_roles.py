@@ -9,16 +9,8 @@ from recording_kinds import DESCRIBABLE, creeping, noisy
 
 from piezo_model import identify
 from piezo_model.identification.identify import check_direction
+from piezo_model.operators import play
 from piezo_model.recordings import Recording, RecordingError
-
-
-def play(x: np.ndarray, radius: float) -> np.ndarray:
-    """The play operator, sample by sample."""
-    y, state = np.empty_like(x), float(x[0])
-    for k, value in enumerate(x):
-        state = min(max(state, value - radius), value + radius)
-        y[k] = state
-    return y
 
 
 def kept_back(
@@ -27,7 +19,7 @@ def kept_back(
     """Three seconds at rest, a jump to -87 V, then a sine of 150 V; the sensor has an offset."""
     t = np.arange(12_000) / 1000
     x = np.where(t < 3, 0.0, 150 * np.sin(2 * np.pi * frequency * (t - 3) - np.arcsin(87 / 150)))
-    y = 0.08 * x + sum(0.02 * play(x, radius) for radius in (10.0, 30.0, 60.0)) + 213.7
+    y = 0.08 * x + 0.02 * play(x, [10.0, 30.0, 60.0], np.full(3, x[0]))[0].sum(axis=1) + 213.7
     return t, x, sign * (y + np.random.default_rng(0).normal(0, noise, t.size))
 
 
