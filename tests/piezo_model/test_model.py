@@ -101,6 +101,19 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
         (spoil(lambda data: data.pop("w_K")), "the field 'w_K' is missing"),
         (spoil(lambda data: data.pop("structure")), "the field 'structure' is missing"),
         (spoil(lambda data: data["structure"].pop("x_scale")), "the field 'structure.x_scale' is missing"),
+        (spoil(lambda data: data["structure"].update(colour="red")), "there is no field 'structure.colour'"),
+        (
+            spoil(lambda data: data["structure"].update(offset=1)),
+            "the field 'structure.offset' is wrong: expected `bool`, got `int`",
+        ),
+        (
+            spoil(lambda data: data["structure"].update(play_thresholds=[0.1, "b"])),
+            r"the field 'structure.play_thresholds\[1\]' is wrong: expected `float`, got `str`",
+        ),
+        (
+            spoil(lambda data: data["structure"].update(input_unit=3)),
+            "the field 'structure.input_unit' is wrong: expected `str`, got `int`",
+        ),
         (spoil(lambda data: data.update(structure=3)), "the field 'structure' is wrong: expected `object`, got `int`"),
         (spoil(lambda data: data.update(report=[])), "the field 'report' is wrong: expected `object`, got `array`"),
         (spoil(lambda data: data.update(w_H="big")), "the field 'w_H' is wrong: expected `array`, got `str`"),
