@@ -224,14 +224,6 @@ def test_data_that_cannot_give_a_model_are_refused_in_one_sentence(x, y, options
     assert "\n" not in str(caught.value)
 
 
-def test_a_recording_too_short_for_a_lag_is_identified_without_one() -> None:
-    s = structure(creep_rates=())
-    x = 50 + 50 * np.sin(np.arange(70) / 3)
-    model = identify(x, true_model(s).simulate(x), s)
-    assert model.report["lag"] is None
-    assert model.report["fit"]["max_percent"] < 1e-3
-
-
 def test_an_unknown_solver_is_named() -> None:
     s = structure()
     with pytest.raises(KeyError, match="there is no solver 'simplex'"):
