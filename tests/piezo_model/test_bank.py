@@ -306,7 +306,7 @@ print(hashlib.sha256(x.tobytes()).hexdigest())
 
 @pytest.mark.skipif(len(instruction_sets()) == 1, reason="this kind of machine has one instruction set")
 def test_every_instruction_set_gives_the_same_bits() -> None:
-    asked = [each for each in instruction_sets() if int(each[1:]) <= bindings.processor_level()]
+    here = [each for each in instruction_sets() if int(each[1:]) <= bindings.processor_level()]
     said = [
         subprocess.run(
             [sys.executable, "-c", SCRIPT, str(Path(__file__).parent)],
@@ -315,6 +315,6 @@ def test_every_instruction_set_gives_the_same_bits() -> None:
             capture_output=True,
             text=True,
         ).stdout
-        for each in asked
+        for each in here[:: max(1, len(here) - 1)]  # the least and the largest; test_core compares all
     ]
     assert len(set(said)) == 1

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from faulty_sensor import rms_percent, steps
+from faulty_sensor import steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from learning_loops import learner_for, sensor, structure_for
+from learning_loops import error_of, learner_for, sensor, structure_for
 from random_models import drive
 
 from piezo_model import HysteresisCreepModel, OperatorState, SelfLearningCompensator
@@ -91,8 +91,7 @@ def test_ranges_given_half_or_three_times_as_wide_are_mended(mode: str, guess: f
             samples_to_solve=5,
         )
         y_ref = steps(one, 90.0)
-        y = learner.run(y_ref, one.run)[1]
-        errors.append(rms_percent(y[-8000:], y_ref[-8000:], one))
+        errors.append(error_of(learner, y_ref, one.run, one, slice(-8000, None)))
         assert learner.structure.x_scale == pytest.approx(true.x_scale, rel=0.2)
     assert errors[1] < 1.5 * errors[0]
 

@@ -22,7 +22,7 @@ def sentences(model: HysteresisCreepModel, words: str) -> list[str]:
 
 
 def test_the_default_solver_and_another_one_give_the_same_model() -> None:
-    s, x = structure(), a_drive()
+    s, x = structure(), a_drive(3000)
     y = true_model(s).simulate(x) + 0.1 * np.random.default_rng(0).normal(size=x.size)
     own, other = identify(x, y, s), identify(x, y, s, solver="daqp")
     np.testing.assert_allclose(own.weights, other.weights, rtol=0, atol=1e-9)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
-from learning_loops import MODES, NOISE, WAYS, T, learner_for, sensor, structure_for
+from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor, structure_for
 from qpsolvers import Problem
 
 from piezo_model import OperatorState, SelfLearningCompensator, compensator_file
@@ -288,8 +288,7 @@ def test_without_a_constant_in_the_structure_one_is_learned_and_pays(mode: str) 
         one = sensor()
         y_ref = steps(one, 16.0)
         learner = learner_for(one, mode, offset=False, find_centre=find_centre)
-        y = learner.run(y_ref, one.run)[1]
-        errors[find_centre] = rms_percent(y[-4000:], y_ref[-4000:], one)
+        errors[find_centre] = error_of(learner, y_ref, one.run, one, slice(-4000, None))
         assert learner.structure.offset is find_centre
     assert errors[True] < 0.1 * errors[False]
 
@@ -310,8 +309,7 @@ def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
         samples_to_solve=5,
         state=OperatorState.at_rest(structure, -1.0, 1.0),
     )
-    y = learner.run(y_ref, one.run)[1]
-    assert rms_percent(y[-6000:], y_ref[-6000:], one) < 1.3 * 100.0 * NOISE
+    assert error_of(learner, y_ref, one.run, one, slice(-6000, None)) < 1.3 * 100.0 * NOISE
 
 
 # Faults
@@ -326,8 +324,7 @@ def test_a_hundred_thousand_samples_of_every_fault_never_get_through_to_the_driv
     learner = learner_for(plant, mode, rate_limit=RATE_LIMIT, integral_gain=integral_gain)
     faulty, clean = FaultySensor(plant, seed=5), steps(plant, 30.0)
     faulty.failing = False
-    y = learner.run(clean, faulty)[1]
-    before = rms_percent(y[-6000:], clean[-6000:], plant)
+    before = error_of(learner, clean, faulty, plant, slice(-6000, None))
     faulty.failing = True
     for part in range(5):
         y_ref = spoiled(steps(plant, 20.0), *plant.y_range, seed=part)
@@ -337,16 +334,14 @@ def test_a_hundred_thousand_samples_of_every_fault_never_get_through_to_the_driv
         assert np.max(np.abs(np.diff(x))) <= RATE_LIMIT * T * (1 + 1e-12)
     assert min(learner.counts[name] for name in ("missing", "refused", "jumped")) > 200
     faulty.failing = False
-    y = learner.run(clean, faulty)[1]
-    assert rms_percent(y[-6000:], clean[-6000:], plant) < 1.2 * before
+    assert error_of(learner, clean, faulty, plant, slice(-6000, None)) < 1.2 * before
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_sensor_that_is_dead_for_good_leaves_the_last_good_weights_at_work(mode: str) -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant, mode), steps(plant, 12.0)
-    y = learner.run(y_ref, plant.run)[1]
-    before, hand_overs = rms_percent(y[-3000:], y_ref[-3000:], plant), learner.counts["hand_overs"]
+    before, hand_overs = error_of(learner, y_ref, plant.run, plant, slice(-3000, None)), learner.counts["hand_overs"]
     truth: list[np.ndarray] = []
 
     def dead(x: np.ndarray) -> np.ndarray:
@@ -446,12 +441,10 @@ def test_weights_that_explain_their_own_data_worse_than_the_old_ones_are_refused
 def test_a_cycle_that_lied_is_forgotten_in_the_next_but_one() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant), steps(plant, 36.8)
-    y = learner.run(y_ref, plant.run)[1]
-    before = rms_percent(y[-4000:], y_ref[-4000:], plant)
+    before = error_of(learner, y_ref, plant.run, plant, slice(-4000, None))
     cycle = learner.samples_until_change() + 1
     learner.run(y_ref[:cycle], lambda x: 1.1 * plant.run(x))
-    y = learner.run(y_ref, plant.run)[1]
-    assert rms_percent(y[9400:13000], y_ref[9400:13000], plant) < 1.2 * before
+    assert error_of(learner, y_ref, plant.run, plant, slice(9400, 13000)) < 1.2 * before
 
 
 def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
@@ -459,7 +452,5 @@ def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
     learner, wide = learner_for(plant), steps(plant, 12.0)
     learner.run(wide, plant.run)
     narrow = 5.0 + 0.1 * steps(plant, 60.0)
-    y = learner.run(narrow, plant.run)[1]
-    assert rms_percent(y[-3000:], narrow[-3000:], plant) < 0.2
-    y = learner.run(wide, plant.run)[1]
-    assert rms_percent(y[500:3000], wide[500:3000], plant) < 3.0
+    assert error_of(learner, narrow, plant.run, plant, slice(-3000, None)) < 0.2
+    assert error_of(learner, wide, plant.run, plant, slice(500, 3000)) < 3.0
