@@ -7,6 +7,7 @@ from known_models import a_drive, structure, true_model
 from plain_model import simulate_file
 from programs import real_recording
 
+from piezo_model.identification import sensor_lag
 from piezo_model.identification.identify import choose_creep_rates, identify
 from piezo_model.identification.sensor_lag import shift_output
 from piezo_model.model import HysteresisCreepModel
@@ -102,8 +103,9 @@ def test_a_lag_longer_than_looked_for_is_said_to_be_perhaps_longer() -> None:
     assert sentences(model, "lags by at least 10 samples, the longest lag that is tried")
 
 
-def test_a_lag_is_found_after_a_rest_longer_than_what_is_looked_at() -> None:
-    s, x = structure(creep_rates=()), np.concatenate([np.full(120_000, 50.0), a_drive()])
+def test_a_lag_is_found_after_a_rest_longer_than_what_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sensor_lag, "LAG_SAMPLES", 6000)
+    s, x = structure(creep_rates=()), np.concatenate([np.full(7000, 50.0), a_drive()])
     model = identify(
         x[4:],
         true_model(s).simulate(x)[:-4],
