@@ -45,7 +45,14 @@ those for AVX2."""
 
 
 def named(entries: list[Entry]) -> list[object]:
-    return [pytest.param(entry, id=f"{entry.lane}-{entry.name}") for entry in entries]
+    return [
+        pytest.param(
+            entry,
+            id=f"{entry.lane}-{entry.name}",
+            marks=[pytest.mark.slow] * (entry.name in COMPILES and entry.lane is Lane.QPSOLVERS),
+        )
+        for entry in entries
+    ]
 
 
 @cache
