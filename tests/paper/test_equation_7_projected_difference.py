@@ -20,6 +20,18 @@ def solver(problem, **settings_):
     return s
 
 
+def bounded(rng, d, decades):
+    """P, q, lb, ub of d variables, some without bounds."""
+    lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
+    return spectrum_matrix(rng, d, decades), rng.normal(size=d), lb, ub
+
+
+def optimum(problem):
+    exact = get("box_active_set")
+    exact.setup(problem)
+    return exact.solve()
+
+
 def two_sided_sums(n, m, epsilon):
     """The bijection T from weights to slopes, and the problem's two forms of the same set.
 
@@ -45,10 +57,8 @@ def two_sided_sums(n, m, epsilon):
 @given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.05, 1.5))
 def test_the_compiled_steps_are_the_equation(seed, d, ratio):
     rng = np.random.default_rng(seed)
-    P, q, w = spectrum_matrix(rng, d, 2.0), rng.normal(size=d), rng.normal(size=d)
-    lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
-    eta = ratio * limit(P)
-    expected, at = [], np.clip(w, lb, ub)
+    (P, q, lb, ub), w = bounded(rng, d, 2.0), rng.normal(size=d)
+    eta, expected, at = ratio * limit(P), [], np.clip(w, lb, ub)
     for _ in range(5):
         at = np.clip(at - eta * (P @ at + q), lb, ub)
         expected.append(at)
@@ -59,11 +69,8 @@ def test_the_compiled_steps_are_the_equation(seed, d, ratio):
 @given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.1, 0.98))
 def test_below_the_limit_the_distance_to_the_optimum_never_grows_and_goes_to_zero(seed, d, ratio):
     rng = np.random.default_rng(seed)
-    P, q = spectrum_matrix(rng, d, 1.0), rng.normal(size=d)
-    lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
-    exact = get("box_active_set")
-    exact.setup(Problem(P, q, lb=lb, ub=ub))
-    best = exact.solve()
+    P, q, lb, ub = bounded(rng, d, 1.0)
+    best = optimum(Problem(P, q, lb=lb, ub=ub))
     path = trajectory(P, q, lb, ub, rng.normal(size=d), ratio * limit(P), (0, 1, 10, 100, 15200))
     distance = np.linalg.norm(path - best, axis=1)
     assert (np.diff(distance) <= 1e-12 * (1 + distance[:-1])).all()
@@ -130,12 +137,10 @@ def test_diagonal_scaling_changes_the_path_and_not_the_answer(seed, d):
     rng = np.random.default_rng(seed)
     scale = 10 ** rng.uniform(-2, 2, d)
     P, q = spectrum_matrix(rng, d, 1.0) * np.outer(scale, scale), rng.normal(size=d) * scale
-    lb = -rng.random(d) / scale
-    exact = get("box_active_set")
-    exact.setup(Problem(P, q, lb=lb))
-    w = solver(Problem(P, q, lb=lb), diagonal_scaling=True).solve()
-    np.testing.assert_allclose(w * scale, exact.solve() * scale, rtol=0, atol=1e-9)
-    assert (w >= lb).all()
+    problem = Problem(P, q, lb=-rng.random(d) / scale)
+    w = solver(problem, diagonal_scaling=True).solve()
+    np.testing.assert_allclose(w * scale, optimum(problem) * scale, rtol=0, atol=1e-9)
+    assert (w >= problem.lb).all()
 
 
 def test_an_update_of_P_takes_a_new_step_and_of_q_keeps_it():

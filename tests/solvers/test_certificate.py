@@ -180,15 +180,6 @@ def test_equal_bounds_and_repeated_rows_are_certified() -> None:
     assert (proof.x, proof.value, len(proof.equalities)) == ((0.5, 0.5), "-3/4", 1)
 
 
-def test_a_singular_problem_has_one_value_and_says_that_its_optimum_is_not_unique() -> None:
-    problem = Problem(np.ones((2, 2)), np.array([-2.0, -2.0]), lb=np.zeros(2), ub=np.full(2, 3.0))
-    proofs = [certify(problem, np.array(x)) for x in ([2.0, 0.0], [0.0, 2.0], [1.0, 1.0])]
-    assert {proof.value for proof in proofs} == {"-2"}
-    assert not any(proof.unique for proof in proofs)
-    for proof in proofs:
-        verify(problem, proof)
-
-
 def test_a_singular_problem_whose_bounds_leave_one_optimum_says_unique() -> None:
     tied = Problem(np.zeros((2, 2)), np.array([1.0, -1.0]), lb=np.zeros(2), ub=np.ones(2))
     assert certify(tied, np.full(2, 0.5)).unique
