@@ -5,6 +5,7 @@ import pytest
 from driven_plants import NAMES, TS, bare, every_plant, ramp, volts, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_stage import stage, wander
 
 from piezo_model import plants
 
@@ -26,7 +27,13 @@ def measured(name):
     )
 
 
-contract = pytest.mark.parametrize(("make", "name"), [(make, name) for make in (bare, measured) for name in NAMES])
+PLANTS = [(make, name) for make in (bare, measured) for name in NAMES]
+contract = pytest.mark.parametrize(("make", "name"), PLANTS)
+with_stages = pytest.mark.parametrize(("make", "name"), [*PLANTS, (stage, 1), (stage, 2)])
+
+
+def drive(make, seconds=2.0, seed=0):
+    return (wander if make is stage else walk)(seconds, seed)
 
 
 def test_the_folder_is_the_registry():
@@ -41,27 +48,27 @@ def test_an_unknown_plant_is_refused_with_what_is_known():
 # The contract of a plant
 
 
-@contract
+@with_stages
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(0, 600), max_size=6), seed=st.integers(0, 1000))
 def test_a_run_in_chunks_equals_one_run_bit_for_bit(make, name, cuts, seed):
-    x = walk(0.6, seed)
+    x = drive(make, 0.6, seed)
     whole = make(name).run(x)
     plant = make(name)
     chunks = [plant.run(chunk) for chunk in np.split(x, sorted(cuts))]
     np.testing.assert_array_equal(np.concatenate(chunks), whole)
 
 
-@contract
+@with_stages
 def test_steps_equal_a_run_bit_for_bit(make, name):
-    x = walk(0.3)
+    x = drive(make, 0.3)
     plant = make(name)
     np.testing.assert_array_equal([plant.step(v) for v in x], make(name).run(x))
 
 
-@contract
+@with_stages
 def test_a_restored_state_continues_as_the_first_time_and_reset_is_as_made(make, name):
-    x, plant, other = walk(), make(name), make(name)
+    x, plant, other = drive(make), make(name), make(name)
     whole = plant.run(x)
     plant.reset()
     np.testing.assert_array_equal(plant.run(x[:700]), whole[:700])

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.signals import random_walk, staircase
@@ -107,29 +105,7 @@ def test_an_opposing_actuator_rests_at_the_other_end(name):
     assert pair.y_range == single.y_range  # which is symmetric already
 
 
-# The contract
-
-
-@settings(max_examples=8, deadline=None)
-@given(cuts=st.lists(st.integers(0, 400), max_size=5), actuators=st.sampled_from([1, 2]))
-def test_a_run_in_chunks_equals_one_run_bit_for_bit(cuts, actuators):
-    x = wander(0.4)
-    whole, other = stage(actuators).run(x), stage(actuators)
-    np.testing.assert_array_equal(np.concatenate([other.run(part) for part in np.split(x, sorted(cuts))]), whole)
-
-
-@pytest.mark.parametrize("actuators", [1, 2])
-def test_a_restored_state_continues_as_the_first_time_and_reset_is_as_made(actuators):
-    x, made = wander(0.6), stage(actuators)
-    whole = made.run(x)
-    made.reset()
-    np.testing.assert_array_equal(made.run(x[:200]), whole[:200])
-    saved = made.state()
-    made.run(x[200:300])
-    other = stage(actuators, seed=99)
-    for each in (made, other):
-        each.restore(saved)
-        np.testing.assert_array_equal(each.run(x[200:]), whole[200:])
+# The sensor and the coupling
 
 
 def test_the_seed_decides_the_noise_and_the_converter_its_steps():
