@@ -34,7 +34,7 @@ core: $(VENV)/$(if $(ALL)$(wildcard $(VENV)/.dev),.dev,.test) ## compile the C c
 	$(BIN)/python solvers/core/compile_core.py
 
 # Not those of other people's libraries, which the sanitizers would find fault with, too.
-OF_CORES := $(wildcard $(patsubst %,tests/solvers/test_%.py,core batch box_* factor recursive_active_set accelerated_projection random_box_programs) \
+OF_CORES := $(wildcard $(patsubst %,tests/solvers/test_%.py,core batch box_* our_solvers recursive_active_set accelerated_projection random_box_programs) \
   $(patsubst %,tests/paper/test_%.py,equation_7* figure_1*) \
   $(patsubst %,tests/piezo_model/test_%.py,bank model_core sensor_guard self_learning continuous_learning one_source_two_widths memory_from_outside data_basis))
 debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run the tests of them

@@ -1,8 +1,8 @@
 """Random programs in boxes: drawn from a seed, with every kind of bounds, and judged by the exact optimum."""
 
 import numpy as np
+from hypothesis import strategies as st
 from numpy.typing import NDArray
-from properties import st
 from qpsolvers import Problem
 
 from solvers.certificate import certify, exact_cost_gap
@@ -25,6 +25,14 @@ def random_bounds(rng: np.random.Generator, d: int) -> tuple[Array, Array]:
     ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + np.abs(rng.normal(size=d)), INF)
     fixed = rng.random(d) < 0.1
     return np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
+
+
+def random_program(seed: int, d: int, decades: float) -> tuple[Array, Array, Array, Array]:
+    """P, q, lb, ub; q is in the range of P more often than not."""
+    rng = np.random.default_rng(seed)
+    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
+    q = -P @ rng.normal(size=d) if rng.random() < 0.7 else rng.normal(size=d)
+    return P, q, lb, ub
 
 
 def inside(x: Array, lb: Array, ub: Array) -> bool:

@@ -5,7 +5,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -30,13 +30,41 @@ LEVELS = (
 """From the bottom up; a part imports itself and what lies below, nothing beside it."""
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Dotted names that a file imports anywhere."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+def imported(path: Path, typing: bool = True) -> set[str]:
+    """Modules that a file imports anywhere, and what it takes of them; those for the types alone where asked for."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    left_out = {
+        id(node)
+        for block in ast.walk(tree)
+        if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING" and not typing
+        for node in ast.walk(block)
+    }
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0 and id(node) not in left_out:
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Import) and id(node) not in left_out:
+            found |= {alias.name for alias in node.names}
+    return found
+
+
+def circle(root: Path, package: str) -> list[str]:
+    """Modules of a package's rooms that import each other in a circle; packages' own files are doors and not
+    counted."""
+    paths = {
+        ".".join(path.relative_to(root).with_suffix("").parts): path
+        for path in (root / package).rglob("*.py")
+        if path.name != "__init__.py"
+    }
+    names = {name: imported(path, typing=False) for name, path in paths.items()}
+    graph = {
+        name: {*found, *(each.rpartition(".")[0] for each in found)} & paths.keys() for name, found in names.items()
+    }
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return sorted(set(error.args[1]))
+    return []
 
 
 def files(root: Path, floor: str) -> list[Path]:
@@ -49,7 +77,7 @@ def climbing(root: Path) -> list[str]:
         f"{path.relative_to(root)} imports {name}"
         for level, floor in enumerate(FLOORS)
         for path in files(root, floor)
-        for name in imported(path)
+        for name in sorted(imported(path))
         if name.partition(".")[0] in FLOORS[level + 1 :]
     ]
 
@@ -72,7 +100,7 @@ def looking_up(root: Path) -> list[str]:
         level, own = part(".".join(place))
         found += [
             f"{path.relative_to(root)} imports {name}"
-            for name in imported(path)
+            for name in sorted(imported(path))
             if name.startswith("bench.") and part(name)[1] != own and part(name)[0] >= level
         ]
     return found
@@ -86,43 +114,8 @@ def test_nothing_inside_the_bench_looks_up() -> None:
     assert looking_up(ROOT) == []
 
 
-def imported_modules(path: Path) -> set[str]:
-    """Modules that a file imports at any time, those for the types alone left out."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    typing = {
-        id(node)
-        for block in ast.walk(tree)
-        if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING"
-        for node in ast.walk(block)
-    }
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module and id(node) not in typing:
-            found |= {node.module, *(f"{node.module}.{name.name}" for name in node.names)}
-        elif isinstance(node, ast.Import) and id(node) not in typing:
-            found |= {name.name for name in node.names}
-    return found
-
-
-def circles(root: Path, package: str) -> list[str]:
-    """Modules of a package's rooms that import each other, in whatever number of steps; packages' own files are doors
-    and not counted."""
-    paths = {
-        ".".join(path.relative_to(root).with_suffix("").parts): path
-        for path in (root / package).rglob("*.py")
-        if path.name != "__init__.py"
-    }
-    reached = {name: imported_modules(path) & paths.keys() for name, path in paths.items()}
-    for _ in paths:
-        wider = {name: set().union(others, *(reached[other] for other in others)) for name, others in reached.items()}
-        if wider == reached:
-            break
-        reached = wider
-    return sorted(name for name, others in reached.items() if name in others)
-
-
 def test_no_modules_of_the_model_library_import_each_other_in_a_circle(tmp_path: Path) -> None:
-    assert circles(ROOT, "piezo_model") == []
+    assert circle(ROOT, "piezo_model") == []
     (tmp_path / "p").mkdir()
     for name, line in {
         "a": "from p import b",
@@ -131,7 +124,7 @@ def test_no_modules_of_the_model_library_import_each_other_in_a_circle(tmp_path:
         "d": "import p.a",
     }.items():
         (tmp_path / "p" / f"{name}.py").write_text(line)
-    assert circles(tmp_path, "p") == ["p.a", "p.b", "p.c"]
+    assert circle(tmp_path, "p") == ["p.a", "p.b", "p.c"]
 
 
 def test_every_file_opens_by_saying_what_it_is() -> None:

@@ -5,11 +5,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from time import perf_counter_ns
 
-import numpy as np
 import pytest
-from bank import Loop, by_count, paced
+from bank import by_count
 
 HERE = Path(__file__).parent
 
@@ -39,24 +37,6 @@ def test_the_recursive_solver_stands_beside_a_null_step() -> None:
     said = run("worst_case.py", 5000)
     assert "recursive solver, d = 60" in said
     assert said.count("a null step as long, the machine's floor") == 2
-
-
-def test_a_step_begins_when_it_is_due_and_the_one_after_a_long_one_at_once() -> None:
-    calls = []
-
-    def step(y_ref: np.ndarray, y: np.ndarray) -> np.ndarray:
-        calls.append(y_ref)
-        end = perf_counter_ns() + (2_500_000 if len(calls) == 3 else 0)
-        while perf_counter_ns() < end:
-            pass
-        return np.full(4, 75.0)
-
-    service, response = paced(step, Loop(4, 100.0), 6, 2_000_000)
-    assert len(calls) == 6
-    assert service[2] >= 2_500_000
-    assert response[2] > 2_000_000, "the third ends after the fourth is due"
-    assert response[3] >= response[2] - 2_000_000
-    assert np.all(response >= service)
 
 
 def test_a_bank_is_stepped_in_real_time_beside_a_null_step() -> None:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from properties import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from random_models import Case, cases
 
 from piezo_model.data_basis import BLOCK, DataBasis

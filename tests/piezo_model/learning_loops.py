@@ -1,8 +1,10 @@
 """Loops of a self-learning compensator round a simulated actuator at 1 kHz, small enough for tests."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from faulty_sensor import rms_percent
 from numpy.typing import NDArray
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
@@ -14,6 +16,14 @@ NOISE = 2e-4
 """Of the range."""
 MODES = ("cyclic", "continuous")
 WAYS = (("cyclic", "box_active_set"), ("cyclic", "projected_difference"), ("continuous", "box_active_set"))
+
+
+def error_of(
+    learner: SelfLearningCompensator, y_ref: Vector, actuator: Callable[[Vector], Vector], plant: Any, part: slice
+) -> float:
+    """RMS error over a part of a run, in per cent of the plant's range."""
+    y = learner.run(y_ref, actuator)[1]
+    return rms_percent(y[part], y_ref[part], plant)
 
 
 def sensor(plant: str = "dense_prandtl_ishlinskii", **options: Any) -> plants.Sensor:

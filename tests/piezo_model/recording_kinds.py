@@ -59,6 +59,13 @@ def creeping(rng: Generator, u: Vector) -> Vector:
     return y + rng.uniform(0.01, 0.05) * out
 
 
+def resonant(u: Vector, frequency: float, damping: float, sample_time: float = SAMPLE_TIME) -> Vector:
+    """Output of a resonance, sampled exactly where its input is held."""
+    w = 2.0 * np.pi * frequency * sample_time
+    a, b = 2.0 * np.exp(-damping * w) * np.cos(w * np.sqrt(1.0 - damping**2)), -np.exp(-2.0 * damping * w)
+    return np.asarray(lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], u))
+
+
 def noisy(rng: Generator, y: Vector, share: float = 0.003) -> Vector:
     return y + share * np.ptp(y) * rng.standard_normal(y.size)
 
@@ -126,9 +133,7 @@ def _resonance(rng: Generator) -> tuple[Vector, Vector]:
     t = np.arange(size) * SAMPLE_TIME
     f0 = rng.uniform(20.0, 80.0)
     u = np.sin(2 * np.pi * (0.2 * f0 * t + (1.5 * f0) * t**2 / (2 * t[-1])))
-    w = 2 * np.pi * f0 * SAMPLE_TIME
-    a1, a2 = 2 * np.exp(-zeta * w) * np.cos(w * np.sqrt(1 - zeta**2)), -np.exp(-2 * zeta * w)
-    return u, noisy(rng, lfilter([0.0, 1 - a1 - a2], [1.0, -a1, -a2], u + 0.05 * loops(rng, u)))
+    return u, noisy(rng, resonant(u + 0.05 * loops(rng, u), f0, zeta))
 
 
 def _butterfly(rng: Generator) -> tuple[Vector, Vector]:

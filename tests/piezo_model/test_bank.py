@@ -22,7 +22,6 @@ from piezo_model import (
     HysteresisCreepModel,
     ModelError,
     ModelStructure,
-    SelfLearningCompensator,
 )
 from solvers.core import bindings
 from solvers.core.compile_core import instruction_sets
@@ -150,60 +149,6 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
 
 
-def test_it_compensates_as_well_as_a_single_self_learning_compensator_does() -> None:
-    y_ref = references(3000, 1)
-    _, y = close_loop(CompensatorBank(STRUCTURE, 1), Actuators(1), y_ref)
-    single = SelfLearningCompensator(
-        STRUCTURE,
-        mode="continuous",
-        find_centre=False,
-        follow_range=False,
-        hand_over_s=INTERVAL * STRUCTURE.sample_time,
-    )
-    plant = Actuators(1)
-    _, y_single = single.run(y_ref[:, 0], lambda x: np.concatenate([plant(x[k : k + 1]) for k in range(x.size)]))
-    errors = [float(np.sqrt(np.mean((told[-1000:] - y_ref[-1000:, 0]) ** 2))) for told in (y[:, 0], y_single)]
-    untaught = CompensatorBank(STRUCTURE, 1, learn=False)
-    _, y_line = close_loop(untaught, Actuators(1), y_ref)
-    assert errors[0] < 1.3 * errors[1]
-    assert errors[0] < 0.2 * float(np.sqrt(np.mean((y_line[-1000:] - y_ref[-1000:]) ** 2)))
-
-
-def test_every_optimum_is_that_of_its_program_alone() -> None:
-    bank, plant, y_ref, checked = (
-        CompensatorBank(STRUCTURE, 20, hand_over_s=0.02),
-        Actuators(20),
-        references(700, 20),
-        0,
-    )
-    before = np.full(20, np.nan)
-    order = np.triu_indices(STRUCTURE.d + 1)
-    for row in y_ref:
-        old = bank._get("candidate", bank._slots)
-        x = bank.step(row, before)
-        before = plant(x)
-        new, grams = bank._get("candidate", bank._slots), bank._get("gram", bank._slots)
-        for i in np.flatnonzero(np.any(old != new, axis=1)):
-            gram = np.zeros((STRUCTURE.d + 1,) * 2)
-            gram[order] = grams[i]
-            gram += np.triu(gram, 1).T
-            alone = optimum(gram, old[i])
-            rho = PROXIMAL * np.minimum(np.diag(gram)[:-1], np.trace(gram[:-1, :-1]) / STRUCTURE.d)
-
-            def cost(v: Vector, gram: Matrix = gram, rho: Vector = rho, centre: Vector = old[i]) -> float:
-                return float(
-                    0.5 * v @ gram[:-1, :-1] @ v
-                    + gram[:-1, -1] @ v
-                    + 0.5 * rho @ (v - centre) ** 2
-                    + 0.5 * gram[-1, -1]
-                )
-
-            assert abs(cost(new[i]) - cost(alone)) <= 1e-9 * abs(cost(alone)), (i, cost(new[i]), cost(alone))
-            assert np.all(new[i] >= STRUCTURE.lower_bounds(MIN_SLOPE))
-            checked += 1
-    assert checked > 200
-
-
 def fail(kind: int, k: int, y: Matrix, i: int) -> None:
     """A sensor of one of five kinds from sample 500 on: gone, frozen, off the rail, jumping, drifting away."""
     if k >= 500:
@@ -230,20 +175,6 @@ def test_sensors_that_fail_hurt_their_own_actuators_only() -> None:
     assert np.all(faults[broken][[1, 2, 3, 6, 7, 8]] > 0)
     assert np.all(faults[broken][[0, 5]] == 0), "a value that is missing is no fault"
     assert np.all(faults[others] == 0)
-
-
-def test_after_a_fault_an_actuator_goes_back_to_what_it_had_learned_and_learns_on() -> None:
-    y_ref = references(4000, 1)
-
-    def spoil(k: int, y: Matrix) -> None:
-        if 2000 <= k < 2300:
-            y[k] = y[1999]
-
-    bank = CompensatorBank(STRUCTURE, 1)
-    _, y = close_loop(bank, Actuators(1), y_ref, spoil)
-    error = np.sqrt(np.mean((y - y_ref).reshape(-1, 500) ** 2, axis=1))
-    assert bank.counts["faults"][0] > 0
-    assert np.all(error[5:] < 1.5 * error[3])
 
 
 @pytest.mark.parametrize("hand_over_s", [0.1, 0.01])
@@ -348,8 +279,6 @@ def test_actuators_come_and_go_and_the_others_notice_nothing() -> None:
     )
     np.testing.assert_array_equal(late[:, :10], x[500:, kept])
     np.testing.assert_array_equal(late[:, 10:], CompensatorBank(STRUCTURE, 20).run(y_ref[500:, 10:]))
-    with pytest.raises(ValueError, match="there are actuators 0 to 29, and not 30"):
-        bank.remove(30)
 
 
 def test_learning_is_switched_off_and_on_for_each() -> None:
@@ -362,23 +291,6 @@ def test_learning_is_switched_off_and_on_for_each() -> None:
     bank.learning = True
     close_loop(bank, plant, y_ref)
     assert np.all(bank.counts["hand_overs"] > 0)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"count": 0}, "count and threads must be at least 1"),
-        ({"count": 2, "memory_s": 0.0}, "memory_s must be a positive number of seconds"),
-        (
-            {"count": 2, "x_limits": (np.array([0.0, 5.0]), np.array([10.0, 5.0]))},
-            r"x_limits\[1\] must be two numbers in "
-            r"ascending order",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        CompensatorBank(STRUCTURE, **options)
 
 
 SCRIPT = """
@@ -394,7 +306,7 @@ print(hashlib.sha256(x.tobytes()).hexdigest())
 
 @pytest.mark.skipif(len(instruction_sets()) == 1, reason="this kind of machine has one instruction set")
 def test_every_instruction_set_gives_the_same_bits() -> None:
-    asked = [each for each in instruction_sets() if int(each[1:]) <= bindings.processor_level()]
+    here = [each for each in instruction_sets() if int(each[1:]) <= bindings.processor_level()]
     said = [
         subprocess.run(
             [sys.executable, "-c", SCRIPT, str(Path(__file__).parent)],
@@ -403,6 +315,6 @@ def test_every_instruction_set_gives_the_same_bits() -> None:
             capture_output=True,
             text=True,
         ).stdout
-        for each in asked
+        for each in here[:: max(1, len(here) - 1)]  # the least and the largest; test_core compares all
     ]
     assert len(set(said)) == 1

@@ -86,24 +86,6 @@ def test_an_unreachable_reference_leaves_no_bump_behind_when_the_model_changes()
     assert compensator.step(0.25) == pytest.approx(0.25)
 
 
-@settings(max_examples=40)
-@given(cases())
-def test_the_inversion_of_the_core_is_the_analytic_one(case: Case) -> None:
-    compensator = Compensator(case.model)
-    core, expected = compensator._core, case.model.arrays
-    for ours, theirs in (
-        ("w_H", expected.w_H),
-        ("r_H_inverse", expected.r_H_inverse),
-        ("w_H_inverse", expected.w_H_inverse),
-        ("w_S", expected.S_inverse.w),
-    ):
-        np.testing.assert_allclose(core[ours], theirs, rtol=1e-12, atol=1e-15)
-    np.testing.assert_array_equal(core["w_K"][: case.structure.creep_weights], case.model.w_K)
-    n = case.structure.n + 1
-    np.testing.assert_allclose(core["W_H"][:n], expected.W_H[:n], rtol=1e-13)
-    np.testing.assert_array_equal(compensator.model.all_weights, case.model.all_weights)
-
-
 @settings(max_examples=20)
 @given(cases(), st.integers(0, 60))
 def test_memory_and_restore_go_on_bit_for_bit(case: Case, cut: int) -> None:

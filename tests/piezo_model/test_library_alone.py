@@ -21,7 +21,7 @@ rng = np.random.default_rng(0)
 plant = plants.get("dense_prandtl_ishlinskii", sample_time=1e-3)
 low, high = plant.x_range
 x = low + (high - low) * (0.5 + 0.5 * np.sin(2 * np.pi * np.arange(6000) / 1500) * np.linspace(1.0, 0.3, 6000))
-model = identify(Recording.from_arrays(x, plant.run(x), 1e-3))
+model = identify(Recording.from_arrays(x, plant.run(x), 1e-3), n=3, m=1)
 y_ref = np.linspace(*np.quantile(plant.run(x), (0.3, 0.7)), 100)
 assert np.isfinite(Compensator(model, x_limits=plant.x_range).run(y_ref)).all()
 print(model.report["headline"])

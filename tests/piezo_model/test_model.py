@@ -1,6 +1,5 @@
 import json
 import math
-import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from random_models import Case, cases, drive, model_of, structure_of
 from piezo_model.atomic_file import write_text
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
-from piezo_model.structure import ModelStructure
 
 # Simulation.
 
@@ -55,12 +53,6 @@ def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepMode
     assert np.all(np.isfinite(model.simulate([math.nan], state)))
     np.testing.assert_array_equal(state.play, before.play)
     np.testing.assert_array_equal(state.creep, before.creep)
-
-
-def test_states_of_another_structure_are_refused(model: HysteresisCreepModel) -> None:
-    other = ModelStructure.equidistant(n=5, m=0, x_range=(0, 1), y_range=(0, 1), creep_rates=(1.0,), sample_time=1.0)
-    with pytest.raises(ValueError, match="8 of play and 8 of creep where 8 and 24 are needed"):
-        model.simulate([0.0], OperatorState.at_rest(other))
 
 
 # Files.
@@ -109,6 +101,19 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
         (spoil(lambda data: data.pop("w_K")), "the field 'w_K' is missing"),
         (spoil(lambda data: data.pop("structure")), "the field 'structure' is missing"),
         (spoil(lambda data: data["structure"].pop("x_scale")), "the field 'structure.x_scale' is missing"),
+        (spoil(lambda data: data["structure"].update(colour="red")), "there is no field 'structure.colour'"),
+        (
+            spoil(lambda data: data["structure"].update(offset=1)),
+            "the field 'structure.offset' is wrong: expected `bool`, got `int`",
+        ),
+        (
+            spoil(lambda data: data["structure"].update(play_thresholds=[0.1, "b"])),
+            r"the field 'structure.play_thresholds\[1\]' is wrong: expected `float`, got `str`",
+        ),
+        (
+            spoil(lambda data: data["structure"].update(input_unit=3)),
+            "the field 'structure.input_unit' is wrong: expected `str`, got `int`",
+        ),
         (spoil(lambda data: data.update(structure=3)), "the field 'structure' is wrong: expected `object`, got `int`"),
         (spoil(lambda data: data.update(report=[])), "the field 'report' is wrong: expected `object`, got `array`"),
         (spoil(lambda data: data.update(w_H="big")), "the field 'w_H' is wrong: expected `array`, got `str`"),
@@ -174,28 +179,13 @@ def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(tmp_pat
         assert str(tmp_path / name) in str(caught.value)
 
 
+@pytest.mark.parametrize("note", [math.inf, "\ud800"])  # the second fails with the temporary file open already
 def test_a_failing_save_leaves_the_old_file_whole_and_nothing_beside_it(
-    model: HysteresisCreepModel, tmp_path: Path
+    model: HysteresisCreepModel, tmp_path: Path, note: object
 ) -> None:
-    path = tmp_path / "m.json"
-    model.save(path)
-    old = path.read_bytes()
-    broken = HysteresisCreepModel(
-        model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"condition": math.inf}
-    )
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        broken.save(path)
-    unwritable = HysteresisCreepModel(
-        model.structure, model.w_H, model.w_S_inverse, model.w_K, report={"note": "\ud800"}
-    )
-    unwritable_text = json.dumps(unwritable.to_dict(), ensure_ascii=False)
-    with pytest.raises(UnicodeEncodeError):
-        write_text(path, unwritable_text)  # fails with the temporary file open already
-    assert path.read_bytes() == old
-    assert [file.name for file in tmp_path.iterdir()] == ["m.json"]
-
-
-def test_a_saved_file_has_the_rights_of_any_new_file(model: HysteresisCreepModel, tmp_path: Path) -> None:
     model.save(tmp_path / "m.json")
-    (tmp_path / "plain.txt").write_text("")
-    assert stat.S_IMODE((tmp_path / "m.json").stat().st_mode) == stat.S_IMODE((tmp_path / "plain.txt").stat().st_mode)
+    old = (tmp_path / "m.json").read_bytes()
+    with pytest.raises(ValueError, match=r"not JSON compliant|surrogates not allowed"):
+        write_text(tmp_path / "m.json", json.dumps({"note": note}, ensure_ascii=False, allow_nan=False))
+    assert (tmp_path / "m.json").read_bytes() == old
+    assert [file.name for file in tmp_path.iterdir()] == ["m.json"]

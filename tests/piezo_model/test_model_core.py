@@ -3,7 +3,6 @@ copies."""
 
 import copy
 import pickle
-import re
 import subprocess
 from pathlib import Path
 
@@ -18,11 +17,9 @@ from solvers.core import compile_core
 
 PACKAGE = Path(core.__file__).parents[1]
 FOLDERS = compile_core.folders(PACKAGE)
-OWN = [file for folder in FOLDERS[1:] for file in sorted(folder.glob("*.c"))]
 ALGORITHMS = [PACKAGE / "core" / name for name in ("model.c", "data_basis.c", "compensator.c")]
 """What an exported folder may hold."""
 INCLUDES = [f"-I{folder}" for folder in FOLDERS]
-WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
 STRUCTURE = ModelStructure.equidistant(
     n=9, m=3, x_range=(0, 150), y_range=(-20, 20), creep_rates=(100, 10, 1), sample_time=1e-3, offset=True
 )
@@ -74,53 +71,6 @@ int main(void)
 def a_model() -> HysteresisCreepModel:
     rng = np.random.default_rng(0)
     return HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.slope_map @ rng.uniform(0.1, 1.0, STRUCTURE.d))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("compiler", "options"),
-    [
-        ("gcc", ["-O2", "-march=x86-64-v2"]),
-        ("gcc", ["-fsyntax-only", "-march=x86-64-v4"]),
-        ("clang", ["-fsyntax-only", "-march=x86-64-v3"]),
-        ("clang", ["-fsyntax-only", "-DCORE_PLAIN"]),
-        ("gcc", ["-O2", "-DCORE_FLOAT", SHAPE]),
-        ("clang", ["-fsyntax-only", "-DCORE_FLOAT", SHAPE]),
-    ],
-)
-def test_the_sources_compile_without_a_warning(compiler: str, options: list[str], tmp_path: Path) -> None:
-    """Those of clang and of the one header that asks for the instruction set come before optimisation; gcc has more of
-    them after it."""
-    files = ALGORITHMS if "-DCORE_FLOAT" in options else OWN
-    words = [f'-D{name}="x"' for name in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
-    done = subprocess.run(
-        [program(compiler), *WARNINGS, "-c", *options, *words, *INCLUDES, *map(str, files)],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-@pytest.mark.slow
-def test_the_algorithms_call_nothing_of_the_libraries_but_memcpy_memset_and_sqrt(tmp_path: Path) -> None:
-    subprocess.run(
-        [program("gcc"), "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, ALGORITHMS)], cwd=tmp_path, check=True
-    )
-    said = subprocess.run(
-        [program("nm"), *(f.name for f in tmp_path.glob("*.o"))],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    wanted = (
-        set(re.findall(r" U (\w+)", said.stdout))
-        - set(re.findall(r" T (\w+)", said.stdout))
-        - {"_GLOBAL_OFFSET_TABLE_"}
-    )
-    assert wanted <= {"memcpy", "memset", "sqrt"}
-    assert not re.findall(r" [BDbdCc] (\w+)", said.stdout)  # no variable that outlives a call
 
 
 @pytest.mark.slow

@@ -37,6 +37,7 @@ def recorded(plant: plants.Plant, faulty: bool) -> tuple[Vector, Vector]:
     return y_ref, y
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("faulty", [False, True])
 @pytest.mark.parametrize("integral_gain", [0.0, 50.0])
 @pytest.mark.parametrize(("n", "m", "offset"), [(5, 3, False), (9, 2, True)])

@@ -5,6 +5,7 @@ import pytest
 from driven_plants import NAMES, TS, bare, every_plant, ramp, volts, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_stage import stage, wander
 
 from piezo_model import plants
 
@@ -26,62 +27,56 @@ def measured(name):
     )
 
 
-contract = pytest.mark.parametrize(("make", "name"), [(make, name) for make in (bare, measured) for name in NAMES])
+PLANTS = [(make, name) for make in (bare, measured) for name in NAMES]
+contract = pytest.mark.parametrize(("make", "name"), PLANTS)
+with_stages = pytest.mark.parametrize(("make", "name"), [*PLANTS, (stage, 1), (stage, 2)])
+
+
+def drive(make, seconds=2.0, seed=0):
+    return (wander if make is stage else walk)(seconds, seed)
 
 
 def test_the_folder_is_the_registry():
     assert NAMES == ["bouc_wen", "dense_prandtl_ishlinskii", "duhem", "maxwell_slip", "relay_preisach"]
 
 
-def test_an_unknown_plant_and_an_unknown_option_are_refused_with_what_is_known():
+def test_an_unknown_plant_is_refused_with_what_is_known():
     with pytest.raises(KeyError, match="known are bouc_wen"):
         plants.get("stack")
-    with pytest.raises(ValueError, match="'bouc_wen' has no option 'lines'"):
-        plants.get("bouc_wen", lines=3)
 
 
 # The contract of a plant
 
 
-@contract
+@with_stages
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(0, 600), max_size=6), seed=st.integers(0, 1000))
 def test_a_run_in_chunks_equals_one_run_bit_for_bit(make, name, cuts, seed):
-    x = walk(0.6, seed)
+    x = drive(make, 0.6, seed)
     whole = make(name).run(x)
     plant = make(name)
     chunks = [plant.run(chunk) for chunk in np.split(x, sorted(cuts))]
     np.testing.assert_array_equal(np.concatenate(chunks), whole)
 
 
-@contract
+@with_stages
 def test_steps_equal_a_run_bit_for_bit(make, name):
-    x = walk(0.3)
+    x = drive(make, 0.3)
     plant = make(name)
     np.testing.assert_array_equal([plant.step(v) for v in x], make(name).run(x))
 
 
-@contract
-def test_a_restored_state_continues_as_the_first_time(make, name):
-    x = walk()
-    plant = make(name)
-    plant.run(x[:700])
-    saved = plant.state()
-    first = plant.run(x[700:])
-    plant.restore(saved)
-    np.testing.assert_array_equal(plant.run(x[700:]), first)
-    other = make(name)
-    other.restore(saved)
-    np.testing.assert_array_equal(other.run(x[700:]), first)
-
-
-@contract
-def test_reset_is_as_made(make, name):
-    x = walk()
-    plant = make(name)
-    first = plant.run(x)
+@with_stages
+def test_a_restored_state_continues_as_the_first_time_and_reset_is_as_made(make, name):
+    x, plant, other = drive(make), make(name), make(name)
+    whole = plant.run(x)
     plant.reset()
-    np.testing.assert_array_equal(plant.run(x), first)
+    np.testing.assert_array_equal(plant.run(x[:700]), whole[:700])
+    saved = plant.state()
+    plant.run(x[700:])
+    for each in (plant, other):
+        each.restore(saved)
+        np.testing.assert_array_equal(each.run(x[700:]), whole[700:])
 
 
 @contract

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_files import HEADER, refusal, signals, text_file
+from recording_files import HEADER, signals, text_file
 
 from piezo_model.recordings import Recording, write_table
 from piezo_model.units import split_unit
@@ -73,28 +73,6 @@ def test_named_columns_are_taken_and_are_no_guesses(stage: Path) -> None:
     assert "guessed" not in Recording.open(stage, "time_s", "voltage_V", "displacement_um").describe()
 
 
-@pytest.mark.parametrize("header", ["time_s,a,b", "time_s,voltage_1,voltage_2", "time_s,reference_um,voltage_V"])
-def test_what_cannot_be_guessed_is_asked_for_by_option(tmp_path: Path, header: str) -> None:
-    sentence = refusal(text_file(tmp_path, header, "0,1,2", "1,2,3", "2,5,5"))
-    assert "cannot tell which column is the" in sentence
-    assert all(repr(name) in sentence for name in header.split(","))
-    assert "--time, --input and --output" in sentence
-
-
-def test_an_unknown_column_is_refused_with_those_there_are(stage: Path) -> None:
-    assert "no column 'volts' for the input; its columns are 'time_s', 'voltage_V'" in refusal(stage, input="volts")
-
-
-def test_one_column_cannot_serve_twice(stage: Path) -> None:
-    assert "one column cannot serve" in refusal(stage, input="voltage_V", output="voltage_V")
-
-
-def test_a_column_name_that_is_there_twice_is_refused(tmp_path: Path) -> None:
-    path = text_file(tmp_path, "t,u,y,y", "0,1,2,3", "1,2,3,4")
-    assert "cannot tell which column is the output" in refusal(path)
-    assert "2 columns named 'y'" in refusal(path, output="y")
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_names_beyond_ascii_are_read_and_written(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"Prüfstand{suffix}"
@@ -122,8 +100,3 @@ def test_names_beyond_ascii_are_read_and_written(tmp_path: Path, suffix: str) ->
 def test_times_become_seconds(tmp_path: Path, name: str, seconds: float) -> None:
     path = text_file(tmp_path, f"{name},u,y", *(f"{125 * k},{k % 3},{k % 5}" for k in range(40)))
     assert Recording.open(path).sample_time == pytest.approx(125 * seconds, rel=1e-12)
-
-
-def test_times_in_another_unit_are_refused(tmp_path: Path) -> None:
-    sentence = refusal(text_file(tmp_path, "time [furlong],u,y", "0,1,2", "1,2,3"))
-    assert "time column 'time [furlong]' is in 'fur', which is not a unit of time" in sentence

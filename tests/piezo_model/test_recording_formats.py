@@ -48,18 +48,30 @@ def gcs_tabs(path: Path) -> None:
     path.write_text(head.replace("= 32", "= 9") + end + rows.replace(" \n", "\n").replace(" ", "\t"))
 
 
-def nexus(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        for name, values, units in (("time", T, "s"), ("voltage", X, "V"), ("displacement", Y, "µm")):
-            file[f"entry/data/{name}"] = values
-            file[f"entry/data/{name}"].attrs["units"] = units
-        file["entry/log/temperature"] = np.arange(17.0)
-        file["entry/title"] = "a sine"
+def hdf5(values: dict[str, Any], units: dict[str, str] | None = None, **attributes: float) -> Callable[[Path], None]:
+    """A file of these datasets, some with units, and attributes of the whole."""
+
+    def write(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            for name, value in values.items():
+                file[name] = value
+            for name, unit in (units or {}).items():
+                file[name].attrs["units"] = unit
+            file.attrs.update(attributes)
+
+    return write
 
 
-def hdf5_matrix(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file["data"], file["fs"] = np.stack([X, Y]), 1 / PERIOD
+nexus = hdf5(
+    {
+        "entry/data/time": T,
+        "entry/data/voltage": X,
+        "entry/data/displacement": Y,
+        "entry/log/temperature": np.arange(17.0),
+        "entry/title": "a sine",
+    },
+    {"entry/data/time": "s", "entry/data/voltage": "V", "entry/data/displacement": "µm"},
+)
 
 
 def hdf5_compound(path: Path) -> None:
@@ -69,10 +81,32 @@ def hdf5_compound(path: Path) -> None:
         )
 
 
-def hdf5_attribute(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file["u"], file["y"] = X, Y
-        file.attrs["sample_rate_Hz"] = 1 / PERIOD
+def tdms(*segments: list[nptdms.ChannelObject]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with nptdms.TdmsWriter(path) as writer:
+            for segment in segments:
+                writer.write_segment(segment)
+
+    return write
+
+
+tdms_waveform = tdms(
+    *(
+        [
+            nptdms.ChannelObject("Stage", name, values[part], properties={"wf_increment": PERIOD, "unit_string": unit})
+            for name, values, unit in (("Drive", X, "V"), ("Sensor", Y, "µm"))
+        ]
+        for part in np.array_split(np.arange(N), 3)
+    )
+)
+tdms_groups = tdms(
+    [
+        nptdms.ChannelObject("Stage", "Time", T),
+        nptdms.ChannelObject("Stage", "AO0", X),
+        nptdms.ChannelObject("Stage", "AI0", Y),
+        nptdms.ChannelObject("Log", "temperature", np.arange(5.0)),
+    ]
+)
 
 
 def mat_struct(path: Path) -> None:
@@ -101,31 +135,6 @@ def workbook(path: Path) -> None:
         sheet.append([None, *row])
     sheet.append(["Ende"])
     book.save(path)
-
-
-def tdms_waveform(path: Path) -> None:
-    with nptdms.TdmsWriter(path) as writer:
-        for part in np.array_split(np.arange(N), 3):
-            writer.write_segment(
-                [
-                    nptdms.ChannelObject(
-                        "Stage", name, values[part], properties={"wf_increment": PERIOD, "unit_string": unit}
-                    )
-                    for name, values, unit in (("Drive", X, "V"), ("Sensor", Y, "µm"))
-                ]
-            )
-
-
-def tdms_groups(path: Path) -> None:
-    with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                nptdms.ChannelObject("Stage", "Time", T),
-                nptdms.ChannelObject("Stage", "AO0", X),
-                nptdms.ChannelObject("Stage", "AI0", Y),
-                nptdms.ChannelObject("Log", "temperature", np.arange(5.0)),
-            ]
-        )
 
 
 def mdf(path: Path) -> None:
@@ -158,10 +167,7 @@ def parquet_stamps(path: Path, times: pa.Array) -> None:
 def tdms_stamps(path: Path) -> None:
     """With times in 2⁻⁶⁴ s, as the format has them; npTDMS writes whole microseconds."""
     written = nptdms.types.TimeStamp.to_array_bytes(STAMPS)
-    with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment(
-            [nptdms.ChannelObject("Stage", name, values) for name, values in (("t", STAMPS), ("u", X), ("y", Y))]
-        )
+    tdms([nptdms.ChannelObject("Stage", name, values) for name, values in (("t", STAMPS), ("u", X), ("y", Y))])(path)
     since = STAMPS - np.datetime64("1904-01-01", "ns")
     seconds, fractions = since // np.timedelta64(1, "s"), (since % np.timedelta64(1, "s")).astype(np.int64)
     exact = np.array(
@@ -192,9 +198,9 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "GCS": (gcs, {"input": "Open-loop Control Value of axis 1", "output": "Current Position of axis 1"}),
     "GCS with tabs": (gcs_tabs, {"input": "Open-loop Control Value of axis 1", "output": "Current Position of axis 1"}),
     "NeXus": (nexus, {"time": "entry/data/time", "input": "entry/data/voltage", "output": "entry/data/displacement"}),
-    "HDF5 matrix": (hdf5_matrix, {"input": "data/1", "output": "data/2"}),
+    "HDF5 matrix": (hdf5({"data": np.stack([X, Y]), "fs": 1 / PERIOD}), {"input": "data/1", "output": "data/2"}),
     "HDF5 compound": (hdf5_compound, {"time": "record/time", "input": "record/voltage_V", "output": "record/y_um"}),
-    "HDF5 attribute": (hdf5_attribute, {"input": "u", "output": "y"}),
+    "HDF5 attribute": (hdf5({"u": X, "y": Y}, sample_rate_Hz=1 / PERIOD), {"input": "u", "output": "y"}),
     "MAT 5": (
         lambda path: scipy.io.savemat(path, {"t": T, "u": X, "y": Y}),
         {"time": "t", "input": "u", "output": "y"},
@@ -295,16 +301,6 @@ def test_what_a_format_does_not_go_by_is_refused(tmp_path: Path, form: str, opti
     assert f"for which no {option.replace('_', ' ')} can be given" in refusal(made(tmp_path, form), **{option: value})
 
 
-def test_a_cell_that_is_no_number_is_named_with_row_and_sheet(tmp_path: Path) -> None:
-    book = openpyxl.Workbook()
-    for row in (["t", "u", "y"], [0, 1, 2], [1, "over", 3], [2, 3, 3], [3, 3, 4]):
-        book.active.append(row)
-    book.save(tmp_path / "stage.xlsx")
-    assert "column 'u' holds 'over' in row 3 of sheet 'Sheet', where a number is needed" in refusal(
-        tmp_path / "stage.xlsx"
-    )
-
-
 @pytest.mark.parametrize(
     ("name", "package"),
     [
@@ -369,8 +365,7 @@ def test_two_channels_of_one_name_are_two_columns(tmp_path: Path) -> None:
 
 def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
     for values in (Y, 2.0 * Y):
-        with h5py.File(tmp_path / "stage.h5", "w") as file:
-            file["t"], file["u"], file["y"] = T, X, values
+        hdf5({"t": T, "u": X, "y": values})(tmp_path / "stage.h5")
         recording = Recording.open(tmp_path / "stage.h5", input="u", output="y")
         assert recording.y_range == (values.min(), values.max())
 
@@ -396,11 +391,7 @@ def test_slices_are_read_and_not_the_whole_file(tmp_path: Path, name: str) -> No
     rows = 3_000_000
     values = np.stack([np.arange(rows) * 1e-3, np.arange(rows) % 7.0, np.arange(rows) % 5.0], 1)
     path = tmp_path / "stage.rec"
-    if name == "NPY":
-        numpy_file(np.save, values)(path)
-    else:
-        with h5py.File(path, "w") as file:
-            file["data"] = values
+    (numpy_file(np.save, values) if name == "NPY" else hdf5({"data": values}))(path)
     table = open_table(path)
     tracemalloc.start()
     try:
@@ -438,14 +429,14 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
     assert (recording.sample_time, recording.columns["time"]) == (0.01, "t")
 
 
-def test_a_date_among_voltages_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("cell", "shown"), [("over", "'over'"), (datetime(2024, 1, 31), "datetime.datetime(2024, 1, 31, 0, 0)")]
+)
+def test_a_cell_that_is_no_number_is_named_with_row_and_sheet(tmp_path: Path, cell: object, shown: str) -> None:
     book = openpyxl.Workbook()
     for row in (["t", "voltage_V", "height_um"], *([k / 10, k % 7, k % 5] for k in range(50))):
         book.active.append(row)
-    book.active["B7"] = datetime(2024, 1, 31)
+    book.active["B7"] = cell
     book.save(tmp_path / "stage.xlsx")
-    assert (
-        "column 'voltage_V' holds datetime.datetime(2024, 1, 31, 0, 0) in row 7 of sheet 'Sheet', where a number "
-        "is "
-        "needed"
-    ) in refusal(tmp_path / "stage.xlsx")
+    sentence = f"column 'voltage_V' holds {shown} in row 7 of sheet 'Sheet', where a number is needed"
+    assert sentence in refusal(tmp_path / "stage.xlsx")

@@ -1,25 +1,16 @@
 """Roles that no name tells: by elimination and by what the values say."""
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_files import refusal, text_file
+from recording_files import text_file
 from recording_kinds import DESCRIBABLE, creeping, noisy
 
 from piezo_model import identify
 from piezo_model.identification.identify import check_direction
+from piezo_model.operators import play
 from piezo_model.recordings import Recording, RecordingError
-
-
-def play(x: np.ndarray, radius: float) -> np.ndarray:
-    """The play operator, sample by sample."""
-    y, state = np.empty_like(x), float(x[0])
-    for k, value in enumerate(x):
-        state = min(max(state, value - radius), value + radius)
-        y[k] = state
-    return y
 
 
 def kept_back(
@@ -28,7 +19,7 @@ def kept_back(
     """Three seconds at rest, a jump to -87 V, then a sine of 150 V; the sensor has an offset."""
     t = np.arange(12_000) / 1000
     x = np.where(t < 3, 0.0, 150 * np.sin(2 * np.pi * frequency * (t - 3) - np.arcsin(87 / 150)))
-    y = 0.08 * x + sum(0.02 * play(x, radius) for radius in (10.0, 30.0, 60.0)) + 213.7
+    y = 0.08 * x + 0.02 * play(x, [10.0, 30.0, 60.0], np.full(3, x[0]))[0].sum(axis=1) + 213.7
     return t, x, sign * (y + np.random.default_rng(0).normal(0, noise, t.size))
 
 
@@ -68,16 +59,6 @@ def test_without_a_loop_the_noisier_side_is_the_output(tmp_path: Path) -> None:
     recording = Recording.open(path)
     assert recording.columns == {"time": "column 1", "input": "column 3", "output": "column 2"}
     assert "because the output is the noisier one" in recording.describe()
-
-
-def test_what_the_values_do_not_tell_is_asked_for(tmp_path: Path) -> None:
-    t = np.arange(500) * 1e-3
-    path = text_file(tmp_path, *(f"{a:.3f},{math.sin(a)!r},{2 * math.sin(a)!r}" for a in t.tolist()))
-    assert (
-        "cannot tell which column is the input and which the output; its columns are 'column 1', 'column 2', "
-        "'column 3'; name "
-        "them with --time, --input and --output"
-    ) in refusal(path)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_files import refusal, text_file, with_times
+from recording_files import text_file, with_times
 
 from piezo_model.recordings import Recording, read_reference
 from piezo_model.recordings.dialect import layout_of
@@ -175,42 +175,6 @@ def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
     assert "the last row is incomplete and was left out; 3 samples" in said
 
 
-@pytest.mark.parametrize(
-    ("lines", "sentence"),
-    [
-        (
-            ("t,u,y", "0,1,2", "1,9.91e37,3", "2,3,4"),
-            "column 'u' is 9.91e+37 in row 3 (data row 2), which is too large for a measured value",
-        ),
-        (
-            ("t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"),
-            "column 't': the sampling period must be from 1e-09 to 1e+09 s, not 1e-307",
-        ),
-        (
-            ("t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"),
-            "column 'u' is -1e+300 in row 3 (data row 2), which is too large for a measured value",
-        ),
-        (
-            ("t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"),
-            "column 'u' holds 'True' in row 4 (data row 3), where a number is needed",
-        ),
-        (
-            ("t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"),
-            "column 't' holds 'noon' in row 4 (data row 3), where a clock like '12:00:01' is needed",
-        ),
-        (
-            ("u,y", "1,2", "2,3", "3,3", "4,2"),
-            "cannot tell which column is the time; its columns are 'u', 'y'; name it "
-            "with --time, "
-            "or say --sample-time or --sample-rate",
-        ),
-        (("index,u,y", "1,1,2", "2,2,3", "3,3,3", "4,2,2"), "cannot tell which column is the time"),
-    ],
-)
-def test_what_is_wrong_is_named_in_one_sentence(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
-    assert sentence in refusal(text_file(tmp_path, *lines))
-
-
 def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
     """Points in time as text: {Y}, {M}, {D}, {h}, {m}, {s} and {n}, the nanoseconds."""
     times = np.datetime64(start, "ns") + period_ns * np.arange(count).astype("m8[ns]")
@@ -231,12 +195,6 @@ def test_clocks_are_read_to_the_nanosecond(tmp_path: Path, form: str, period_ns:
     recording = Recording.open(text_file(tmp_path, HEADER.strip().replace(",", decimal), *rows))
     assert recording.sample_time == period_ns / 1e9
     assert recording.time_resolution < 1e-12
-
-
-def test_a_sample_missing_at_ten_megahertz_is_found(tmp_path: Path) -> None:
-    times = stamps("{Y}-{M}-{D} {h}:{m}:{s}.{n}", "2024-01-31T12:00:00", 100, 3000)
-    sentence = refusal(with_times(tmp_path, times[:1000] + times[1001:]))
-    assert "has a gap of 2e-07 s before row 1002 (data row 1001): about 1 sample missing" in sentence
 
 
 @pytest.mark.parametrize(
@@ -274,55 +232,11 @@ def test_offsets_from_utc_count_at_the_changes_of_summer_time(
     assert Recording.open(with_times(tmp_path, times)).sample_time == 0.005
 
 
-@pytest.mark.parametrize(
-    ("cells", "row"),
-    [
-        (("28/02/2024 23:59:59", "29/02/2024 00:00:00", "30/02/2024 00:00:01"), 4),
-        (("12/01/2024 23:59:59", "13/01/2024 00:00:00", "01/14/2024 00:00:01"), 4),
-        (("2024-01-31 23:59:59", "01.02.2024 00:00:00", "01.02.2024 00:00:01"), 3),
-        (("2024-01-31 23:59:58", "2024-01-31 23:59:59", "00:00:00"), 4),
-        (("23:59:58", "2024-01-31 23:59:59", "00:00:00"), 3),
-        (("12:00:01+01:00", "12:00:02", "12:00:03+01:00"), 3),
-        (("12:00:01", "12:00:02", "12:00:03Z"), 4),
-        (("12:00:01+01:00", "12:00:02+99:00", "12:00:03+01:00"), 3),
-        (("12:00:01", "12:00:02", "3.5"), 4),
-    ],
-)
-def test_a_clock_unlike_the_others_of_its_column_is_named(tmp_path: Path, cells: tuple[str, ...], row: int) -> None:
-    sentence = refusal(with_times(tmp_path, [*cells, *cells[:1] * 20]))
-    assert (
-        f"column 'time_s' holds {cells[row - 2]!r} in row {row} (data row {row - 1}), where a clock like "
-        f"{cells[0]!r} is needed"
-    ) in sentence
-
-
-def test_a_date_that_there_is_not_is_named(tmp_path: Path) -> None:
-    sentence = refusal(with_times(tmp_path, [f"31.02.2024 12:00:{k:02d}" for k in range(60)]))
-    assert "column 'time_s' holds '31.02.2024 12:00:00' in row 2 (data row 1), where a clock is needed" in sentence
-
-
 def test_clocks_of_minutes_and_seconds_need_no_fraction_everywhere(tmp_path: Path) -> None:
     times = [
         f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 else "") for k in range(20_001, 22_001)
     ]
     assert Recording.open(with_times(tmp_path, times)).sample_time == 0.1
-
-
-def test_a_line_that_never_ends_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "stage.csv").write_bytes(b"1" * (1 << 20))
-    assert "longer than" in refusal(tmp_path / "stage.csv")
-    path = text_file(
-        tmp_path, HEADER.strip(), *(f"{k},{k % 3},{k % 5}" for k in range(60_000)), "7" * (3 << 20), "1,2,3"
-    )
-    assert "a line is longer than" in refusal(path)
-
-
-def test_what_would_not_be_read_of_a_text_is_refused(tmp_path: Path) -> None:
-    path = text_file(tmp_path, HEADER.strip(), *(f"{k},{k % 3},{k % 5}" for k in range(40)))
-    assert "is plain text, for which no sheet can be given" in refusal(path, sheet="Messung 1")
-    assert "so that the time column '1' would not be read; give one of the two" in refusal(
-        path, time="1", sample_time=0.01
-    )
 
 
 def test_a_reference_of_one_column_needs_only_a_period(tmp_path: Path) -> None:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
-from learning_loops import MODES, NOISE, WAYS, T, learner_for, sensor, structure_for
+from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor, structure_for
 from qpsolvers import Problem
 
-from piezo_model import OperatorState, SelfLearningCompensator, compensator_file, plants
+from piezo_model import OperatorState, SelfLearningCompensator, compensator_file
 from piezo_model.deployment import Deployment
 from piezo_model.learning.events import Phase
 from piezo_model.learning.settings import LearningSettings
@@ -158,18 +158,74 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
 TO_THE_TIGHTEST = '{"tolerance": 0.001} to {"tolerance": 1e-13}'
 
 
-# that is written 1e-06
-@pytest.mark.parametrize("setting", [99, 0.5, [], "x", '{"tolerance": 0.5}', '{"tolerance": 1e-6}'])
-def test_a_setting_that_the_solver_does_not_have_is_refused_before_anything_runs(
-    setting: object, tmp_path: Path
-) -> None:
-    learner, path = fresh("cyclic", "accelerated_projection"), tmp_path / "learner.json"
-    compensator_file.write(
-        path, {**learner.settings.to_dict(), "solver_options": {"setting": setting}}, learner.memory()
+def deployment(model: HysteresisCreepModel, solver: str, settings: dict[str, Any]) -> Deployment:
+    return Deployment(
+        model=model,
+        solver=solver,
+        lane="kernel",
+        tier="high",
+        settings=settings,
+        mode="cyclic",
+        x_limits=(10.0, 140.0),
     )
-    sentence = re.escape(f"accelerated_projection has no setting {setting!r}; its ladder goes from {TO_THE_TIGHTEST}")
-    with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{sentence}$"):
+
+
+LADDER = f"its ladder goes from {TO_THE_TIGHTEST}"
+ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
+
+
+# 1e-6 is written 1e-06
+@pytest.mark.parametrize(
+    ("solver", "options", "sentence"),
+    [
+        *(
+            (ACCELERATED, {"setting": setting}, f"{ACCELERATED} has no setting {setting!r}; {LADDER}")
+            for setting in (99, 0.5, [], "x", '{"tolerance": 0.5}', '{"tolerance": 1e-6}')
+        ),
+        (ACCELERATED, {"lane": "none"}, "'none' is not a valid Lane"),
+        *(
+            (STEPPED, {name: value}, f"{STEPPED}: {name} must be ")
+            for name, value in (
+                ("steps", None),
+                ("steps", 1e300),
+                ("steps", 2**70),
+                ("step_ratio", []),
+                ("tolerance", {}),
+            )
+        ),
+    ],
+)
+def test_options_that_the_solver_does_not_have_are_refused_before_anything_runs(
+    solver: str, options: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    learner, path = fresh("cyclic", solver), tmp_path / "learner.json"
+    compensator_file.write(path, {**learner.settings.to_dict(), "solver_options": options}, learner.memory())
+    with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{re.escape(sentence)}[^\n]*$"):
         SelfLearningCompensator.load(path)
+
+
+@pytest.mark.parametrize(
+    ("solver", "settings"),
+    [
+        *(
+            (ACCELERATED, settings)
+            for settings in ({"tolerance": 0.5}, {"tolerance": {}}, {"setting": 99}, {"rung": 2}, {"lane": "none"})
+        ),
+        (STEPPED, {"steps": None}),
+        (STEPPED, {"steps": 2**70}),
+        (STEPPED, {"tolerance": {}}),
+    ],
+    ids=str,
+)
+def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused(
+    solver: str, settings: dict[str, Any], tmp_path: Path
+) -> None:
+    path, model = tmp_path / "deployed.json", fresh("cyclic", solver).model
+    deployment(model, solver, settings).save(path)
+    sentence = re.escape(f"{solver} has no setting {json.dumps(settings)!r}; its ladder goes from ")
+    for load in (Deployment.load, SelfLearningCompensator.load):
+        with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}[^\n]*$"):
+            load(path)
 
 
 @pytest.mark.parametrize("setting", ['{"tolerance": 1e-13}', '{"tolerance": 0.001}', None])
@@ -177,71 +233,10 @@ def test_a_setting_of_the_solvers_ladder_is_taken(setting: str | None) -> None:
     LearningSettings(solver="accelerated_projection", solver_options={"setting": setting})
 
 
-def test_a_lane_that_the_solver_is_not_in_is_refused_before_anything_runs(tmp_path: Path) -> None:
-    learner, path = fresh("cyclic", "accelerated_projection"), tmp_path / "learner.json"
-    compensator_file.write(path, {**learner.settings.to_dict(), "solver_options": {"lane": "none"}}, learner.memory())
-    with pytest.raises(ModelError, match=r"^[^\n]*learner\.json: [^\n]*'none' is not a valid Lane[^\n]*$"):
-        SelfLearningCompensator.load(path)
-
-
-def deployed(learner: SelfLearningCompensator, path: Path, settings: dict[str, Any]) -> None:
-    Deployment(
-        model=learner.model,
-        solver=learner.settings.solver,
-        lane="kernel",
-        tier="high",
-        settings=settings,
-        mode="cyclic",
-        x_limits=(10.0, 140.0),
-    ).save(path)
-
-
-@pytest.mark.parametrize(
-    "settings", [{"tolerance": 0.5}, {"tolerance": {}}, {"setting": 99}, {"rung": 2}, {"lane": "none"}], ids=str
-)
-def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused(
-    settings: dict[str, Any], tmp_path: Path
-) -> None:
-    deployed(fresh("cyclic", "accelerated_projection"), tmp_path / "deployed.json", settings)
-    sentence = re.escape(
-        f"accelerated_projection has no setting {json.dumps(settings)!r}; its ladder goes from {TO_THE_TIGHTEST}"
-    )
-    for load in (Deployment.load, SelfLearningCompensator.load):
-        with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}$"):
-            load(tmp_path / "deployed.json")
-
-
-@pytest.mark.parametrize(
-    ("setting", "value"), [("steps", None), ("steps", 1e300), ("steps", 2**70), ("step_ratio", []), ("tolerance", {})]
-)
-def test_settings_of_the_stepped_solver_that_are_no_numbers_it_can_use_are_refused(
-    setting: str, value: object, tmp_path: Path
-) -> None:
-    learner = fresh("cyclic", "projected_difference")
-    compensator_file.write(
-        tmp_path / "learner.json", {**learner.settings.to_dict(), "solver_options": {setting: value}}, learner.memory()
-    )
-    with pytest.raises(
-        ModelError, match=rf"^[^\n]*learner\.json: [^\n]*projected_difference: {setting} must be [^\n]*$"
-    ):
-        SelfLearningCompensator.load(tmp_path / "learner.json")
-    deployed(learner, tmp_path / "deployed.json", {setting: value})
-    with pytest.raises(ModelError, match=r"^[^\n]*deployed\.json: projected_difference has no setting [^\n]*$"):
-        SelfLearningCompensator.load(tmp_path / "deployed.json")
-
-
 def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
     structure = structure_for(sensor())
     model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    Deployment(
-        model=model,
-        solver="projected_difference",
-        lane="kernel",
-        tier="high",
-        settings={"steps": 100},
-        mode="cyclic",
-        x_limits=(10.0, 140.0),
-    ).save(tmp_path / "c.json")
+    deployment(model, STEPPED, {"steps": 100}).save(tmp_path / "c.json")
     learner = SelfLearningCompensator.load(tmp_path / "c.json", build_s=1.0)
     chosen = learner.settings
     assert (chosen.solver, chosen.x_limits, chosen.build_s) == ("projected_difference", (10.0, 140.0), 1.0)
@@ -286,14 +281,14 @@ def best_straight_line(plant: str, y_ref: np.ndarray) -> float:
     return rms_percent(y, y_ref, one)
 
 
-def test_without_a_constant_in_the_structure_one_is_learned_and_pays() -> None:
+@pytest.mark.parametrize("mode", MODES)
+def test_without_a_constant_in_the_structure_one_is_learned_and_pays(mode: str) -> None:
     errors = {}
     for find_centre in (True, False):
         one = sensor()
         y_ref = steps(one, 16.0)
-        learner = learner_for(one, offset=False, find_centre=find_centre)
-        y = learner.run(y_ref, one.run)[1]
-        errors[find_centre] = rms_percent(y[-4000:], y_ref[-4000:], one)
+        learner = learner_for(one, mode, offset=False, find_centre=find_centre)
+        errors[find_centre] = error_of(learner, y_ref, one.run, one, slice(-4000, None))
         assert learner.structure.offset is find_centre
     assert errors[True] < 0.1 * errors[False]
 
@@ -314,41 +309,39 @@ def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
         samples_to_solve=5,
         state=OperatorState.at_rest(structure, -1.0, 1.0),
     )
-    y = learner.run(y_ref, one.run)[1]
-    assert rms_percent(y[-6000:], y_ref[-6000:], one) < 1.3 * 100.0 * NOISE
+    assert error_of(learner, y_ref, one.run, one, slice(-6000, None)) < 1.3 * 100.0 * NOISE
 
 
 # Faults
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_half_a_million_samples_of_every_fault_never_get_through_to_the_drive_and_are_forgotten(mode: str) -> None:
+@pytest.mark.parametrize(("mode", "integral_gain"), [("cyclic", 0.0), ("continuous", 0.0), ("continuous", 0.3 / T)])
+def test_a_hundred_thousand_samples_of_every_fault_never_get_through_to_the_drive_and_are_forgotten(
+    mode: str, integral_gain: float
+) -> None:
     plant = sensor()
     low, high = plant.x_range
-    learner = learner_for(plant, mode, rate_limit=RATE_LIMIT)
+    learner = learner_for(plant, mode, rate_limit=RATE_LIMIT, integral_gain=integral_gain)
     faulty, clean = FaultySensor(plant, seed=5), steps(plant, 30.0)
     faulty.failing = False
-    y = learner.run(clean, faulty)[1]
-    before = rms_percent(y[-6000:], clean[-6000:], plant)
+    before = error_of(learner, clean, faulty, plant, slice(-6000, None))
     faulty.failing = True
     for part in range(5):
-        y_ref = spoiled(steps(plant, 100.0), *plant.y_range, seed=part)
+        y_ref = spoiled(steps(plant, 20.0), *plant.y_range, seed=part)
         x = learner.run(y_ref, faulty)[0]
         assert np.all(np.isfinite(x))
         assert np.all((x >= low) & (x <= high))
         assert np.max(np.abs(np.diff(x))) <= RATE_LIMIT * T * (1 + 1e-12)
-    assert min(learner.counts[name] for name in ("missing", "refused", "jumped")) > 1000
+    assert min(learner.counts[name] for name in ("missing", "refused", "jumped")) > 200
     faulty.failing = False
-    y = learner.run(clean, faulty)[1]
-    assert rms_percent(y[-6000:], clean[-6000:], plant) < 1.2 * before
+    assert error_of(learner, clean, faulty, plant, slice(-6000, None)) < 1.2 * before
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_sensor_that_is_dead_for_good_leaves_the_last_good_weights_at_work(mode: str) -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant, mode), steps(plant, 12.0)
-    y = learner.run(y_ref, plant.run)[1]
-    before, hand_overs = rms_percent(y[-3000:], y_ref[-3000:], plant), learner.counts["hand_overs"]
+    before, hand_overs = error_of(learner, y_ref, plant.run, plant, slice(-3000, None)), learner.counts["hand_overs"]
     truth: list[np.ndarray] = []
 
     def dead(x: np.ndarray) -> np.ndarray:
@@ -448,12 +441,10 @@ def test_weights_that_explain_their_own_data_worse_than_the_old_ones_are_refused
 def test_a_cycle_that_lied_is_forgotten_in_the_next_but_one() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant), steps(plant, 36.8)
-    y = learner.run(y_ref, plant.run)[1]
-    before = rms_percent(y[-4000:], y_ref[-4000:], plant)
+    before = error_of(learner, y_ref, plant.run, plant, slice(-4000, None))
     cycle = learner.samples_until_change() + 1
     learner.run(y_ref[:cycle], lambda x: 1.1 * plant.run(x))
-    y = learner.run(y_ref, plant.run)[1]
-    assert rms_percent(y[9400:13000], y_ref[9400:13000], plant) < 1.2 * before
+    assert error_of(learner, y_ref, plant.run, plant, slice(9400, 13000)) < 1.2 * before
 
 
 def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
@@ -461,24 +452,5 @@ def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
     learner, wide = learner_for(plant), steps(plant, 12.0)
     learner.run(wide, plant.run)
     narrow = 5.0 + 0.1 * steps(plant, 60.0)
-    y = learner.run(narrow, plant.run)[1]
-    assert rms_percent(y[-3000:], narrow[-3000:], plant) < 0.2
-    y = learner.run(wide, plant.run)[1]
-    assert rms_percent(y[500:3000], wide[500:3000], plant) < 3.0
-
-
-# Bad input
-
-
-def test_senseless_input_is_refused_in_one_sentence() -> None:
-    plant = plants.get("relay_preisach", sample_time=T)
-    learner, structure = learner_for(plant), structure_for(plant)
-    with pytest.raises(ValueError, match=r"x\[1\] is not a finite number"):
-        learner.observe([0.0, math.nan], [0.0, 0.0])
-    with pytest.raises(ValueError, match="vectors of the same length"):
-        learner.replay([0.0, 1.0], [0.0])
-    with pytest.raises(ValueError, match="x_limits must be two numbers in ascending order"):
-        SelfLearningCompensator(structure, x_limits=(1.0, 0.0))
-    other = HysteresisCreepModel.from_weights(structure_for(plant, n=3), structure_for(plant, n=3).straight_line)
-    with pytest.raises(ValueError, match="the model has another structure than the one given"):
-        SelfLearningCompensator(structure, model=other)
+    assert error_of(learner, narrow, plant.run, plant, slice(-3000, None)) < 0.2
+    assert error_of(learner, wide, plant.run, plant, slice(500, 3000)) < 3.0

@@ -7,41 +7,34 @@ from driven_plants import TS, bare, walk
 from piezo_model import plants
 
 
-class StillPlant(plants.Plant):
-    """A plant that does not move: the sensor alone is seen."""
-
-    x_range, y_range, sample_time = (0.0, 1.0), (0.0, 40.0), TS
-
-    def __init__(self, y_um):
-        self.y_um = y_um
-
-    def run(self, x):
-        return np.full(np.size(x), self.y_um)
-
-    def reset(self):
-        pass
-
-    def state(self):
-        return {}
-
-    def restore(self, state):
-        pass
+def added(size=50_000, **options):
+    """What a sensor adds to a plant that stands still."""
+    still = plants.get("bouc_wen", sample_time=TS, creep_share=0.0).run(np.zeros(size))
+    return plants.Sensor(plants.get("bouc_wen", sample_time=TS, creep_share=0.0), **options).run(0.0 * still) - still
 
 
 def test_the_noise_has_its_standard_deviation_and_is_white():
-    m = plants.Sensor(StillPlant(7.0), noise_um=0.02, seed=1).run(np.zeros(50_000))
-    assert m.mean() == pytest.approx(7.0, abs=5e-4)
+    m = added(noise_um=0.02, seed=1)
+    assert m.mean() == pytest.approx(0.0, abs=5e-4)
     assert m.std() == pytest.approx(0.02, rel=0.02)
     assert abs(np.corrcoef(m[1:], m[:-1])[0, 1]) < 0.02
 
 
 def test_the_same_seed_gives_the_same_noise_and_another_seed_another():
-    def noise(seed, size=0.02):
-        return plants.Sensor(StillPlant(0.0), noise_um=size, seed=seed).run(np.zeros(100))
+    one, same, twice, other = (
+        added(100, noise_um=size, seed=seed) for seed, size in ((1, 0.02), (1, 0.02), (1, 0.04), (2, 0.02))
+    )
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+    np.testing.assert_allclose(twice, 2.0 * one, rtol=1e-10)
 
-    np.testing.assert_array_equal(noise(1), noise(1))
-    assert not np.array_equal(noise(1), noise(2))
-    np.testing.assert_allclose(noise(1, 0.04), 2.0 * noise(1), rtol=1e-12)
+
+def test_the_gain_drifts_about_the_centre_of_the_range():
+    t, plant = np.arange(3000) * TS, plants.get("bouc_wen", sample_time=TS, creep_share=0.0)
+    away = plant.run(np.zeros(3000)) - np.mean(plant.y_range)
+    np.testing.assert_allclose(added(3000, gain_drift_per_s=0.01), away * 0.01 * t, atol=1e-12)
+    swing = added(3000, gain_swing=0.1, gain_swing_period_s=2.0)
+    np.testing.assert_allclose(swing, away * 0.1 * np.sin(np.pi * t), atol=1e-12)
 
 
 def test_the_measurement_is_the_nearest_multiple_of_the_quantum():
@@ -59,16 +52,6 @@ def test_a_delayed_measurement_is_the_earlier_displacement_and_starts_with_the_f
     m = plants.Sensor(bare("bouc_wen"), delay_samples=4).run(x)
     np.testing.assert_array_equal(m[4:], y[:-4])
     np.testing.assert_array_equal(m[:4], np.full(4, y[0]))
-
-
-def test_the_gain_drifts_about_the_centre_of_the_range():
-    t = np.arange(3000) * TS
-    up = plants.Sensor(StillPlant(30.0), gain_drift_per_s=0.01).run(np.zeros(3000))
-    np.testing.assert_allclose(up, 20.0 + 10.0 * (1.0 + 0.01 * t), rtol=1e-12)
-    centre = plants.Sensor(StillPlant(20.0), gain_drift_per_s=0.01).run(np.zeros(3000))
-    np.testing.assert_array_equal(centre, np.full(3000, 20.0))
-    swing = plants.Sensor(StillPlant(30.0), gain_swing=0.1, gain_swing_period_s=2.0).run(np.zeros(3000))
-    np.testing.assert_allclose(swing, 20.0 + 10.0 * (1.0 + 0.1 * np.sin(np.pi * t)), rtol=1e-12)
 
 
 def test_a_sensor_without_options_measures_the_displacement_itself():
@@ -106,7 +89,7 @@ def test_sensors_can_be_stacked():
 )
 def test_a_sensor_refuses_a_wrong_option_by_its_name(option, value):
     with pytest.raises(ValueError, match=option):
-        plants.Sensor(StillPlant(0.0), **{option: value})
+        plants.Sensor(bare("bouc_wen"), **{option: value})
 
 
 def test_the_lag_is_one_of_first_order_and_gaps_come_at_their_time():

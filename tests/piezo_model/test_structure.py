@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from random_models import Case, cases
 
-from piezo_model.json_file import convert, decoded
+from piezo_model.json_file import decoded
 from piezo_model.structure import ModelStructure, StructureError
 
 
@@ -90,22 +90,3 @@ def test_a_structure_that_cannot_be_is_refused_by_the_name_of_its_field(changes:
 def test_thresholds_out_of_order_are_refused(play: list[float], dead_zone: list[float], sentence: str) -> None:
     with pytest.raises(StructureError, match=sentence):
         ModelStructure(tuple(play), tuple(dead_zone), (), 1e-3, 0.0, 1.0, 0.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"x_scale": None}, "the field 'x_scale' is missing"),
-        ({"colour": "red"}, "there is no field 'colour'"),
-        ({"sample_time": "fast"}, "the field 'sample_time' is wrong: expected `float`, got `str`"),
-        ({"offset": 1}, "the field 'offset' is wrong: expected `bool`, got `int`"),
-        ({"play_thresholds": [0.1, "b"]}, r"the field 'play_thresholds\[1\]' is wrong: expected `float`, got `str`"),
-        ({"input_unit": 3}, "the field 'input_unit' is wrong: expected `str`, got `int`"),
-    ],
-)
-def test_fields_that_are_missing_unknown_or_of_the_wrong_type_are_named(change: dict[str, Any], sentence: str) -> None:
-    data = {**equidistant().to_dict(), **change}
-    if change.get("x_scale", 1) is None:
-        del data["x_scale"]
-    with pytest.raises(ValueError, match=sentence):
-        convert(data, ModelStructure)

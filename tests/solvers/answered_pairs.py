@@ -25,6 +25,8 @@ SHARES = {
     "mixed": (0.25, 0.25, 0.25, 0.25),
     "free": (0.0, 0.0, 0.0, 1.0),
     "rows": (1.0, 0.0, 0.0, 0.0),
+    "mixed rows": (0.25, 0.25, 0.25, 0.25),
+    "free rows": (0.0, 0.0, 0.0, 1.0),
 }
 
 
@@ -34,15 +36,17 @@ class Pair:
 
     problems: list[Problem]
     answers: list[Vector]
+    unit: Vector
 
     def error(self, x: Vector, which: int = 0) -> float:
-        """Largest deviation from an answer, whose entries are at most about 2."""
-        return float(np.abs(x - self.answers[which]).max())
+        """Largest deviation from an answer, whose entries are at most about 2 units."""
+        return float(np.abs((x - self.answers[which]) / self.unit).max())
 
 
-def pair(form: str, d: int, seed: int = 0) -> Pair:
-    """Draw a pair of d variables; "rows" adds two equalities and d / 3 inequalities to boxes and needs d ≥ 6."""
-    rng = np.random.default_rng([seed, d, FORMS.index(form)])
+def pair(form: str, d: int, seed: int = 0, decades: float = 0.0) -> Pair:
+    """Draw a pair of d variables in units spread over so many decades; "rows" adds two equalities and d / 3
+    inequalities and needs d ≥ 6."""
+    rng = np.random.default_rng([seed, d, list(SHARES).index(form)])
     kind = rng.choice(["both", "lower", "fixed", "none"], size=d, p=SHARES[form])
     low, high = -rng.uniform(0.5, 1.0, d), rng.uniform(0.5, 1.0, d)
     lb = np.where(kind == "none", -np.inf, low)
@@ -56,7 +60,9 @@ def pair(form: str, d: int, seed: int = 0) -> Pair:
     A -= np.outer(A @ across, across) / (across @ across)  # A x is the same at both answers
     G = rng.normal(size=(d // 3, d))
     h = (G @ x.T).max(axis=1)  # every row is active at one of the answers
-    general: dict[str, Any] = {"G": G, "h": h, "A": A, "b": A @ x[0]} if form == "rows" else {}
+    general: dict[str, Any] = {"G": G, "h": h, "A": A, "b": A @ x[0]} if form.endswith("rows") else {}
+    unit = 10.0 ** np.random.default_rng(seed).uniform(-decades / 2, decades / 2, d)
+    scaled = {key: value / unit if key in "GA" else value for key, value in general.items()}
     problems = []
     for at in x:
         M = rng.normal(size=(2 * d, d))
@@ -67,8 +73,9 @@ def pair(form: str, d: int, seed: int = 0) -> Pair:
         if general:
             active = np.isclose(G @ at, h, rtol=0.0, atol=1e-12)
             w = w + A.T @ rng.normal(size=2) + G.T @ np.where(active, rng.uniform(0.5, 2.0, h.size), 0.0)
-        problems.append(Problem(P, -P @ at - w, lb=lb, ub=ub, **general))
-    return Pair(problems, list(x))
+        q = -P @ at - w
+        problems.append(Problem(P / np.outer(unit, unit), q / unit, lb=lb * unit, ub=ub * unit, **scaled))
+    return Pair(problems, list(x * unit), unit)
 
 
 def arrays(problem: Problem) -> dict[str, Any]:

@@ -2,19 +2,13 @@
 
 import numpy as np
 import pytest
-from box_programs import INF, inside, random_bounds, seeds, spectrum_matrix
+from box_programs import INF, inside, random_program, seeds
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
 
-from solvers import Unsupported, get
+from solvers import get
 from solvers.descent import ProjectedGradient
-
-
-def random_problem(seed, d, decades):
-    rng = np.random.default_rng(seed)
-    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
-    return P, -P @ rng.normal(size=d), lb, ub
 
 
 def solved(name, P, q, lb, ub, **settings_):
@@ -32,7 +26,7 @@ def relative_gap(P, q, x, best):
 @settings(max_examples=40, deadline=None)
 @given(seed=seeds, d=st.integers(1, 30), decades=st.floats(0, 6))
 def test_the_default_reaches_the_cost_of_the_exact_solver_to_1e_12(seed, d, decades):
-    P, q, lb, ub = random_problem(seed, d, decades)
+    P, q, lb, ub = random_program(seed, d, decades)
     best, _ = solved("box_active_set", P, q, lb, ub)
     x, _ = solved("accelerated_projection", P, q, lb, ub)
     assert inside(x, lb, ub)
@@ -41,7 +35,7 @@ def test_the_default_reaches_the_cost_of_the_exact_solver_to_1e_12(seed, d, deca
 
 @pytest.mark.parametrize("rung", get("accelerated_projection").ladder(1.0)[:6])
 def test_each_rung_meets_its_tolerance_on_the_projected_gradient(rung):
-    P, q, lb, ub = random_problem(4, 18, 4)
+    P, q, lb, ub = random_program(4, 18, 4)
     x, s = solved("accelerated_projection", P, q, lb, ub, diagonal_scaling=False, **rung)
     assert s.solution().found
     eta = 1 / np.linalg.eigvalsh(P)[-1]
@@ -52,7 +46,7 @@ def test_each_rung_meets_its_tolerance_on_the_projected_gradient(rung):
 
 
 def test_a_tighter_rung_takes_more_steps():
-    P, q, lb, ub = random_problem(4, 18, 5)
+    P, q, lb, ub = random_program(4, 18, 5)
     steps = [
         solved("accelerated_projection", P, q, lb, ub, **rung)[1].solution().extras["steps"]
         for rung in get("accelerated_projection").ladder(1.0)
@@ -62,7 +56,7 @@ def test_a_tighter_rung_takes_more_steps():
 
 
 def test_it_needs_far_fewer_steps_than_the_plain_recursion():
-    P, q, lb, ub = random_problem(5, 18, 4)
+    P, q, lb, ub = random_program(5, 18, 4)
     best, _ = solved("box_active_set", P, q, lb, ub)
     plain, _ = solved("projected_difference", P, q, lb, ub, diagonal_scaling=True, steps=2000)
     fast, s = solved("accelerated_projection", P, q, lb, ub, steps=2000)
@@ -71,51 +65,16 @@ def test_it_needs_far_fewer_steps_than_the_plain_recursion():
 
 
 def test_without_steps_left_it_says_so():
-    P, q, lb, ub = random_problem(5, 18, 5)
+    P, q, lb, ub = random_program(5, 18, 5)
     assert not solved("accelerated_projection", P, q, lb, ub, steps=3)[1].solution().found
 
 
 def test_a_warm_start_at_the_answer_is_done_at_once():
-    P, q, lb, ub = random_problem(6, 18, 3)
+    P, q, lb, ub = random_program(6, 18, 3)
     best, _ = solved("box_active_set", P, q, lb, ub)
     _, s = solved("accelerated_projection", P, q, lb, ub, tolerance=1e-9)
     np.testing.assert_allclose(s.solve(best), best, atol=1e-8)
     assert s.solution().extras["steps"] == 1
-
-
-def test_an_update_solves_the_new_problem_and_writes_no_input():
-    P, q, lb, ub = random_problem(7, 12, 3)
-    other_P, other_q, _, _ = random_problem(8, 12, 3)
-    before = [a.copy() for a in (P, q, lb, ub, other_P, other_q)]
-    _, s = solved("accelerated_projection", P, q, lb, ub)
-    s.update(other_P, other_q)
-    best, _ = solved("box_active_set", other_P, other_q, lb, ub)
-    assert abs(relative_gap(other_P, other_q, s.solve(), best)) < 1e-12
-    for a, b in zip((P, q, lb, ub, other_P, other_q), before, strict=True):
-        assert (a == b).all()
-
-
-def test_unusable_problems_are_refused_in_one_sentence():
-    s = get("accelerated_projection")
-    with pytest.raises(Unsupported, match="bounds only"):
-        s.setup(Problem(np.eye(2), np.zeros(2), np.ones((1, 2)), np.ones(1)))
-    with pytest.raises(ValueError, match="P must be finite"):
-        s.setup(Problem(np.array([[1.0, np.nan], [np.nan, 1.0]]), np.zeros(2)))
-    with pytest.raises(ValueError, match="q must be finite"):
-        s.setup(Problem(np.eye(2), np.array([0.0, INF])))
-    with pytest.raises(ValueError, match="indefinite"):
-        s.setup(Problem(np.diag([1.0, -1.0]), np.zeros(2)))
-    with pytest.raises(ValueError, match="bound"):
-        s.setup(Problem(np.eye(2), np.zeros(2), lb=np.ones(2), ub=np.zeros(2)))
-
-
-def test_a_matrix_that_is_not_symmetric_or_indefinite_is_refused_scaled_or_not():
-    for scaling in (True, False):
-        s = get("accelerated_projection", diagonal_scaling=scaling)
-        with pytest.raises(ValueError, match="not symmetric"):
-            s.setup(Problem(np.array([[1.0, 0.5], [0.0, 1.0]]), np.zeros(2)))
-        with pytest.raises(ValueError, match="indefinite"):
-            s.setup(Problem(np.array([[1.0, 2.0], [2.0, 1.0]]), np.zeros(2)))
 
 
 def test_an_answer_at_a_bound_of_the_scaled_variables_is_at_the_bound_and_has_its_multiplier():
@@ -128,7 +87,7 @@ def test_an_answer_at_a_bound_of_the_scaled_variables_is_at_the_bound_and_has_it
 @settings(max_examples=40, deadline=None)
 @given(seed=seeds, d=st.integers(0, 25), decades=st.floats(0, 12), size=st.floats(-200, 200))
 def test_the_step_is_one_over_the_largest_eigenvalue(seed, d, decades, size):
-    P, q, lb, ub = random_problem(seed, d, decades) if d else (np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
+    P, q, lb, ub = random_program(seed, d, decades) if d else (np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
     descent = ProjectedGradient(lb, ub, "test")
     descent.take(P * 10**size, q, 0.5, scaled=False)
     assert descent.eta == pytest.approx(1 / (np.linalg.eigvalsh(P)[-1] * 10**size) if d else 1, rel=1e-13)

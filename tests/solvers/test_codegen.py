@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answered_pairs import asking, pair
+from answered_pairs import asking, check_nothing_found, pair
 from programs import program, solver_class
 from qpsolvers import Problem
 
@@ -58,10 +58,16 @@ def data(*which: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([PAIR.problems[k].P for k in which]), np.stack([PAIR.problems[k].q for k in which])
 
 
-def test_the_pair_has_every_kind_of_bounds() -> None:
-    lb, ub = PAIR.problems[0].lb, PAIR.problems[0].ub
-    assert set(zip(np.isfinite(lb), np.isfinite(ub), strict=True)) == {(True, True), (True, False), (False, False)}
-    assert (lb < ub).all()
+# QOCOGEN calls −1e9 solved there, the minimiser of P plus its own regularisation; the judge of a race says otherwise.
+@pytest.mark.parametrize("name", ["box_active_set", "osqp", "casadi_qrqp"])
+def test_data_that_are_unbounded_get_no_numbers_alone_and_in_the_loop_inside_c(name: str) -> None:
+    solver = ready(name)
+    P, q = data(0, 1)
+    P[1], q[1] = 0.0, 1.0  # the variables without bounds run away
+    *_, answers = solver.time_kernel(P, q)
+    assert PAIR.error(answers[0]) < ERROR[name]
+    assert np.isnan(answers[1]).all()
+    check_nothing_found(solver)
 
 
 def test_every_file_is_a_solver_of_the_lane_or_a_family_of_them_and_each_has_a_bound_on_its_error() -> None:
@@ -113,12 +119,8 @@ def test_a_warm_start_leads_to_the_same_answer(name: str) -> None:
     solver = ready(name)
     assert solver.warm_startable
     assert PAIR.error(solver.solve(PAIR.answers[1])) < ERROR[name]
-
-
-def test_a_warm_start_from_the_answer_takes_one_system() -> None:
-    solver = ready("box_active_set")
     solver.solve(PAIR.answers[0])
-    assert (solver.solution().extras or {})["iterations"] == 1
+    assert name != "box_active_set" or solver.solution().extras["iterations"] == 1
 
 
 def test_two_solvers_of_one_shape_have_memory_of_their_own() -> None:
@@ -138,34 +140,6 @@ def test_fixed_variables_stay_where_they_are(name: str) -> None:
     solver = ready(name, problem)
     np.testing.assert_allclose(solver.solve(), kernel.solve(), rtol=0.0, atol=ERROR[name])
     assert np.abs(given.P @ solver.solve() + given.q + solver.solution().z_box).max() < 30.0 * ERROR[name]
-
-
-# QOCOGEN calls −1e9 solved there, the minimiser of P plus its own regularisation; the judge of a race says otherwise.
-@pytest.mark.parametrize("name", ["box_active_set", "osqp", "casadi_qrqp"])
-def test_a_problem_that_is_unbounded_gets_no_numbers(name: str) -> None:
-    solver = ready(name)
-    solver.update(np.zeros((8, 8)), np.ones(8))  # the variables without bounds run away
-    assert np.isnan(solver.solve()).all()
-    solution = solver.solution()
-    assert not solution.found
-    assert (solution.extras or {})["status"] not in ("", "solved")
-
-
-@pytest.mark.parametrize("name", ["box_active_set", "osqp", "casadi_qrqp"])
-def test_the_solution_after_the_loop_inside_c_is_that_of_its_last_solve(name: str) -> None:
-    solver = ready(name)
-    solver.time_kernel(*data(1, 0))
-    assert solver.solution().found
-    np.testing.assert_allclose(solver.solution().x, PAIR.answers[0], rtol=0.0, atol=ERROR[name])
-    P, q = data(0, 1)
-    P[1], q[1] = 0.0, 1.0  # unbounded below
-    *_, answers = solver.time_kernel(P, q)
-    assert PAIR.error(answers[0]) < ERROR[name]
-    assert np.isnan(answers[1]).all()
-    solution = solver.solution()
-    assert not solution.found
-    assert solution.x is None
-    assert (solution.extras or {})["status"] not in ("", "solved")
 
 
 @pytest.mark.sample(1)

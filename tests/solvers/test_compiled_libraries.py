@@ -16,7 +16,6 @@ from programs import library, solver_class
 from qpsolvers import Problem
 
 import solvers
-from bench.problems import find
 from solvers import Lane, Solver, Unsupported
 from solvers.forgetting import absorb
 from solvers.protocol import Matrix
@@ -40,10 +39,13 @@ LIMITED: dict[str, dict[str, Any]] = {
 """Too few iterations for a program with active bounds; the others are given a P that is not positive definite."""
 
 
-def both(name: str, **settings: Any) -> tuple[Solver, Solver]:
-    """The solver in the compiled lane and in the direct one."""
+def both(name: str, problem: Problem | None = None, **settings: Any) -> tuple[Solver, Solver]:
+    """The solver in the compiled lane and in the direct one, ready for a problem."""
     entries = [solvers.find(name, lane) for lane in (Lane.KERNEL, Lane.DIRECT)]
     compiled, direct = (solver_class(entry)(**settings) for entry in entries)
+    if problem is not None:
+        compiled.setup(problem)
+        direct.setup(problem)
     return compiled, direct
 
 
@@ -83,9 +85,7 @@ def programs(form: str, d: int, count: int, seed: int = 0) -> tuple[Problem, Mat
 @pytest.mark.parametrize(("name", "form"), [(name, form) for name in NAMES for form in FORMS[name]])
 def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str, d: int, warm: bool) -> None:
     problem, P, q = programs(form, d, 30)
-    compiled, direct = both(name, **reachable(name))
-    for solver in (compiled, direct):
-        solver.setup(problem)
+    compiled, direct = both(name, problem, **reachable(name))
     start = np.clip(0.3 * np.ones(d), problem.lb, problem.ub) if warm else None
     agree(name, compiled.solve(start), direct.solve(start))
     *_, answers = compiled.time_kernel(P, q, start)
@@ -103,31 +103,13 @@ def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str,
             assert compiled_says.extras[part] == direct_says.extras[part]
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in APART])
-def test_on_the_problems_of_the_paper_every_rung_answers_as_in_the_direct_lane(name: str) -> None:
-    for problem in find("paper")().problems():
-        for form in problem.forms.values():
-            for rung in ({}, *solvers.find(name, Lane.DIRECT).load().ladder(form.unit)):
-                compiled, direct = both(name, **rung)
-                P, q = form.qp.P[None], form.qp.q[None]
-                for solver in (compiled, direct):
-                    solver.setup(form.qp)
-                less = np.array([0.9, 1.0])[:, None]
-                *_, answers = compiled.time_kernel(np.concatenate([P, P]), q * less)
-                for k, answer in enumerate(answers):
-                    direct.update(P[0], (q * less)[k])
-                    np.testing.assert_array_equal(answer, direct.solve())
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_rows_are_followed_as_by_the_direct_lane_from_the_answer_before(name: str) -> None:
     rng, d, forgetting = np.random.default_rng(5), 7, 0.9
     problem = Problem(np.eye(d), -np.ones(d), lb=np.full(d, -0.3), ub=np.full(d, 0.4))
-    compiled, direct = both(name, **reachable(name))
-    for solver in (compiled, direct):
-        solver.setup(problem)
-        previous = solver.solve(np.full(d, 0.1)).copy()
+    compiled, direct = both(name, problem, **reachable(name))
+    compiled.solve(np.full(d, 0.1))
+    previous = direct.solve(np.full(d, 0.1)).copy()
     rows, (P, q, c) = rng.normal(size=(60, d + 1)), (problem.P.copy(), problem.q.copy(), np.zeros(1))
     parts = [compiled.time_rows(rows[:25], forgetting), compiled.time_rows(rows[25:], forgetting)]
     answers, nanoseconds = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -211,9 +193,7 @@ def test_highs_that_its_limit_ends_has_no_answer() -> None:
 
 def test_data_that_daqp_refuses_are_refused_in_the_loop_and_others_are_taken_afterwards() -> None:
     problem, P, q = programs("boxes", 6, 3)
-    compiled, direct = both("daqp", **reachable("daqp"))
-    for solver in (compiled, direct):
-        solver.setup(problem)
+    compiled, direct = both("daqp", problem, **reachable("daqp"))
     P[1] = -np.eye(6)
     with pytest.raises(Unsupported, match="exit flag -5"):
         direct.update(P[1], q[1])
@@ -281,17 +261,13 @@ def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_se
 
     daqp = library("daqp")
     version = importlib.metadata.version("daqp")
-    with pytest.raises(
-        ImportError,
-        match=r"^the library of daqp .* does not offer its C functions here: .*undefined "
-        r"symbol: daqp_fly$",
+    for path, function, reason in (
+        (Path(daqp.__file__), "daqp_fly", "undefined symbol: daqp_fly$"),
+        (tmp_path / "nothing.so", "daqp_solve", "cannot open shared object file"),
     ):
-        opened("daqp", version, Path(daqp.__file__), ("daqp_solve", "daqp_fly"))
-    with pytest.raises(
-        ImportError,
-        match=r"^the library of daqp .* does not offer its C functions here: .*cannot open "
-        r"shared object file",
-    ):
-        opened("daqp", version, tmp_path / "nothing.so", ("daqp_solve",))
+        with pytest.raises(
+            ImportError, match=rf"^the library of daqp .* does not offer its C functions here: .*{reason}"
+        ):
+            opened("daqp", version, path, ("daqp_solve", function))
     with pytest.raises(ImportError, match=r"^No module named 'no_such_package'$"):
         folder("no_such_package")

@@ -45,7 +45,14 @@ those for AVX2."""
 
 
 def named(entries: list[Entry]) -> list[object]:
-    return [pytest.param(entry, id=f"{entry.lane}-{entry.name}") for entry in entries]
+    return [
+        pytest.param(
+            entry,
+            id=f"{entry.lane}-{entry.name}",
+            marks=[pytest.mark.slow] * (entry.name in COMPILES and entry.lane is Lane.QPSOLVERS),
+        )
+        for entry in entries
+    ]
 
 
 @cache
@@ -81,26 +88,21 @@ def test_a_ladder_has_at_most_eight_rungs_each_tighter_than_the_one_below_it(ent
 
 
 @pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS, *CODEGEN]))
-def test_every_setting_of_a_ladder_has_a_name_of_its_own_and_is_found_by_it_for_any_constant(entry: Entry) -> None:
+def test_every_setting_of_a_ladder_has_a_name_and_an_exponent_and_is_found_by_the_name_for_any_constant(
+    entry: Entry,
+) -> None:
     cls = solver_class(entry)
     names = [setting_text({**cls.always, **rung}) for rung in cls.ladder(1.0)]
     assert len(set(names)) == len(names)
+    assert len(cls.exponents) in (0, len(names))
+    assert list(cls.exponents) == sorted(cls.exponents)
+    assert cls.exponents or entry.lane not in (Lane.QPSOLVERS, Lane.CVXPY) or len(names) == 1
     for c in (1e-4, 1.0, 2.5e6):
         assert [cls.at(name, c) for name in names] == [dict(rung) for rung in cls.ladder(c)]
         default = cls.at(setting_text(cls.always), c)
         assert default == {} or setting_text(cls.always) in names
     with pytest.raises(ValueError, match=r"has no setting \{\"no\": 1\} in its ladder"):
         cls.at(setting_text({"no": 1}), 1.0)
-
-
-@pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS, *CODEGEN]))
-def test_a_ladder_that_names_exponents_has_one_for_each_rung_from_loose_to_tight_and_those_of_wrappers_do(
-    entry: Entry,
-) -> None:
-    cls = solver_class(entry)
-    assert len(cls.exponents) in (0, len(cls.ladder(1.0)))
-    assert list(cls.exponents) == sorted(cls.exponents)
-    assert cls.exponents or entry.lane not in (Lane.QPSOLVERS, Lane.CVXPY) or len(cls.ladder(1.0)) == 1
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # qpsolvers and cvxpy say in one, too, that a rung is too high

@@ -1,0 +1,252 @@
+"""What is wrong with a table of text is said in one sentence that names the file, and the column, row or option."""
+
+import math
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_files import HEADER, refusal, text_file
+
+ORDINALS = {2: "row 3 (data row 2)", 26: "row 27 (data row 26)", 50: "row 51 (data row 50)"}
+EVEN = np.arange(50) * 0.005
+TENTHS = [f"2024-01-31 12:00:00.{k:07d}" for k in range(3000)]
+"""Of a microsecond, ten megahertz."""
+TWO_RATES = np.concatenate([np.arange(300) * 2e-4, 0.06 + np.arange(200) * 1e-3])
+
+
+def timed(times: Any, form: str = "{}") -> list[str]:
+    """A table whose times are as written, with lively signals."""
+    return [HEADER, *(f"{form.format(t)},{k % 7},{k % 5}" for k, t in enumerate(times))]
+
+
+def late(row: int, by: float, times: np.ndarray = EVEN) -> list[float]:
+    """Times that are later from a row on, counted from 1."""
+    return (times + by * (np.arange(times.size) >= row - 1)).tolist()
+
+
+def moved(row: int, by: float) -> list[float]:
+    """Times of which that of one row is another."""
+    return (EVEN + by * (np.arange(50) == row - 1)).tolist()
+
+
+def spoiled(row: int, column: int, cell: str, rows: int = 50) -> list[str]:
+    """A good table but for one cell."""
+    lines = [line.split(",") for line in timed(f"{0.005 * k:.3f}" for k in range(rows))]
+    lines[row][column] = cell
+    return [",".join(cells) for cells in lines]
+
+
+def constant(column: int) -> list[str]:
+    return [HEADER, *(",".join("1.8" if i == column else str(k % (9 - i)) for i in range(3)) for k in range(8))]
+
+
+def waves(times: np.ndarray) -> list[str]:
+    return [HEADER, *(f"{t:.7g},{np.sin(40 * t):.9g},{np.sin(40 * t - 0.3):.9g}" for t in times.tolist())]
+
+
+UNLIKE = [
+    (("28/02/2024 23:59:59", "29/02/2024 00:00:00", "30/02/2024 00:00:01"), 4),
+    (("12/01/2024 23:59:59", "13/01/2024 00:00:00", "01/14/2024 00:00:01"), 4),
+    (("2024-01-31 23:59:59", "01.02.2024 00:00:00", "01.02.2024 00:00:01"), 3),
+    (("2024-01-31 23:59:58", "2024-01-31 23:59:59", "00:00:00"), 4),
+    (("23:59:58", "2024-01-31 23:59:59", "00:00:00"), 3),
+    (("12:00:01+01:00", "12:00:02", "12:00:03+01:00"), 3),
+    (("12:00:01", "12:00:02", "12:00:03Z"), 4),
+    (("12:00:01+01:00", "12:00:02+99:00", "12:00:03+01:00"), 3),
+    (("12:00:01", "12:00:02", "3.5"), 4),
+]
+REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
+    # what is no table
+    (["", ""], {}, "holds no table"),
+    (["# nothing"], {}, "holds no table"),
+    ([HEADER], {}, " data rows"),
+    ([HEADER, "", ""], {}, " data rows"),
+    ([HEADER, "0,1,2"], {}, "has 1 data row, and a sampling period needs two"),
+    (["1" * (1 << 20)], {}, "longer than"),
+    ([*timed(range(60_000)), "7" * (3 << 20), "1,2,3"], {}, "a line is longer than"),
+    *(
+        ([HEADER, "0,1,2", row, "2,3,3.5"], {}, f"row 3 (data row 2) has {cells} columns where the others have 3")
+        for row, cells in (("1,2", 2), ("1,2,3,4", 4), ("1", 1))
+    ),
+    (
+        ["t,u,y", "0,0,1,5,2,5", "0,1,1,5,2,5"],
+        {},
+        "row 2 (data row 1) has 6 columns where the header has 3; its numbers seem to have decimal commas, write "
+        "decimal points",
+    ),
+    # cells
+    (
+        ["t;u;y", "0.0;1.5;2.5", "0.1;1,5;2.5", "0.2;1.5;2.5"],
+        {},
+        "column 'u' holds '1,5' in row 3 (data row 2), a decimal comma",
+    ),
+    *(
+        (spoiled(17, i, "over"), {}, f"column '{name}' holds 'over' in row 18 (data row 17), where a number is needed")
+        for i, name in enumerate(HEADER.split(","))
+    ),
+    *(
+        (spoiled(17, i, cell), {}, f"column '{name}' is {kind} in row 18 (data row 17)")
+        for (i, name), (cell, kind) in product(
+            enumerate(HEADER.split(",")),
+            (
+                ("", "missing (or NaN)"),
+                ("nan", "missing (or NaN)"),
+                ("NaN", "missing (or NaN)"),
+                ("inf", "infinite"),
+                ("-Infinity", "infinite"),
+                ("1e999", "infinite"),
+            ),
+        )
+    ),
+    (["# stage", HEADER, "0,1,2", "", "1,2,3", "", "2,x,4"], {}, "in row 7 (data row 3)"),
+    (spoiled(150_001, 2, "x", 150_010), {}, "'x' in row 150002 (data row 150001)"),
+    (
+        ["t,u,y", "0,1,2", "1,9.91e37,3", "2,3,4"],
+        {},
+        "column 'u' is 9.91e+37 in row 3 (data row 2), which is too large for a measured value",
+    ),
+    (
+        ["t,u,y", "0,1,2", "1,-1e300,3", "2,3,4"],
+        {},
+        "column 'u' is -1e+300 in row 3 (data row 2), which is too large for a measured value",
+    ),
+    (
+        ["t,u,y", "0,1,2", "1,2,3", "2,True,4", "3,4,5"],
+        {},
+        "column 'u' holds 'True' in row 4 (data row 3), where a number is needed",
+    ),
+    (constant(1), {}, "input column 'voltage_V' is constant, all 8 values are 1.8"),
+    (constant(2), {}, "output column 'displacement_um' is constant, all 8 values are 1.8"),
+    # columns
+    *(
+        ([header, "0,1,2", "1,2,3", "2,5,5"], {}, "cannot tell which column is the")
+        for header in ("time_s,a,b", "time_s,voltage_1,voltage_2", "time_s,reference_um,voltage_V")
+    ),
+    (
+        ["time_s,a,b", "0,1,2", "1,2,3", "2,5,5"],
+        {},
+        "its columns are 'time_s', 'a', 'b'; name them with --time, --input and --output",
+    ),
+    (
+        ["u,y", "1,2", "2,3", "3,3", "4,2"],
+        {},
+        "cannot tell which column is the time; its columns are 'u', 'y'; name it with --time, or say --sample-time or "
+        "--sample-rate",
+    ),
+    (["index,u,y", "1,1,2", "2,2,3", "3,3,3", "4,2,2"], {}, "cannot tell which column is the time"),
+    (
+        [f"{t:.3f},{math.sin(t)!r},{2 * math.sin(t)!r}" for t in (np.arange(500) * 1e-3).tolist()],
+        {},
+        "cannot tell which column is the input and which the output; its columns are 'column 1', 'column 2', "
+        "'column 3'; name them with --time, --input and --output",
+    ),
+    (
+        timed(EVEN),
+        {"input": "volts"},
+        "no column 'volts' for the input; its columns are 'time_s', 'voltage_V', 'displacement_um'",
+    ),
+    (timed(EVEN), {"input": "voltage_V", "output": "voltage_V"}, "one column cannot serve"),
+    (["t,u,y,y", "0,1,2,3", "1,2,3,4"], {}, "cannot tell which column is the output"),
+    (["t,u,y,y", "0,1,2,3", "1,2,3,4"], {"output": "y"}, "2 columns named 'y'"),
+    (
+        ["time [furlong],u,y", "0,1,2", "1,2,3"],
+        {},
+        "time column 'time [furlong]' is in 'fur', which is not a unit of time",
+    ),
+    (timed(EVEN), {"sheet": "Messung 1"}, "is plain text, for which no sheet can be given"),
+    (
+        timed(EVEN),
+        {"time": "1", "sample_time": 0.01},
+        "so that the time column '1' would not be read; give one of the two",
+    ),
+    # times
+    (
+        ["t,u,y", "0,1,2", "1e-307,2,3", "2e-307,3,4"],
+        {},
+        "column 't': the sampling period must be from 1e-09 to 1e+09 s, not 1e-307",
+    ),
+    (
+        ["t,u,y", "12:00:01,1,2", "12:00:02,2,3", "noon,3,4", "12:00:04,3,4"],
+        {},
+        "column 't' holds 'noon' in row 4 (data row 3), where a clock like '12:00:01' is needed",
+    ),
+    *(
+        (
+            timed([*cells, *cells[:1] * 20]),
+            {},
+            f"column 'time_s' holds {cells[row - 2]!r} in row {row} (data row {row - 1}), where a clock like "
+            f"{cells[0]!r} is needed",
+        )
+        for cells, row in UNLIKE
+    ),
+    (
+        timed(f"31.02.2024 12:00:{k:02d}" for k in range(60)),
+        {},
+        "column 'time_s' holds '31.02.2024 12:00:00' in row 2 (data row 1), where a clock is needed",
+    ),
+    (
+        timed(TENTHS[:1000] + TENTHS[1001:]),
+        {},
+        "has a gap of 2e-07 s before row 1002 (data row 1001): about 1 sample missing",
+    ),
+    *(
+        (timed(moved(row, -0.006), form), {}, f"time column 'time_s' runs backwards in {place}")
+        for (row, place), form in product(ORDINALS.items(), ("{:.3f}", "{!r}"))
+    ),
+    *((timed(late(row, -0.005)), {}, f"stands still in {place}") for row, place in ORDINALS.items()),
+    (
+        timed([*(np.arange(1000) * 125e-6), *[999 * 125e-6] * 100, *(np.arange(1000, 1900) * 125e-6)], "{:.3f}"),
+        {},
+        "is not sampled uniformly: 0.001 s from row",
+    ),
+    (timed(["3.0"] * 20), {}, "stands still from row 2 (data row 1) on, at 3 s"),
+    (timed(np.repeat(np.arange(50) * 0.00513, 3)), {}, "stands still in row 3 (data row 2), at 0 s"),
+    *(
+        (
+            timed(late(row, missing * 0.005), form),
+            {},
+            f"has a gap of {0.005 * (missing + 1):.9g} s before {ORDINALS[row]}: about {missing} sample",
+        )
+        for (row, missing), form in product(((2, 1), (26, 1), (26, 49), (50, 1000)), ("{:.3f}", "{:.6f}", "{!r}"))
+    ),
+    (timed(late(2001, 0.01, np.arange(3000) * 125e-6), "{:.3f}"), {}, "has a gap"),
+    *((timed(moved(21, by * 0.005), "{:.7f}"), {}, "is not sampled uniformly") for by in (0.02, -0.02, 0.3)),
+    *(
+        (
+            timed(moved(21, by * 0.005), "{:.7f}"),
+            {},
+            "from row 21 (data row 20) to row 22 (data row 21), where 0.005 s is expected",
+        )
+        for by in (0.02, -0.02, 0.3)
+    ),
+    (
+        timed(moved(31, 0.001), "{:.3f}"),
+        {},
+        "is not sampled uniformly: 0.006 s from row 31 (data row 30)",
+    ),
+    (
+        waves(TWO_RATES),
+        {},
+        "has two sampling rates: one sample every 0.0002 s up to row 302 (data row 301) and one every 0.001 s from "
+        "there on",
+    ),
+    (waves(TWO_RATES), {}, "--resample 0.0002 interpolates to an even clock"),
+    (waves(np.delete(np.arange(400) * 1e-3, slice(200, 220))), {}, "interpolates to an even clock"),
+    (waves(np.sort(np.random.default_rng(0).uniform(0, 0.4, 400))), {}, "interpolates to an even clock"),
+    (waves(TWO_RATES), {"resample": 1e-3, "time": "none"}, "say --sample-time or --sample-rate"),
+    (waves(TWO_RATES), {"resample": 1e3}, "gives 1 samples"),
+    (
+        waves(np.arange(500) * 1e-3),
+        {"sample_time": 1e-2},
+        "lasts 0.499 s by its time column 'time_s' and 4.99 s by --sample-time 0.01; leave out",
+    ),
+]
+
+
+@pytest.mark.parametrize(("lines", "options", "sentence"), REFUSED, ids=range(len(REFUSED)))
+def test_what_is_wrong_with_a_table_is_named(
+    tmp_path: Path, lines: list[str], options: dict[str, Any], sentence: str
+) -> None:
+    assert sentence in refusal(text_file(tmp_path, *lines), **options)

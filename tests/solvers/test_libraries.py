@@ -1,0 +1,479 @@
+"""Every library behind every lane of Python: right answers to the accuracy stated, honest statuses, nothing written to.
+
+The problems are made backwards from their answers, see ``answered_pairs``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from answered_pairs import FORMS, apart_and_locked, arrays, asking, check_nothing_found, opposed_rows, pair
+from programs import solver_class
+from qpsolvers import Problem
+from scipy.sparse import csc_matrix, csr_matrix
+
+import solvers
+from solvers import Lane, Solver, Unsupported, cvxpy_lane, qpsolvers_lane
+from solvers.cvxpy_lane import CvxpySolver, square_root
+from solvers.registry import Entry
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What is asked of a solver here: the forms that it takes, and the error of x at tolerances of 1e-6 and 1e-9."""
+
+    mid: float
+    high: float = 0.0
+    forms: tuple[str, ...] = FORMS
+    unreliable: tuple[str, ...] = ()
+    """Forms that it takes and cannot be held to."""
+    gives_up: bool = False
+    """Whether the library may say at 1e-9 that it did not get there."""
+    library: str = ""
+    """Module without which the adapter cannot be imported, where it is not named like the solver."""
+
+
+# Errors of x, whose entries are about 1, about ten times what was seen over eight seeds (trust-constr: two, qpax: one).
+# An interior point method that stops at a gap ε leaves up to √ε where a multiplier is small, a second-order cone
+# squares that, and SLSQP's tolerance is one on the cost; active set methods end at rounding.
+DIRECT = {
+    "casadi_hpipm": Stated(2e-4, 1e-7, library="casadi"),
+    "casadi_qpoases": Stated(1e-12, 1e-12, library="casadi"),
+    "casadi_qrqp": Stated(1e-12, 1e-12, unreliable=("rows",), library="casadi"),
+    "clarabel": Stated(1e-3, 1e-3),
+    "cvxopt": Stated(5e-4, 1e-6),
+    "daqp": Stated(1e-9, 1e-11),
+    "ecos": Stated(1e-2, 1e-4),
+    "fnnlseigen": Stated(1e-12, 1e-12, ("one-sided",), library="fnnlsEigen"),
+    "highspy": Stated(1e-2, 2e-5),
+    "mujoco": Stated(1e-8, 1e-8, ("boxes", "one-sided", "free")),
+    "osqp": Stated(1e-3, 1e-5),
+    "piqp": Stated(1e-3, 1e-3),
+    "pounce": Stated(1e-4, 1e-7),
+    "proxsuite": Stated(1e-3, 1e-5),
+    "pyqpmad": Stated(1e-11, 1e-11),
+    "qoco": Stated(5e-4, 1e-6),
+    "qpalm": Stated(5e-5, 1e-7),
+    "qpax": Stated(5e-4, 1e-6, gives_up=True),
+    "qtqp": Stated(2e-3, 1e-6, ("boxes", "one-sided", "mixed", "rows")),
+    "quadprog": Stated(1e-11, 1e-11),
+    "scipy_bvls": Stated(1e-12, 1e-12, ("boxes", "one-sided", "free")),
+    "scipy_lbfgsb": Stated(2e-5, 2e-6, ("boxes", "one-sided", "mixed", "free"), gives_up=True),
+    "scipy_nnls": Stated(1e-12, 1e-12, ("one-sided",)),
+    "scipy_slsqp": Stated(1e-2, 5e-4),
+    "scipy_trf": Stated(1e-3, 5e-7, ("boxes", "one-sided", "free")),
+    "scipy_trust_constr": Stated(2e-4, 5e-6),
+    "scs": Stated(1e-3, 1e-5),
+    "sip": Stated(3e-4, 5e-7, gives_up=True, library="sip_python"),
+}
+BEHIND = {
+    "daqp": Stated(1e-9),
+    "pyqpmad": Stated(1e-12),
+    "quadprog": Stated(1e-12),
+    "highs": Stated(1e-8),
+    "osqp": Stated(1e-4),
+    "scs": Stated(1e-4),
+    "qpalm": Stated(1e-4),
+    "proxqp": Stated(2e-4),
+    "ecos": Stated(1e-2),
+    "cvxopt": Stated(5e-3),
+}
+LANES = {Lane.QPSOLVERS: qpsolvers_lane, Lane.CVXPY: cvxpy_lane}
+"""Without free: qpsolvers hands a problem without constraints to SciPy."""
+SPREAD = ("clarabel", "daqp", "highspy", "osqp", "piqp", "proxsuite", "pyqpmad", "quadprog", "scs")
+"""Held to what is stated for variables of very different size, too."""
+WARM = ("daqp", "mujoco", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scipy_slsqp", "scs")
+ADAPTING = ("osqp", "scs")
+"""These go on with the penalty that the solve before has adapted."""
+UNCOUNTED = ("fnnlseigen", "mujoco", "scipy_nnls")
+REFUSE_CROSSING = (
+    "casadi_hpipm",
+    "casadi_qpoases",
+    "casadi_qrqp",
+    "daqp",
+    "osqp",
+    "qpalm",
+    "scipy_slsqp",
+    "scipy_trust_constr",
+)
+
+Case = tuple[Lane, str]
+
+
+def stated(lane: Lane, name: str) -> Stated:
+    return DIRECT[name] if lane is Lane.DIRECT else BEHIND.get(name, Stated(1e-3))
+
+
+ALL: list[Case] = [
+    *((Lane.DIRECT, name) for name in DIRECT),
+    *((lane, name) for lane, module in LANES.items() for name in module.BACKENDS),
+]
+QUICK = [case for case in ALL if case[1] != "qpax" or case[0] is Lane.DIRECT]
+"""qpsolvers has JAX trace qpax anew at every call, which takes about a second."""
+TAKEN = [
+    (*case, form)
+    for case in ALL
+    for form in stated(*case).forms
+    if form not in stated(*case).unreliable
+    and (case[0] is Lane.DIRECT or (form != "free" and (case in QUICK or form == "rows")))
+]
+
+
+def parts(cases: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """Parameters; qpax compiles for seconds, and its answers with rows by its own interface stand for the others."""
+    return [
+        pytest.param(*case, marks=[pytest.mark.slow] * ("qpax" in case and case != (Lane.DIRECT, "qpax", "rows")))
+        for case in cases
+    ]
+
+
+each_library = pytest.mark.parametrize(("lane", "name"), parts(QUICK))
+each_direct = pytest.mark.parametrize("name", parts((name,) for name in DIRECT))
+each_common = pytest.mark.parametrize("name", SPREAD)
+
+
+def sizes(lane: Lane, name: str, form: str) -> tuple[int, ...]:
+    if name == "qpax":
+        return (7,)  # it compiles for each size
+    return (2, 7, 30) if lane is Lane.DIRECT and not form.endswith("rows") else (7, 30)
+
+
+def make(lane: Lane, name: str, tolerance: float | None = 1e-6, **settings: Any) -> Solver:
+    if lane is Lane.DIRECT:
+        cls = solver_class(Entry(name, lane, f"solvers.direct.{name}"))
+    elif name in LANES[lane].installed():
+        cls = LANES[lane].make(name)
+    else:
+        pytest.skip(f"{name} is not installed, or the lane {lane} does not find it")
+    return cls(**{**asking(cls, tolerance), **settings})
+
+
+def ready(lane: Lane, name: str, problem: Problem, tolerance: float | None = 1e-6) -> Solver:
+    solver = make(lane, name, tolerance)
+    solver.setup(problem)
+    return solver
+
+
+def richest(lane: Lane, name: str) -> str:
+    """The form with rows, or the one that every solver takes."""
+    return "rows" if (lane, name, "rows") in TAKEN else "one-sided"
+
+
+@pytest.mark.parametrize(("lane", "name", "form"), parts(TAKEN))
+def test_the_answer_and_its_duals_are_as_exact_as_stated(lane: Lane, name: str, form: str) -> None:
+    error = stated(lane, name).mid
+    for d in sizes(lane, name, form):
+        problem = pair(form, d)
+        given = problem.problems[0]
+        if lane is Lane.QPSOLVERS and form == "mixed" and name in qpsolvers_lane.BREAKS_ON_INFINITY:
+            with pytest.raises(Unsupported, match=name):
+                ready(lane, name, given)
+            return
+        solver = ready(lane, name, given)
+        x = solver.solve().copy()
+        solution = solver.solution()
+        assert solution.found, solution.extras["status"]
+        assert problem.error(x) <= error
+        np.testing.assert_array_equal(x, solution.x)
+        assert solution.obj == pytest.approx(0.5 * x @ given.P @ x + given.q @ x)
+        tolerance, scale = max(error, 1e-5), np.abs(given.q).max()
+        assert solution.primal_residual() <= tolerance
+        if (lane, name, form) == (Lane.QPSOLVERS, "pyqpmad", "mixed"):
+            return  # qpsolvers loses the duals of variables that are fixed by lb = ub
+        assert solution.dual_residual() <= tolerance * scale
+        assert solution.duality_gap() <= tolerance * scale * d
+        small = 1e-6 * scale + tolerance
+        assert (solution.z_box[np.isinf(given.lb)] > -small).all()
+        assert (solution.z_box[np.isinf(given.ub)] < small).all()
+        assert (solution.z > -small).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    parts(
+        [
+            *((name, form) for lane, name, form in TAKEN if lane is Lane.DIRECT),
+            *product(SPREAD, ("mixed rows", "free rows")),
+        ]
+    ),
+)
+def test_what_is_called_found_at_a_tight_tolerance_is_as_exact_as_stated(name: str, form: str) -> None:
+    for d, decades in product(sizes(Lane.DIRECT, name, form)[-2:], (0.0, 4.0) if name in SPREAD else (0.0,)):
+        problem = pair(form, d, seed=1, decades=decades)
+        solver = ready(Lane.DIRECT, name, problem.problems[0], 1e-9)
+        x = solver.solve()
+        if solver.solution().found:
+            assert problem.error(x) <= DIRECT[name].high
+        else:  # said so, and then no number is handed out that could pass for an answer
+            assert np.isnan(x).all()
+            assert DIRECT[name].gives_up
+
+
+@each_common
+def test_the_settings_of_the_library_itself_answer_about_right(name: str) -> None:
+    problem = pair("mixed rows", 18)
+    assert problem.error(ready(Lane.DIRECT, name, problem.problems[0], None).solve()) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "form"), [(name, form) for name, form in product(DIRECT, FORMS) if form not in DIRECT[name].forms]
+)
+def test_a_form_that_a_solver_cannot_take_is_refused_in_a_sentence_that_names_the_solver(name: str, form: str) -> None:
+    with pytest.raises(Unsupported, match=name):
+        ready(Lane.DIRECT, name, pair(form, 12).problems[0])
+
+
+@each_library
+def test_an_update_gives_the_answer_of_a_fresh_setup(lane: Lane, name: str) -> None:
+    problem, error = pair("one-sided", 9), stated(lane, name).mid
+    old, new = problem.problems
+    solver = ready(lane, name, old)
+    solver.solve()
+    solver.update(new.P, new.q)
+    updated = solver.solve().copy()
+    assert problem.error(updated, 1) <= error
+    np.testing.assert_allclose(updated, ready(lane, name, new).solve(), rtol=0, atol=error)
+    solution = solver.solution()
+    assert solution.found
+    np.testing.assert_array_equal(solution.problem.q, new.q)
+    solver.update(q=old.q)
+    solver.update(P=old.P)
+    assert problem.error(solver.solve()) <= error
+    np.testing.assert_array_equal(solution.x, updated)  # a solution outlives the next solve
+    np.testing.assert_array_equal(solution.problem.q, new.q)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+@each_direct
+def test_exact_zeros_of_P_may_come_and_go(name: str, sparse: bool) -> None:
+    d, given = 6, pair("one-sided", 6).problems[0]
+    blocks = given.P * (np.add.outer(np.arange(d), np.arange(d)) % 2 == 0)
+    solver = ready(Lane.DIRECT, name, Problem(csc_matrix(blocks) if sparse else blocks, given.q, lb=given.lb))
+    for P in (given.P, blocks, np.diag(np.diag(given.P)), given.P):
+        solver.update(P=P)
+        expected = ready(Lane.DIRECT, name, Problem(P, given.q, lb=given.lb)).solve()
+        np.testing.assert_allclose(solver.solve(), expected, atol=2.0 * DIRECT[name].mid, rtol=0)
+
+
+@each_direct
+def test_what_was_solved_before_leaves_no_trace(name: str) -> None:
+    problem, which = pair(richest(Lane.DIRECT, name), 9), 0
+    solver = ready(Lane.DIRECT, name, problem.problems[0])
+    for step in "sosswwqsowsoowqw":  # solve cold or warm, set the other problem, set q again
+        if step == "o":
+            which = 1 - which
+            solver.update(problem.problems[which].P, problem.problems[which].q)
+        elif step == "q":
+            solver.update(q=problem.problems[which].q)
+        else:
+            start = problem.answers[1 - which] if step == "w" and name in WARM else None
+            assert problem.error(solver.solve(start), which) <= DIRECT[name].mid
+
+
+@pytest.mark.parametrize("layout", [apart_and_locked, np.asfortranarray])
+@each_library
+def test_arrays_handed_in_are_read_in_any_layout_and_neither_written_nor_kept(
+    lane: Lane, name: str, layout: Any
+) -> None:
+    problem, error = pair(richest(lane, name), 8), stated(lane, name).mid
+    first, second = ({key: layout(value) for key, value in arrays(p).items()} for p in problem.problems)
+    solver = ready(lane, name, Problem(**first))
+    assert problem.error(solver.solve()) <= error
+    solver.update(second["P"], second["q"])
+    assert problem.error(solver.solve(warm_start=layout(problem.answers[1])), 1) <= error
+    solver.solution()
+    for given, kept in zip((first, second), problem.problems, strict=True):
+        for key, value in given.items():
+            np.testing.assert_array_equal(value, getattr(kept, key))
+    if layout is np.asfortranarray:
+        second["P"] = second["P"].copy()
+        second["q"] = second["q"].copy()
+        solver.update(second["P"], second["q"])
+        second["P"][:] = 0.0
+        second["q"][:] = 1e3
+    assert problem.error(solver.solve(), 1) <= error
+
+
+@each_library
+def test_sparse_matrices_have_the_answer_of_dense_ones(lane: Lane, name: str) -> None:
+    problem = pair(richest(lane, name), 7)
+    for form in (csc_matrix, csr_matrix):
+        sparse = {key: form(value) if value.ndim == 2 else value for key, value in arrays(problem.problems[0]).items()}
+        assert problem.error(ready(lane, name, Problem(**sparse)).solve()) <= stated(lane, name).mid
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of trust-constr, qpsolvers and cvxpy, and true
+@pytest.mark.parametrize(("lane", "name"), parts(case for case in ALL if "rows" in stated(*case).forms))
+def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name: str) -> None:
+    check_nothing_found(ready(lane, name, opposed_rows()))
+
+
+@pytest.mark.parametrize("name", parts((name,) for name, asked in DIRECT.items() if "boxes" in asked.forms))
+def test_bounds_that_cross_are_refused_or_reported(name: str) -> None:
+    problem = Problem(np.eye(3), np.ones(3), lb=np.ones(3), ub=np.array([2.0, 0.0, 2.0]))
+    if name in REFUSE_CROSSING:
+        with pytest.raises(Unsupported, match=f"^{name} refuses .*bounds.* cross"):
+            ready(Lane.DIRECT, name, problem)
+    else:
+        check_nothing_found(ready(Lane.DIRECT, name, problem))
+
+
+@each_common
+def test_a_singular_P_is_answered_right_or_not_at_all(name: str) -> None:
+    rng = np.random.default_rng(3)
+    B = rng.normal(size=(4, 10))
+    solver = ready(Lane.DIRECT, name, Problem(B.T @ B, rng.normal(size=10), lb=np.zeros(10), ub=np.ones(10)), 1e-9)
+    x, solution = solver.solve(), solver.solution()
+    assert bool(solution.found) == (name not in ("pyqpmad", "quadprog"))
+    assert solution.is_optimal(1e-6) if solution.found else np.isnan(x).all()
+
+
+@each_common
+def test_a_row_of_G_without_a_bound_is_ignored(name: str) -> None:
+    problem = pair("one-sided", 6)
+    p = problem.problems[0]
+    solver = ready(Lane.DIRECT, name, Problem(p.P, p.q, np.ones((2, 6)), np.array([np.inf, 1e4]), lb=p.lb, ub=p.ub))
+    assert problem.error(solver.solve()) <= DIRECT[name].mid
+    np.testing.assert_allclose(solver.solution().z, 0, atol=1e-6)
+
+
+@each_direct
+def test_the_solution_tells_the_librarys_own_status_time_and_iterations(name: str) -> None:
+    solver = ready(Lane.DIRECT, name, pair("one-sided", 5).problems[0])
+    solver.solve()
+    extras = solver.solution().extras
+    assert set(extras) == {"status", "reported_us", "iterations"}
+    assert isinstance(extras["status"], str)
+    assert extras["iterations"] is None if name in UNCOUNTED else extras["iterations"] >= 0
+    assert extras["reported_us"] is None or 0 < extras["reported_us"] < 1e8
+
+
+@each_library
+def test_a_start_keeps_the_answer_helps_where_the_class_says_so_and_leaves_nothing_behind(
+    lane: Lane, name: str
+) -> None:
+    problem, error = pair("boxes" if "boxes" in stated(lane, name).forms else "one-sided", 20), stated(lane, name).mid
+    solver = ready(lane, name, problem.problems[0])
+    answers, counts = [], []
+    for start in (None, None, problem.answers[0], None, problem.answers[1], np.full(20, 50.0), np.zeros(20)):
+        answers.append(solver.solve(warm_start=start).copy())
+        counts.append(solver.solution().extras["iterations"])
+        assert problem.error(answers[-1]) <= error
+    if lane is not Lane.DIRECT:
+        assert not (solver.warm_startable and np.array_equal(answers[2], answers[1]))
+        return
+    assert solver.warm_startable == (name in WARM)
+    assert counts[3] == counts[1]
+    assert counts[0] == counts[1] or name in ADAPTING
+    if name not in WARM:
+        np.testing.assert_array_equal(answers[2], answers[1])
+    elif name not in UNCOUNTED:
+        assert counts[2] < counts[1]
+
+
+@each_common
+def test_a_setting_that_a_library_does_not_have_is_refused(name: str) -> None:
+    solver = make(Lane.DIRECT, name, no_such_setting=1)
+    with pytest.raises((AttributeError, TypeError, ValueError), match="no_such_setting"):
+        solver.setup(pair("one-sided", 3).problems[0])
+
+
+@pytest.mark.parametrize("name", [name for name in DIRECT if not name.startswith("scipy")])
+def test_an_adapter_without_its_library_raises_import_error(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = DIRECT[name].library or name
+    for loaded in [loaded for loaded in sys.modules if loaded.startswith("solvers.direct.")]:
+        monkeypatch.delitem(sys.modules, loaded)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError) as refused:
+        importlib.import_module(f"solvers.direct.{name}")
+    assert refused.value.name in {module, "jax"}  # qpax is written in jax, which is asked for first
+
+
+def test_every_library_of_the_lane_direct_is_here() -> None:
+    assert {entry.name for entry in solvers.entries() if entry.lane is Lane.DIRECT} >= set(DIRECT)
+
+
+def test_the_time_limit_of_highspy_counts_from_each_solve() -> None:
+    solver: Any = make(Lane.DIRECT, "highspy", time_limit=2.0)
+    solver.setup(pair("one-sided", 8).problems[0])
+    for _ in range(3):
+        before = solver._highs.getRunTime()
+        solver.solve()
+        assert solver._highs.getOptionValue("time_limit")[1] == before + 2.0
+    assert before > 0
+
+
+def test_a_solver_whose_distribution_is_not_installed_is_absent_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    entry = solvers.find("box_active_set")
+    monkeypatch.setattr(entry.load(), "distribution", "no_such_package")
+    assert "'no_such_package', which is not installed" in solvers.describe(entry).absent
+
+
+@pytest.mark.parametrize("lane", LANES)
+def test_a_lane_names_installed_solvers_in_lower_case_makes_each_and_no_other(lane: Lane) -> None:
+    names = LANES[lane].installed()
+    assert names
+    for name in names:
+        made = LANES[lane].make(name)
+        assert (made.name, made.lane) == (name.lower(), lane)
+        assert made.algorithm
+        assert made.licence
+    with pytest.raises(ImportError, match="'no_such_solver'"):
+        LANES[lane].make("no_such_solver")
+
+
+def test_a_library_that_does_not_load_is_absent_in_silence(tmp_path: Path) -> None:
+    (tmp_path / "proxsuite.py").write_text(
+        "raise ImportError('libgomp.so.1: cannot open shared object file: No such file or directory')\n"
+    )
+    program = "from solvers import cvxpy_lane\nprint('proxqp' in cvxpy_lane.installed())"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+    )
+    assert (done.stdout, done.stderr) == ("False\n", "")
+
+
+def test_qpsolvers_refuses_what_it_would_hand_to_scipy() -> None:
+    for name in qpsolvers_lane.HANDED_TO_SCIPY & set(qpsolvers_lane.installed()):
+        with pytest.raises(Unsupported, match=name):
+            ready(Lane.QPSOLVERS, name, Problem(np.eye(2), np.ones(2)))
+
+
+def test_cvxpy_compiles_the_problem_once_since_it_is_dpp() -> None:
+    problem = pair("rows", 6)
+    solver = ready(Lane.CVXPY, "clarabel", problem.problems[0])
+    assert isinstance(solver, CvxpySolver)
+    assert solver.model.is_dcp(dpp=True)
+    compiled = solver.model._cache.param_prog
+    assert compiled is not None
+    solver.solve()
+    solver.update(problem.problems[1].P, problem.problems[1].q)
+    solver.solve()
+    assert solver.model._cache.param_prog is compiled
+
+
+def test_the_square_root_of_a_singular_cost_still_gives_that_cost() -> None:
+    M = np.random.default_rng(0).normal(size=(3, 6))
+    root = square_root(M.T @ M)
+    np.testing.assert_allclose(root.T @ root, M.T @ M, atol=1e-12)
+
+
+def test_an_indefinite_cost_is_refused_by_cvxpy_with_its_eigenvalue() -> None:
+    with pytest.raises(Unsupported, match="-2"):
+        ready(Lane.CVXPY, "clarabel", Problem(np.diag([1.0, -2.0]), np.zeros(2), lb=np.zeros(2)))
