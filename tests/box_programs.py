@@ -1,8 +1,8 @@
 """Random programs in boxes: drawn from a seed, with every kind of bounds, and judged by the exact optimum."""
 
 import numpy as np
-from hypothesis import strategies as st
 from numpy.typing import NDArray
+from properties import st
 from qpsolvers import Problem
 
 from solvers.certificate import certify, exact_cost_gap

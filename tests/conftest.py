@@ -5,21 +5,24 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from browser import Browser
 from command_line import CommandLine
 from figures import Figures
-from hypothesis import settings
 from programs import ALL, RECORDING_ABSENT, program
 
 # The tests start hundreds of processes, each of which would compile every module of ours again.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-settings.register_profile("piezobench", deadline=None, max_examples=100 if ALL else 25)
-settings.load_profile("piezobench")
+with suppress(ModuleNotFoundError):
+    from hypothesis import settings
+
+    settings.register_profile("piezobench", deadline=None, max_examples=100 if ALL else 25)
+    settings.load_profile("piezobench")
 
 SHARING = {
     "small races": (

@@ -4,9 +4,8 @@ zones."""
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
 from plain_model import one_sided_dead_zones
+from properties import given, st
 from random_models import a_state, seeds, signals, thresholds
 
 from piezo_model.operators import dead_zone, play

@@ -2,9 +2,8 @@
 held input."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
 from plain_model import hysteresis_and_creep, superposition
+from properties import given, st
 from random_models import Case, cases, drive
 
 from piezo_model.model import HysteresisCreepModel

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from properties import given, settings, st
 from random_models import Case, cases
 
 from piezo_model.data_basis import BLOCK, DataBasis

@@ -2,7 +2,7 @@
 is."""
 
 import numpy as np
-from hypothesis import given, settings
+from properties import given, settings
 from random_models import Case, cases, drive
 
 from piezo_model.data_basis import DataBasis

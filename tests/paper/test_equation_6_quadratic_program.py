@@ -6,9 +6,8 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 from known_models import a_drive, structure, true_model
+from properties import assume, given, settings, st
 from random_models import Case, cases, drive
 
 from piezo_model.data_basis import DataBasis

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from box_programs import INF, seeds, spectrum_matrix
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from programs import library
+from properties import given, settings, st
 from qpsolvers import Problem
 
 from solvers import get

@@ -2,8 +2,8 @@
 before."""
 
 import numpy as np
-from hypothesis import given
 from plain_model import one_sided_dead_zones
+from properties import given
 from random_models import Case, cases, drive
 
 from piezo_model.compensator import Compensator
