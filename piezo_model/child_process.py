@@ -6,8 +6,6 @@ parent: the kernel sends it SIGIO, which ends it whatever it is doing, as soon a
 between them. It leads a process group of its own, so that the same signal ends the processes that it has started, too.
 """
 
-from __future__ import annotations
-
 import fcntl
 import os
 import resource

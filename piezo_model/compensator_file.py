@@ -8,8 +8,6 @@
 Arrays are packed as `json_file` says. The file that a compensator starts from afresh is another one, `deployment`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

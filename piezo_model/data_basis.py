@@ -11,8 +11,6 @@ of fixed size counted from the last ``clear``, so that the same samples give the
 Source: the paper's equations (3) to (6); K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

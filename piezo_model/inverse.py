@@ -11,8 +11,6 @@ formulas for each side of zero alone; it has no states. Inverting twice gives th
 Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solvers.arrays import Vector

@@ -7,8 +7,6 @@ file holds arrays, each of them is ``{"dtype": …, "shape": […], "base64": �
 ``{"float": "nan"}`` and the like.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 import re

@@ -15,8 +15,6 @@ Prandtl–Ishlinskii Approach", European Journal of Control 9 (2003) 407–418, 
 is ``core/operators.h``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

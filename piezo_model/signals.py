@@ -8,8 +8,6 @@ Transactions on Information Theory 16 (1970), 85-89. They are made for harmonic 
 about 3, is no better than that of most random phases, and far from the 5 of cosines in phase.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Literal

@@ -3,8 +3,6 @@
 Units of the everyday are a table here; pint, which takes half a second to start, is asked only about the others.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -12,8 +12,6 @@ what rounding never lets it reach. The names are those of the library itself; a 
 same names shares the entry, and says in its own table what differs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType

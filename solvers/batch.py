@@ -7,8 +7,6 @@ however many threads there are: a program that has no answer spoils its own row 
 code, without the interpreter's lock.
 """
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue

@@ -19,8 +19,6 @@ no starting point: its ``warm_start`` reuses the solver's object and last answer
 ``warm_startable``; handing in a point turns that reuse on, and without one every solve is set up afresh.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 

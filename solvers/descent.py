@@ -1,8 +1,6 @@
 """The state of a projected gradient method in C, see ``solvers/core/descent.h``: data once, then as many steps as one
 likes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 

@@ -9,8 +9,6 @@ themselves.
 Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
 """
 
-from __future__ import annotations
-
 from solvers.core import bindings
 from solvers.protocol import Matrix, Vector
 

@@ -1,7 +1,5 @@
 """Metadata shared by the built-in solvers."""
 
-from __future__ import annotations
-
 from solvers.core import BUILT_WITH
 from solvers.protocol import Entrant
 

@@ -11,8 +11,6 @@ name of the file is its name (see :mod:`solvers.registry`). How exact an answer 
 ladder, :meth:`Solver.ladder`.
 """
 
-from __future__ import annotations
-
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping

@@ -10,8 +10,6 @@ copies, a starting point goes only to solvers that use one (others warn), and a 
 left out, since ECOS and CVXOPT break on infinite bounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar

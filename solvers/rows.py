@@ -12,8 +12,6 @@ Sources: S. Boyd and L. Vandenberghe, Convex Optimization (2004), section 5.5.3 
 those of the qpsolvers documentation of ``Solution``.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

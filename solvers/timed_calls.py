@@ -1,7 +1,5 @@
 """The compiled loop that times a solver, as Python calls it; it stands in ``solvers/core/timed_calls.h``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Headless Chromium, that looks at pages and says what they did."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

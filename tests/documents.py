@@ -5,8 +5,6 @@
 ```text      what the block before it printed, line by line
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

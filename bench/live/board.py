@@ -4,8 +4,6 @@ The loop writes samples into a ring and counts them; whoever reads them takes wh
 Commands go the other way: a command is written whole before it is counted. Every entry has one writer.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from enum import IntEnum

@@ -9,8 +9,6 @@ rest, however the end came.
 The loop has a process of its own on a core of its own and waits for nobody: see `board`.
 """
 
-from __future__ import annotations
-
 import gc
 import math
 import os

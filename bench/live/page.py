@@ -5,8 +5,6 @@ It only reads and asks; whatever becomes of it, the loop goes on. The server is 
 otherwise, answers only at a path that nobody can guess, and serves its own scripts, so nothing leaves the machine.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable

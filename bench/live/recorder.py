@@ -6,8 +6,6 @@ that dies or a disk that fills leaves everything up to the last second. In the e
 and goes; where there is no room for that it stays, and ``identify`` reads it as it is.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

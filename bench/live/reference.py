@@ -4,8 +4,6 @@ sine 5Hz:10um[:2um]           frequency, amplitude and, if not the middle of the
 staircase 0.5s:4um:8          time and height of a level, and how many levels up and down
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

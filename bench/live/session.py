@@ -5,8 +5,6 @@ one opens the stage and ramps it to rest; a stage that cannot be opened twice is
 recorder or page that dies is started again.
 """
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os

@@ -12,8 +12,6 @@ reference needs a delay somewhere, as any digital controller has.
 ``control.input_output_response`` interpolates inputs, so one that is not finite reaches the sample after it as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any

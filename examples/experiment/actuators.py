@@ -5,8 +5,6 @@ same orders that is identified from the very cycle it is judged on, drives it ag
 identified anew from what that gave: the best of a few rounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any

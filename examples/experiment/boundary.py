@@ -9,8 +9,6 @@ w is the variable that its bound holds back most strongly, v the free one that i
 trajectory starts inside, and is that of the registered solver, step by step with a step small enough to show the path.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

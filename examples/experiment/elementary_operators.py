@@ -1,7 +1,5 @@
 """The characteristics of the three elementary operators, the paper's Fig. 1."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from outputs import arguments, show

@@ -10,8 +10,6 @@ steepest slope of the actuator in L,
 with the delay of one sample and that of the sensor; and the ratio that does best in the very situation is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -5,8 +5,6 @@ A model is identified from the piece, drives it again from the same states, and 
 the best of a few rounds counts.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState

@@ -1,7 +1,5 @@
 """What the scripts of this folder share: their options, and how a figure is written beside its numbers."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from pathlib import Path

@@ -6,8 +6,6 @@ and an odd saturation does not. So the comparison is made with actuators of thre
 the paper's n = 5, since with few plays the dead zones also stand in for plays that are missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any

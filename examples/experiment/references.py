@@ -1,8 +1,6 @@
 """References of a machine at work, beside the test signals of `piezo_model.signals`, with the arguments that are common
 to those."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,8 +5,6 @@ the last of five cycles is divided by the floor (`hindsight`), the best that the
 cycle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -6,8 +6,6 @@
 Each argument names a file of the set and the recording that it is made from. Lengths in metres become micrometres.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

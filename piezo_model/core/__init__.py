@@ -3,8 +3,6 @@
 The headers of this folder say what each function does, ``solvers/core/README.md`` how the whole is built and extended.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

@@ -11,8 +11,6 @@ threshold r/g, so that the weights follow from the virgin curve φ(r) = Σ w_i m
 creep likewise, and S⁻¹ has the mean slopes of the old one between the new thresholds. The shifts go into the constant.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a self-learning compensator writes into its log, and the words that the core and Python share."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

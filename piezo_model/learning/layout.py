@@ -1,7 +1,5 @@
 """Names of what the core's learner has in one piece (``core/learner.h``), and the numbers that its settings become."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

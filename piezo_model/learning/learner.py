@@ -5,8 +5,6 @@ where there is something to tell: an event for the log, a program for a solver, 
 continuous operation are settings.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, TypedDict

@@ -1,8 +1,6 @@
 """The program of a learner that somebody solves beside the core: what the data of a cycle make, and any registered
 solver's answer."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from piezo_model.core import State

@@ -1,7 +1,5 @@
 """Which samples of a sensor can be learned from; the rules stand in ``core/sensor_guard.h``."""
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """Settings of a self-learning compensator: everything about it that is neither model nor memory."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args

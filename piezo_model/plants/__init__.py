@@ -3,8 +3,6 @@
 A file of this folder that defines one :class:`~piezo_model.plants.actuator.Actuator` adds the plant of the file's name.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import inspect

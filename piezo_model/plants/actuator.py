@@ -14,8 +14,6 @@ Creep that grows like log t is a sum of first-order lags whose rates are spread 
 systems", Control and Intelligent Systems 29 (2001), 74-83, with threshold 0).
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -13,8 +13,6 @@ that slope Γ is therefore strictly monotone on every branch, and |Γ| ≤ 1. On
 to 1, after many cycles; the major loop takes about 0.8 of ``y_range``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -9,8 +9,6 @@ operator of rates a_j (K. Kuhnen, "Modeling, identification and compensation of 
 modified Prandtl-Ishlinskii approach", European Journal of Control 9 (2003), 407-418).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -9,8 +9,6 @@ branch rises. The equation forgets turning points with the way of u and not by w
 close. S is the cubic of `actuator.curved`, v_1 = 1 + (1 − b) / α what |v| never exceeds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

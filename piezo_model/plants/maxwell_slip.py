@@ -8,8 +8,6 @@ what is given, so the charge is found along the straight pieces between two slid
 of `actuator.curved`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ from it. Whatever it remembers (hysteresis, creep, noise) lives in arrays that c
 therefore the same, bit for bit, however it is cut into chunks.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any

@@ -20,8 +20,6 @@ Prandtl-Ishlinskii operator; here
 so the density is a hill whose place and breadth change with r, and a minor loop's width changes with its bias.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -8,8 +8,6 @@ and nothing (NaN) for the last G of every P samples. y_c is the centre of the pl
 gain belongs to the actuator (temperature, ageing), the rest to the sensor and its converter.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass

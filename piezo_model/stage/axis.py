@@ -15,8 +15,6 @@ from rest obeys ds/dt = ω A s, A = ((0, 1), (−1, −2ζ)), so that
 end of the period in which its drive was held, so p(k) is the answer to x[0..k].
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

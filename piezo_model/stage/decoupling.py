@@ -10,8 +10,6 @@ D C is diagonal. Its diagonal, the gains C₁₁ and C₂₂, is not known apart
 them. Φ holds plays, creep, powers and derivatives; what they miss does not disturb c₁₂ unless it goes along with y₂.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -6,8 +6,6 @@ In the coordinates q of the axes each output follows from one drive (`decoupling
 other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

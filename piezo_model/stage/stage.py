@@ -7,8 +7,6 @@ at right angles, sensors not in line with the actuators. Therefore neither direc
 decoupling matrix D = C⁻¹ both are, and `decoupling` finds D and closes one self-learning loop for each.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A library is built once for each generator, version and shape of problem and kep
 load takes a copy of its own, since embedded solvers keep their problem in static memory.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import hashlib

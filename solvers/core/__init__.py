@@ -5,8 +5,6 @@ the extension module for the best instruction set that this processor has; PIEZO
 for tests and figures.
 """
 
-from __future__ import annotations
-
 import importlib.machinery
 import importlib.util
 import os

@@ -5,8 +5,6 @@ It needs a C compiler that knows gcc's vector types (gcc, clang or the package z
 package, since it runs before the project is installed.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import importlib.util

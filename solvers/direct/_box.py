@@ -5,8 +5,6 @@
 Files of this folder that begin with an underscore are shared parts, not solvers.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ Timed: ``setup`` makes the function; ``update`` copies P and q into arrays that 
 buffer; ``solve`` is one call, which converts nothing.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 from collections.abc import Mapping

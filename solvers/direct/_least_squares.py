@@ -5,8 +5,6 @@
 Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23. ``setup`` and ``update`` factorise.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import Any, ClassVar
 

@@ -14,8 +14,6 @@ are 1e6, so no |x_i| may come near that. The settings are those of HPIPM itself:
 complementarity than the rungs from 10⁻¹⁰ allow, so it is 1e-30.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from solvers import backend as known

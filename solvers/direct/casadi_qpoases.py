@@ -8,8 +8,6 @@ quadratic programming", Mathematical Programming Computation 6 (2014), pages 327
 Timed: as in :mod:`solvers.direct._casadi`.
 """
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 from solvers.backend import Backend, share

@@ -10,8 +10,6 @@ multipliers, of which a warm start has none. On bounds it is exact; with general
 calls an answer solved whose dual residual is 1e-2.
 """
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 from solvers.backend import Backend, share

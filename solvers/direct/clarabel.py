@@ -11,8 +11,6 @@ The time that the library reports counts its set-up too. Presolve is off in ever
 data when it is on.
 """
 
-from __future__ import annotations
-
 import clarabel
 import numpy as np
 from qpsolvers import Problem, Solution

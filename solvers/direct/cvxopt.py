@@ -8,8 +8,6 @@ Timed: ``setup`` and ``update`` fill the library's own matrices; ``solve`` is it
 persists. There is no warm start that pays.
 """
 
-from __future__ import annotations
-
 import cvxopt
 import cvxopt.solvers
 import numpy as np

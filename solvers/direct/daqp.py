@@ -10,8 +10,6 @@ active set; ``solve`` is the active set iteration. It starts from the rows that 
 the library on its own would go on from the last active set and so answer the same problem for free.
 """
 
-from __future__ import annotations
-
 import daqp
 import numpy as np
 from numpy.typing import NDArray

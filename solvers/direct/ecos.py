@@ -11,8 +11,6 @@ Timed: ``setup`` and ``update`` factorise P and build the cone; ``solve`` is the
 iterates. There is no warm start. The square inside the cone costs precision: at its tightest x is good to about 1e-5.
 """
 
-from __future__ import annotations
-
 import ecos
 import numpy as np
 from qpsolvers import Problem, Solution

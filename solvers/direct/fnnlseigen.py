@@ -12,8 +12,6 @@ anew; its object that keeps that product is no faster where P is new each time. 
 no answer between 1e-8 and 1e-16, so there is one rung. There is no warm start.
 """
 
-from __future__ import annotations
-
 import fnnlsEigen
 import numpy as np
 

@@ -14,8 +14,6 @@ end in "Solve error", the library's own check of its answer. ``time_limit`` is o
 library's own counts over all solves from the making of its object.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import highspy

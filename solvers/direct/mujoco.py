@@ -10,8 +10,6 @@ or from 0. Its limits (100 iterations, a squared gradient of 1e-16, a step of 1e
 is one rung. It tells an indefinite P, and not whether an answer met the gradient's limit or another one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mujoco import _functions  # the package mujoco-core, which is this without the viewer and its windows
 from qpsolvers import Problem

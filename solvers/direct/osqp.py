@@ -14,8 +14,6 @@ equations of the rows that seem active, is off, as in the library, but for the l
 on badly scaled data it takes the wrong rows and spoils the answer.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import osqp
 from qpsolvers import Problem, Solution

@@ -9,8 +9,6 @@ Timed: ``setup`` allocates and equilibrates; ``update`` hands over P and q and e
 one factorisation a step, and copies x out of the library's memory. There is no warm start.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import piqp
 from qpsolvers import Problem, Solution

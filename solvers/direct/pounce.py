@@ -9,8 +9,6 @@ iterates. Its test that P is positive semidefinite (eigenvalues at every call) i
 library takes whole solutions of a nearby problem, not points.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pounce
 from qpsolvers import Problem, Solution

@@ -15,8 +15,6 @@ Three ways of release 0.8.0 are avoided. A solve that follows a solve with no up
 certain, takes no multipliers to start from, and was not faster. An update wipes the multipliers, so they are kept here.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from proxsuite import proxqp
 from qpsolvers import Problem, Solution

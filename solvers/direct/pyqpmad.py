@@ -9,8 +9,6 @@ Timed: ``setup`` copies and reserves the workspace; ``update`` copies P and q; `
 overwrites it, factorises and iterates. There is no warm start, only the workspace is used again.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pyqpmad
 from qpsolvers import Problem, Solution

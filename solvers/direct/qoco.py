@@ -14,8 +14,6 @@ copies the results out of the library's memory. There is no warm start, and no t
 ends in a numerical error.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -10,8 +10,6 @@ calling thread (the library's default is a second one that can be interrupted) a
 solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import qpalm
 from qpsolvers import Problem, Solution

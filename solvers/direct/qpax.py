@@ -10,8 +10,6 @@ keeps slacks and multipliers above 1.5e-8, so complementarity cannot fall below 
 implicit one, which our settings take, has no such floor.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

@@ -9,8 +9,6 @@ equilibrates and iterates. There is no warm start from x alone. The linear solve
 left alone, the library takes the first that it finds, MKL's where its wheel brings it.
 """
 
-from __future__ import annotations
-
 import qtqp
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix

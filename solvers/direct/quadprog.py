@@ -9,8 +9,6 @@ Timed: ``setup`` stacks the rows; ``update`` copies P and q; ``solve`` is the li
 factorises and iterates. There is no object to keep, no tolerance to set and no warm start.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import quadprog
 from qpsolvers import Problem, Solution

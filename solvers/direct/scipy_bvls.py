@@ -8,8 +8,6 @@ Statistics 10 (1995), pages 129 to 141.
 Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and lsq_linear. There is no warm start.
 """
 
-from __future__ import annotations
-
 from solvers.backend import Backend, share
 from solvers.direct._least_squares import LsqLinear
 

@@ -12,8 +12,6 @@ steps. With them the method is started anew, without its corrections, where roun
 leaves the cost as it is, for it may then be anywhere; where that is so RESTARTS times the answer counts as not found.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from scipy.optimize import Bounds, minimize

@@ -10,8 +10,6 @@ Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and
 without effect since SciPy 1.12), so there is one rung, and no warm start.
 """
 
-from __future__ import annotations
-
 from scipy.optimize import nnls
 
 from solvers.backend import Backend

@@ -9,8 +9,6 @@ on the cost, so the error of x goes with its square root. The library's Lagrangi
 rows; the duals of the bounds, which it does not give, follow from stationarity.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

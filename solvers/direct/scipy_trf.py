@@ -9,8 +9,6 @@ Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and
 answer stays strictly inside the box, so its duals are those that stationarity asks for.
 """
 
-from __future__ import annotations
-
 from qpsolvers import Solution
 
 from solvers.backend import Backend, share

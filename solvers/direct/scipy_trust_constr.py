@@ -12,8 +12,6 @@ constraint violation of 1e-15 a failure, so whether x is found is judged here fr
 warm start: from a point on the bounds an interior method takes longer.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -11,8 +11,6 @@ the last solved problem, a cold one from zero. The linear solver is the library'
 alone, it takes MKL where the wheel brings it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scs
 from qpsolvers import Problem, Solution

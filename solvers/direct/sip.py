@@ -12,8 +12,6 @@ which keeps its iterates and so serves once, and iterates, with a call back into
 start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

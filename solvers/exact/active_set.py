@@ -15,8 +15,6 @@ Otherwise W is repaired, in three ways, of which the first is quick and the othe
   Linear Algebra Appl. 187, 1993).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from flint import fmpq, fmpq_mat, fmpz, fmpz_mat

@@ -11,8 +11,6 @@ Three questions are answered here about such matrices, each by a proof:
 - which rows are independent, modulo a prime: rows independent modulo a prime are independent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -11,8 +11,6 @@ It is regular if and only if the rows of C are independent and no direction p â‰
 Wright, *Numerical Optimization*, 2nd edition, section 16.1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum

@@ -5,8 +5,6 @@ well: they are all that is timed. Set-up and results are Python's, through ctype
 are facts of one version, so another version is not called.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib.metadata
 import importlib.util

@@ -7,8 +7,6 @@ in the variables w = D⁻¹ x with D = diag(P)^−½. Sources and the restart ru
 root of its number of steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar

@@ -30,8 +30,6 @@ Mathematics of the Decision Sciences, AMS, 1968; J. J. Júdice, F. M. Pires, Com
 27 (1983) 1.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, ClassVar
 

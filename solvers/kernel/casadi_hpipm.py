@@ -11,8 +11,6 @@ always cold, and the copy of its answer. The BLASFEO below it is that of the tar
 for a processor.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from qpsolvers import Problem, Solution
 

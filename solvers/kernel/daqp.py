@@ -6,8 +6,6 @@ where they are, and an empty active set; ``solve`` is ``daqp_solve`` and the cop
 ``setup``.
 """
 
-from __future__ import annotations
-
 import ctypes
 import weakref
 

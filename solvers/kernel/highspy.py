@@ -4,8 +4,6 @@ Timed inside compiled code: ``update`` passes the triangle of P and q; ``solve``
 start, and copies the answer and its duals.
 """
 
-from __future__ import annotations
-
 import ctypes
 import weakref
 from pathlib import Path

@@ -5,8 +5,6 @@ Timed inside compiled code: ``update`` hands over pointers to the new P and q, w
 ``solve`` is the library's function, from ``warm_start`` or from 0, which leaves its answer in our array.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mujoco import _functions

@@ -4,8 +4,6 @@ Timed inside compiled code: ``update`` copies q and the upper triangle of P into
 factorises; ``solve`` is ``osqp_solve`` after a cold start or one from ``warm_start``, and the copy of its answer.
 """
 
-from __future__ import annotations
-
 import ctypes
 import weakref
 from types import SimpleNamespace

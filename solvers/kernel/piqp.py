@@ -7,8 +7,6 @@ Timed inside compiled code: ``update`` hands over P and q, which the library cop
 ``piqp_solve`` and the copy of its answer.
 """
 
-from __future__ import annotations
-
 import ctypes
 import weakref
 from dataclasses import replace

@@ -7,8 +7,6 @@ Source, proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs
 of 125 µs for 1.9 s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from numbers import Real

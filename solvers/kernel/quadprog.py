@@ -4,8 +4,6 @@ Timed inside compiled code: ``update`` hands over pointers to the new P and q; `
 overwrites them, and calls its function, which leaves its answer in our array.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import quadprog
 from qpsolvers import Problem

@@ -11,8 +11,6 @@ at once; where that does not help, the cold exact solver is asked (``recursive_s
 data that have no minimum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar

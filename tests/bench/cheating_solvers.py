@@ -1,7 +1,5 @@
 """Solver files of users that want to look faster, or more right, than they are; beside one that does as it should."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from textwrap import indent
 

@@ -3,8 +3,6 @@
 References leave the range, are NaN and infinite; in the loops the actuator is a model of another structure with noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """Solver files of users, right on raw data and each with a fault of its own on scaled data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 FILE = """

@@ -5,8 +5,6 @@ A property is a strategy and a check of what it draws. A reader gives what it re
 failure, and so is a round trip that is not the same to the last bit.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

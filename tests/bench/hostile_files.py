@@ -1,7 +1,5 @@
 """Files that nobody should trust: good ones with one thing in them made wrong, in every way that we know of."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any

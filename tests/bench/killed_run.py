@@ -5,8 +5,6 @@ the process kills itself just before. Called with an empty folder, this prints o
 for the process that came through.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

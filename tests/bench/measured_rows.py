@@ -1,8 +1,6 @@
 """Tables of measurements by hand, in the schema of the one-shot race: a test says what matters to it, and the rest is
 ordinary."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """A program in the style of the Maros–Mészáros set, drawn by a seed and written as MAT and as QPS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pairs of runs whose truth is known: logarithms of times as a race would have them, without a race."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,8 +1,6 @@
 """What a solver does that wants to look better than it is, and what is said of it; each is a file that is really
 raced."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cheating_solvers

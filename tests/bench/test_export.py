@@ -1,7 +1,5 @@
 """Problems as files: whoever changes one is found out, and others can race on them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

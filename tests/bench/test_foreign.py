@@ -1,7 +1,5 @@
 """Programs of others: scaled without rounding, certified or left out, and judged."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

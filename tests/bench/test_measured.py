@@ -1,7 +1,5 @@
 """The set of measured actuators: what its files hold is what a recording gives, and every program is proven."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

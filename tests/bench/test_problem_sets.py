@@ -1,7 +1,5 @@
 """Problem sets: what they span, what they carry, what they need, and that every proof of theirs holds."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path

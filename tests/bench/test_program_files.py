@@ -1,8 +1,6 @@
 """Files of programs in QPS, MATLAB and NPZ: read to the last bit, or refused in a sentence that says where they are
 wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

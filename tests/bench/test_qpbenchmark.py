@@ -1,8 +1,6 @@
 """Beside qpbenchmark on the same exported problems: the residuals and verdicts of its judge and of ours are the
 same."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What stands in a recording's header stays text in everything that is made from it."""
 
-from __future__ import annotations
-
 import ctypes
 import io
 import json

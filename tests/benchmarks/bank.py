@@ -6,8 +6,6 @@ as of
 same schedule: what that takes longer is the machine's floor.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

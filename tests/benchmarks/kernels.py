@@ -6,8 +6,6 @@ whole-array operations wherever the recursion over time allows it. PIEZOBENCH_IS
 where there is AVX-512.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

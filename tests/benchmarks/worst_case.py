@@ -7,8 +7,6 @@ milliseconds now and then, in proportion to the time that the loop runs. So a nu
 median time and does nothing else stands beside it: what that takes longer is the machine's floor.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -5,8 +5,6 @@ from its end.
 takes fewer.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -7,8 +7,6 @@ problems of a pair share their constraints and have different P, q and answers, 
 shows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,8 +1,6 @@
 """Libraries in the compiled lane by their C functions: the answers of their own interface, its settings, and absence
 with a reason."""
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import importlib.metadata

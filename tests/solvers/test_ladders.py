@@ -1,7 +1,5 @@
 """The ladders of other people's libraries: what they are made of, and which accuracy their rungs reach."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import pairwise
 

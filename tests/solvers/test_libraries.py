@@ -3,8 +3,6 @@
 The problems are made backwards from their answers, see ``answered_pairs``.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import subprocess

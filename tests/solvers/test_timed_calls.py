@@ -1,8 +1,6 @@
 """The compiled loop that times a solver: new data at every call, their own answers, and an end when its time is
 spent."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ actuator.
 A problem is two building phases of the same model, each on an actuator of its own; the second has a proven optimum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass

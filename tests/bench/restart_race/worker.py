@@ -1,7 +1,5 @@
 """The child's side of the restart race: a solver that has followed one actuator is handed the data of another one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
