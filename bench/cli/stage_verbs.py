@@ -20,7 +20,6 @@ from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.storage import absolute
 from bench.fleet.works import FOLLOWED, Compensating, Identifying
 from bench.processes.engine import Backend, Workers
-from bench.report import recording_page
 from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice
@@ -100,6 +99,8 @@ def identify_verb(
     if page is not None:
         with progress_bar() as progress:
             progress("writing the page", 0, 1)
+            from bench.report import recording_page  # plots take a second to import
+
             recording_page.write(page, file.name, review(opened, model))
     if as_json:
         print_json({"model": out, "page": page, "report": dict(model.report)})
