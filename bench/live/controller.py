@@ -1,4 +1,8 @@
-"""What computes the drive of a live run: a compensator that stays as it is, or one that learns."""
+"""What computes the drive of a live run: a compensator that stays as it is, or one that learns.
+
+It learns in the thread of the loop: a block takes some microseconds of compiled code, and at 8 kHz no more deadlines
+were missed with learning than without, while a second thread of Python would share the interpreter with the loop.
+"""
 
 from __future__ import annotations
 
