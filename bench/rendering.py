@@ -65,7 +65,8 @@ def xml(text: Any) -> Markup:
 
 
 def terminal(text: str) -> str:
-    r"""Text on a terminal, which takes nothing in it for a command: what is no printable sign is written as in Python.
+    r"""Text on a terminal, which takes nothing in it for a command: characters that cannot be printed are written as in
+    Python.
 
     Examples
     --------

@@ -129,7 +129,7 @@ def packed(value: Any) -> Any:
 
 
 def unpacked(value: Any) -> Any:
-    """Undo :func:`packed`, and lists stay lists; ValueError for what is no array."""
+    """Undo :func:`packed`, and lists stay lists; ValueError for what is not an array."""
     if isinstance(value, list):
         return [unpacked(item) for item in value]
     if not isinstance(value, dict):

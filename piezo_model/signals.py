@@ -29,7 +29,7 @@ def times(duration_s: float, sample_time: float, low: float, high: float) -> Vec
 
 
 def positive(**options: float) -> None:
-    """Refuse (ValueError, by its name) an option that is no positive number."""
+    """Refuse (ValueError, by its name) an option that is not a positive number."""
     for option, value in options.items():
         if not 0.0 < value < math.inf:
             raise ValueError(f"{option} must be a positive number, not {value}")

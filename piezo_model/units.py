@@ -92,7 +92,7 @@ NO_UNITS = frozenset(
         "smoothed",
     }
 )
-"""Words that stand in brackets and are no units; some of them pint would take for one."""
+"""Words that stand in brackets and are not units; some of them pint would take for one."""
 PREFIXED = ("rad", "V", "m", "s", "A", "N")
 PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _PREFIX_OF = {factor: prefix for prefix, factor in PREFIXES.items()}

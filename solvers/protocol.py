@@ -80,7 +80,7 @@ class Status(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     """The process was stopped at its memory limit."""
     LAZY = "lazy"
-    """What it returns is no array, but becomes one later."""
+    """What it returns is not an array, but becomes one later."""
     STALE = "stale"
     """A timed answer is that of other data."""
     ERRATIC = "erratic"

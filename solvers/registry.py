@@ -219,7 +219,7 @@ def add_file(path: str | Path) -> Entry:
     Raises
     ------
     ImportError
-        The file is no solver.
+        The file is not a solver.
     RegistrationError
         There is a solver of that name in that lane already.
     """

@@ -49,7 +49,7 @@ class Program:
         lb, ub = box(problem)
         A, b = _block(problem.A, problem.b, d)
         G, h = _block(problem.G, problem.h, d)
-        self._real: Mask = h < np.inf  # a row of G that forbids nothing is no row
+        self._real: Mask = h < np.inf  # a row of G that forbids nothing is not a row
         G, h = G[self._real], h[self._real]
         self.R: Matrix = np.vstack([np.eye(d), A, G])
         self.l: Vector = np.concatenate([lb, b, np.full(h.size, -np.inf)])

@@ -90,7 +90,7 @@ def run(words: list[str]) -> int:
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            # a sign that this terminal lacks is no reason to fail after the work
+            # a sign that this terminal lacks is not a reason to fail after the work
             stream.reconfigure(errors="backslashreplace")
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:

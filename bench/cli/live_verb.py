@@ -105,6 +105,6 @@ def live_verb(
 
 
 def _told(text: str) -> None:
-    """Print at once, even where standard output is no terminal: the address of the page is needed while it runs."""
+    """Print at once, even where standard output is not a terminal: the address of the page is needed while it runs."""
     console.print(text)
     console.file.flush()

@@ -110,7 +110,7 @@ class Candidate:
         tail: Microseconds,
         time_us: float,
     ) -> Self:
-        """Deadlines are told from all calls, percentiles from ``tail``."""
+        """Deadlines are judged by all calls, percentiles by ``tail``."""
         return cls(
             *key,
             chosen,
@@ -147,7 +147,7 @@ class Candidate:
         return f"{marked(self.solver)} ({self.lane}{label and f', {label}'})"
 
     def failing(self, rule: Rule) -> str:
-        """Why it does not qualify; "" if it does. The number of its calls is no reason."""
+        """Why it does not qualify; "" if it does. The number of its calls is not a reason."""
         it = self.chosen
         if self.cheat:
             return f"was caught cheating ({self.cheat})"

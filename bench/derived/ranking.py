@@ -185,6 +185,6 @@ def _periods(us: float) -> str:
 def yardstick(foreign: bool, own: bool) -> str:
     """What a cost gap is divided by, and why."""
     ours = "V* + c, the squared error of the best model: 1e-3 is 0.1 % more squared error than need be"
-    theirs = "max(½ x*ᵀPx*, |qᵀx*|) where the cost of a program from a file is no sum of squares"
+    theirs = "max(½ x*ᵀPx*, |qᵀx*|) where the cost of a program from a file is not a sum of squares"
     over = "; over ".join(text for text, there in ((ours, own), (theirs, foreign)) if there)
     return f"Cost gap: the cost above the proven optimum V*, over {over}."

@@ -103,7 +103,7 @@ def failures(found: Measurements) -> list[list[str]]:
     """What went wrong, once a solver lane, scaling and status: these, how often, the first setting, problem and
     message.
 
-    That tight settings fail is in their nature, and what was not run is no failure.
+    That tight settings fail is in their nature, and what was not run is not a failure.
     """
     wrong = found.field[(found.field.message != "") & (found.field.status != Status.NOT_RUN)]
     return [

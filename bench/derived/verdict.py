@@ -116,7 +116,7 @@ def _ends(part: pd.DataFrame) -> str:
 
 
 def _stage(found: Measurements) -> Iterator[str]:
-    """Whether the paper's model is told from the optimum's by the rule of the tier stage."""
+    """Whether the paper's model can be distinguished from the optimum's by the rule of the tier stage."""
     part = _steps(found.field[found.field.scaling == found.scaling])
     part = part[part.stage_excess.notna()]
     if part.empty:

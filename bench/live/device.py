@@ -1,4 +1,4 @@
-"""The door to hardware: one file with one class.
+"""The interface to hardware: one file with one class.
 
     class Stage:
         input_unit, output_unit = "V", "um"

@@ -162,7 +162,7 @@ class Outcome:
     asked: Mapping[str, Any] = field(default_factory=dict)
     """The settings that the solver was given."""
     returned: str = ""
-    """Type of the answer where it is no array."""
+    """Type of the answer where it is not an array."""
     seen: tuple[str, ...] = ()
     """What the process did that it must not."""
     preemptions: int = 0

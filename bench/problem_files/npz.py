@@ -65,7 +65,7 @@ def packed(name: str, value: Any) -> dict[str, Any]:
 
 
 def unpacked(arrays: Mapping[str, Any], name: str) -> Any:
-    """The inverse of :func:`packed`, of doubles; ValueError where the arrays are no matrix of them."""
+    """The inverse of :func:`packed`, of doubles; ValueError where the arrays are not a matrix of them."""
     if name in arrays:
         return doubles(name, arrays[name])
     if f"{name}/data" not in arrays:

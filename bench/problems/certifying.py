@@ -56,7 +56,7 @@ class Prover(ForkedChild):
         """
         try:
             if not self.is_running:
-                self.call(START_LIMIT_S, _imported)  # which is no part of a proof
+                self.call(START_LIMIT_S, _imported)  # which is not part of a proof
             found = self.call(HANG_S, _attempt, function, arguments)
         except (LateError, LostError) as error:
             raise ProverLost(f"the process that looked for a proof ended with {error}") from None

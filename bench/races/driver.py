@@ -142,7 +142,7 @@ class TaskRace(Race[S]):
 
     @abstractmethod
     def judged(self, task: Task, outcome: Any) -> Sequence[Mapping[str, Any]]:
-        """The columns of each row that follow from an outcome which is no failure, its status among them."""
+        """The columns of each row that follow from an outcome which is not a failure, its status among them."""
 
     def known(self, task: Task, outcome: Outcome) -> Mapping[str, Any]:
         """Columns of every row of a task, be it one of a failure."""

@@ -2,7 +2,7 @@
 
 - cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; for a
 program
-                  whose cost is no sum of squares over max(½ x*ᵀP x*, |qᵀx*|)
+                  whose cost is not a sum of squares over max(½ x*ᵀP x*, |qᵀx*|)
 - violation       ‖x − x̂‖∞ / ‖x*‖∞
 - residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
 - weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or

@@ -3,8 +3,8 @@
 What the user names is taken. The rest is guessed and said, by what is surest first: the words in a name
 (``input_voltage``), its unit, that only one column is left, and in the end the values
 (:mod:`piezo_model.recordings.profile`).
-Every word votes: for the drive (positive) or for the sensor (negative). Two columns that fit equally well are no guess:
-the user is asked.
+Every word votes: for the drive (positive) or for the sensor (negative). Two columns that fit equally well are not
+guessed: the user is asked.
 """
 
 import re
@@ -264,7 +264,7 @@ def vote(column: Column) -> int:
 
 
 def words_of(column: Column) -> set[str]:
-    """Words of a name without its unit; a letter counts only as the whole name: position_x is no input."""
+    """Words of a name without its unit; a letter counts only as the whole name: position_x is not an input."""
     stem = column.stem
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem)
     words = [word.casefold() for word in re.split(r"[\W_\d]+", parted) if word]

@@ -90,7 +90,7 @@ _QUOTED = re.compile(rb'"[^"\n]*"')
 
 
 def end_of_rows(path: Path, encoding: str, layout: Layout, start: int) -> tuple[int, int]:
-    """Byte after the last row, and how many lines below it are no rows: a remark, or a row that was cut off."""
+    """Byte after the last row, and how many lines below it are not rows: a remark, or a row that was cut off."""
     size, dialect = path.stat().st_size, layout.dialect
     wide = 2 if encoding.startswith("utf-16") else 1
     begin = max(start, size - TAIL_BYTES)

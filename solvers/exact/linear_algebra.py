@@ -85,7 +85,7 @@ def nearest_double(value: Rational) -> float:
 
 
 def first_independent(rows: IntegerRows) -> list[int]:
-    """Positions of the rows that are no combination of rows before them, taken modulo :data:`PRIME`.
+    """Positions of the rows that are not a combination of rows before them, taken modulo :data:`PRIME`.
 
     Rows that are kept are independent over the rationals too. The converse can fail, for a prime that divides a minor:
     whoever needs it must check it.

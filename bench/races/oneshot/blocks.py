@@ -121,8 +121,8 @@ def hidden_cpu_time(
     Calls that take ``each`` nanoseconds in the mean are fewer where those of a block would take longer than LONG_NS.
 
     The process then takes far more of the processor than most calls say, whatever it waits for, and beyond what a
-    process takes that does nothing for the same blocks. A solver to which some data come harder is told from that by
-    the same data in another order: they come harder again.
+    process takes that does nothing for the same blocks. A solver to which some data come harder is distinguished from
+    that by the same data in another order: they come harder again.
     """
     found, nothing = [], replace(task, solver=idle.entry.name, lane=idle.entry.lane, setting=NO_SETTING)
     idle.ask(OneShot.of(nothing, form))
