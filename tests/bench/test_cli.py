@@ -342,11 +342,13 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
                 ("stage.csv/out.csv", "the folder stage.csv does not exist"),
             )
         ),
+        ((*IDENTIFY, "--page", "nowhere/page.html"), ["--page"]),
         # Races.
         ((*RACE, "--solver", "best"), ["no solver 'best'", "daqp"]),
         ((*RACE, "--solver", "best.py"), ["best.py", "not a file"]),
         ((*RACE, "--set", "hard"), ["no problem set 'hard'", "paper"]),
         ((*RACE, "--name", "a/b"), ["a/b"]),
+        ((*RACE, "--name", "r\udcff"), ["is not text in UTF-8"]),
         ((*RACE, "--out", "file"), ["file"]),
         ((*RACE, "--out", "/proc/results"), ["/proc/results"]),
         ((*RACE, "--out", "empty/..", "--name", "empty"), ["empty", "is there already"]),
@@ -392,22 +394,6 @@ def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
 
 
 # Races.
-
-
-@pytest.mark.parametrize(
-    "words", [("report", "other"), ("resume", "other"), ("deploy", "other"), ("compare", "run", "other")], ids=str
-)
-@pytest.mark.parametrize("version", [{"version": 2}, {"version": 4}, {}], ids=str)
-def test_a_run_of_another_version_is_refused_and_one_that_says_none_is_of_the_first(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path, words: tuple[str, ...], version: dict[str, int]
-) -> None:
-    settings = clean_race.run.settings
-    assert settings.pop("version") == 3
-    for name, said in (("run", {"version": 3}), ("other", version)):
-        shutil.copytree(clean_race.run.path, tmp_path / name)
-        (tmp_path / name / "run.json").write_text(json.dumps({**settings, **said}))
-    said_of_it = f"other/run.json: version {version.get('version', 1)} is not 3, the one this program reads"
-    assert said_of_it in refused(piezobench, tmp_path, *words)
 
 
 def test_report_on_a_race_that_was_not_finished_says_to_resume_it(

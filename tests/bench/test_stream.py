@@ -18,16 +18,14 @@ from conftest import killed_and_resumed
 import solvers
 from bench.messages.progress import silent
 from bench.messages.task import Outcome, Setting, Task
-from bench.problems.simulation import Experiment
 from bench.races.kind import kind_of, kinds
-from bench.races.settings import settings_of
 from bench.races.stream import figures as stream_figures
 from bench.races.stream import race as stream
 from bench.races.stream import report
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.stream_problem import Judge, StreamProblem, make
-from bench.store import Run, RunError
-from bench.timing import latency_histogram, machine
+from bench.store import Run
+from bench.timing import latency_histogram
 from bench.timing.schedule import PERIOD_NS, Timeline
 from solvers import Lane, Status, Tier
 
@@ -486,18 +484,3 @@ def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(
         lines = pd.read_csv(run.path / "figures" / f"{name}.csv")
         assert lines.name.str.contains("steps 15200").any()
         assert not lines.duplicated(["view", "name", x]).any()  # each line has a name of its own
-
-
-def test_a_run_of_an_unknown_race_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(
-        RunError,
-        match=r"run\.json: there is no race 'marathon'; known are oneshot, anytime, batch, "
-        r"loop, stream",
-    ):
-        kind_of(Run.create(tmp_path, {"race": "marathon", "settings": {}, "machine": machine.describe()}, "run"))
-
-
-def test_settings_come_back_from_a_run_as_they_were(streamed: Streamed) -> None:
-    settings = settings_of(streamed.run, StreamSettings)
-    assert (settings.samples, settings.give_up, settings.tiers) == (SAMPLES, GIVE_UP, (Tier.HIGH,))
-    assert isinstance(settings.experiment, Experiment)
