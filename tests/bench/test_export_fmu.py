@@ -120,8 +120,7 @@ def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: in
     ):
         x = compensator.run(y_ref)
         np.testing.assert_array_equal(simulated(fmus[fmi], y_ref, **start), x)
-        assert x.min() == (limits if start else LIMITS)[0]
-        assert x.max() == (limits if start else LIMITS)[1]
+        assert (x.min(), x.max()) == (limits if start else LIMITS)
 
 
 @pytest.mark.sample(1)

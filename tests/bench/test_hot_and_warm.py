@@ -111,10 +111,6 @@ def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
     assert "in 2 fresh processes" in report
 
 
-def test_problems_without_a_predecessor_are_raced_cold_only(clean_race: Race) -> None:
-    assert set(clean_race.rows.start) == {"cold"}
-
-
 def test_repeats_are_one_row_with_medians_and_spread_and_raw_times_of_each(drift_race: Race) -> None:
     rows, times = drift_race.found.rows, drift_race.run.times()
     assert sorted(drift_race.rows["repeat"].unique()) == [0, 1]
@@ -234,10 +230,3 @@ def test_the_solver_that_does_nothing_answers_what_it_is_told_to_start_from() ->
     assert not solver.solution().found
     start = np.ones(2)
     assert solver.solve(start) is start
-
-
-def test_a_start_is_part_of_the_tasks_key_and_cold_tasks_keep_theirs() -> None:
-    task = Task("set", "problem", "scaled", "daqp", find("daqp").lane, NO_SETTING)
-    keys = {replace(task, start=start, repeat=repeat).key for start in ("cold", "warm") for repeat in (0, 1)}
-    assert len(keys) == 4
-    assert task.key in keys

@@ -261,11 +261,3 @@ def test_a_recording_of_few_excursions_keeps_the_usual_structure() -> None:
     model = identify(recording(x, plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(x)))
     assert (model.structure.n, model.structure.dead_zones) == (5, 7)
     assert "selection" not in model.report
-
-
-def test_a_page_cannot_be_written_where_there_is_no_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    sentence = piezobench(
-        "identify", desk / "<u>stage.csv", "--out", tmp_path / "m.json", "--page", tmp_path / "no" / "p.html"
-    ).refusal
-    assert "--page" in sentence
-    assert not (tmp_path / "m.json").exists()

@@ -118,11 +118,6 @@ def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(
     assert model.is_file()
 
 
-def test_a_name_that_is_no_text_is_refused_before_anything_is_written(piezobench: CommandLine, tmp_path: Path) -> None:
-    assert "is not text in UTF-8" in piezobench("race", "--out", tmp_path, "--name", "r\udcff").refusal
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_title_cannot_break_out_of_its_comment() -> None:
     text = render(a_model(), title="*/ int main; /* \\ µ ??/")["piezo_parameters.h"]
     assert text.startswith("/* _/ int main; /_ _ _ _?/\n")

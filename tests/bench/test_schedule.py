@@ -123,14 +123,15 @@ def test_a_solver_that_is_late_from_the_first_sample_on_is_stopped_and_one_that_
     assert saved.samples == 1000
 
 
-def test_the_loop_sleeps_only_where_more_than_the_spin_remains() -> None:
-    clock = Clock()
-    run_on(clock, 20, lambda j: 1_000)
-    assert clock.slept == 1  # before the first due time
+@pytest.mark.parametrize(
+    ("period_ns", "slept"),
+    [pytest.param(PERIOD_NS, 1, id="before the first due time"), pytest.param(1_000_000, 20, id="before each")],
+)
+def test_the_loop_sleeps_only_where_more_than_the_spin_remains(period_ns: int, slept: int) -> None:
     assert LEAD_NS > SPIN_NS > PERIOD_NS
-    slow = Clock()
-    run_on(slow, 20, lambda j: 1_000, period_ns=1_000_000)
-    assert slow.slept == 20
+    clock = Clock()
+    run_on(clock, 20, lambda j: 1_000, period_ns=period_ns)
+    assert clock.slept == slept
 
 
 @pytest.mark.parametrize(

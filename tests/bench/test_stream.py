@@ -18,16 +18,14 @@ from conftest import killed_and_resumed
 import solvers
 from bench.messages.progress import silent
 from bench.messages.task import Outcome, Setting, Task
-from bench.problems.simulation import Experiment
 from bench.races.kind import kind_of, kinds
-from bench.races.settings import settings_of
 from bench.races.stream import figures as stream_figures
 from bench.races.stream import race as stream
 from bench.races.stream import report
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.stream_problem import Judge, StreamProblem, make
-from bench.store import Run, RunError
-from bench.timing import latency_histogram, machine
+from bench.store import Run
+from bench.timing import latency_histogram
 from bench.timing.schedule import PERIOD_NS, Timeline
 from solvers import Lane, Status, Tier
 
@@ -156,26 +154,18 @@ def test_a_solver_that_sleeps_misses_its_deadlines_and_pays_for_stale_answers(st
     assert row.status == Status.OK  # its answers are right, and late
 
 
-def test_no_solve_begins_before_its_sample_is_due(streamed: Streamed) -> None:
-    for _, row in streamed.rows[streamed.rows.paced & (streamed.rows.samples > 0)].iterrows():
-        assert np.all(streamed.ns(row, "began") >= streamed.ns(row, "sample") * PERIOD_NS)
-
-
-def test_response_times_hold_the_service_times_and_the_waiting(streamed: Streamed) -> None:
+def test_solves_begin_when_their_sample_is_due_and_response_times_hold_service_times_and_waiting(
+    streamed: Streamed,
+) -> None:
     for _, row in streamed.rows[streamed.rows.paced & (streamed.rows.samples > 0)].iterrows():
         timeline = streamed.timeline(row)
+        assert np.all(timeline.began >= timeline.solved * PERIOD_NS)
         includes = np.searchsorted(timeline.solved, np.arange(timeline.samples))
         assert np.all(timeline.response_ns >= timeline.service_ns[includes])
     slow = streamed.timeline(streamed.row("sleeps_1_ms"))
     # What each solve took says nothing of the samples that came due meanwhile.
     assert slow.response_ns.sum() > 5 * slow.service_ns.sum()
     assert slow.response_ns.size > 5 * slow.service_ns.size
-
-
-def test_solvers_that_can_start_warm_start_from_their_last_answer(streamed: Streamed) -> None:
-    row = streamed.row("asks_for_its_last")
-    assert (row.status, row.message) == (Status.OK, "")
-    assert row.solves > 1
 
 
 @pytest.mark.parametrize("solver", ["daqp", "box_active_set", "recursive_active_set"])
@@ -208,28 +198,38 @@ def test_the_compiled_loop_takes_more_rows_than_there_are_and_is_not_called_pace
     assert row.stopped == ""
 
 
-def test_a_users_file_that_says_it_is_compiled_is_timed_from_outside_on_the_schedule(streamed: Streamed) -> None:
-    row = streamed.row("times_itself", "kernel")
-    assert row.paced
-    assert (row.status, row.message) == (Status.OK, "")
-    # it asks another solver five times; of itself it says a nanosecond
-    assert streamed.ns(row, "service").min() > 10_000
+@pytest.mark.parametrize(
+    ("solver", "lane", "status", "least_ns"),
+    [
+        # It asks another solver five times; of itself it says a nanosecond.
+        pytest.param("times_itself", "kernel", Status.OK, 10_001, id="a user's compiled solver is timed from outside"),
+        pytest.param("answers_later", "direct", Status.MISSED, 1_000_000, id="an answer is made within its time"),
+        pytest.param("asks_for_its_last", "direct", Status.OK, 0, id="a warm start is the last answer"),
+    ],
+)
+def test_a_solver_of_a_user_is_timed_on_the_schedule_from_start_to_array(
+    streamed: Streamed, solver: str, lane: str, status: Status, least_ns: int
+) -> None:
+    row = streamed.row(solver, lane)
+    assert (row.status, row.message, row.paced) == (status, "", True)
+    assert streamed.ns(row, "service").min() >= least_ns
+    assert row.solves > 1
 
 
-def test_an_answer_that_is_computed_when_it_becomes_an_array_is_computed_inside_its_time(streamed: Streamed) -> None:
-    row = streamed.row("answers_later")
-    assert (row.status, row.message) == (Status.MISSED, "")
-    assert streamed.ns(row, "service").min() >= 1_000_000
-
-
-def test_what_goes_wrong_is_a_row_of_its_own(streamed: Streamed) -> None:
-    unsupported = streamed.row("accelerated_projection", "kernel")
-    assert (unsupported.status, unsupported.samples) == (Status.UNSUPPORTED, 0)
-    assert "no compiled loop over rows" in unsupported.message
-    for solver, said in (("gives_up_later", "AssertionError: no more"), ("too_short", "ValueError")):
-        failed = streamed.row(solver)
-        assert (failed.status, failed.samples) == (Status.ADAPTER_FAILED, 0)
-        assert said in failed.message
+@pytest.mark.parametrize(
+    ("solver", "lane", "status", "said"),
+    [
+        ("accelerated_projection", "kernel", Status.UNSUPPORTED, "no compiled loop over rows"),
+        ("gives_up_later", "direct", Status.ADAPTER_FAILED, "AssertionError: no more"),
+        ("too_short", "direct", Status.ADAPTER_FAILED, "ValueError"),
+    ],
+)
+def test_what_goes_wrong_is_a_row_of_its_own(
+    streamed: Streamed, solver: str, lane: str, status: Status, said: str
+) -> None:
+    row = streamed.row(solver, lane)
+    assert (row.status, row.samples) == (status, 0)
+    assert said in row.message
 
 
 def test_a_solver_without_an_answer_leaves_the_one_before_in_use(streamed: Streamed) -> None:
@@ -423,7 +423,9 @@ def says_who_keeps_it(rows: pd.DataFrame) -> str:
     )
 
 
-def test_the_report_begins_with_the_verdict_and_holds_every_lane(streamed: Streamed) -> None:
+def test_the_report_begins_with_the_verdict_holds_every_lane_and_is_the_same_when_written_again(
+    streamed: Streamed,
+) -> None:
     _, path = kind_of(streamed.run).write(streamed.run)
     text = path.read_text(encoding="utf-8")
     assert says_who_keeps_it(streamed.rows) in text.split("![")[0]
@@ -432,17 +434,12 @@ def test_the_report_begins_with_the_verdict_and_holds_every_lane(streamed: Strea
     assert "no compiled loop over rows" in text
     for name in (*FAULTS, "daqp", "null"):
         assert f"| {name} | direct |" in text
-    for name in ("latency_tails.svg", "summary.csv"):
-        assert (streamed.run.path / name).stat().st_size > 0
     summary = pd.read_csv(streamed.run.path / "summary.csv")
     assert summary.samples.sum() == streamed.rows.samples.sum()
-
-
-def test_writing_the_report_again_writes_the_same(streamed: Streamed) -> None:
-    kind_of(streamed.run).write(streamed.run)
     before = {
         name: (streamed.run.path / name).read_bytes() for name in ("report.md", "latency_tails.svg", "summary.csv")
     }
+    assert all(before.values())
     kind_of(streamed.run).write(streamed.run)
     assert {name: (streamed.run.path / name).read_bytes() for name in before} == before
 
@@ -487,37 +484,3 @@ def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(
         lines = pd.read_csv(run.path / "figures" / f"{name}.csv")
         assert lines.name.str.contains("steps 15200").any()
         assert not lines.duplicated(["view", "name", x]).any()  # each line has a name of its own
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--samples", "100"], "--samples: is for the race stream; the race oneshot does not use it"),
-        (
-            ["--race", "stream", "--set", "paper"],
-            "--set: is for the race oneshot or anytime; the race stream does not use it",
-        ),
-        (["--race", "stream", "--samples", "0"], "--samples"),
-        (["--race", "marathon"], "'oneshot', 'anytime'"),
-    ],
-)
-def test_options_that_do_not_go_together_are_refused(
-    piezobench: CommandLine, tmp_path: Path, words: list[str], said: str
-) -> None:
-    assert said in piezobench("race", *words, "--out", tmp_path / "results").refusal
-    assert not (tmp_path / "results").exists()
-
-
-def test_a_run_of_an_unknown_race_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(
-        RunError,
-        match=r"run\.json: there is no race 'marathon'; known are oneshot, anytime, batch, "
-        r"loop, stream",
-    ):
-        kind_of(Run.create(tmp_path, {"race": "marathon", "settings": {}, "machine": machine.describe()}, "run"))
-
-
-def test_settings_come_back_from_a_run_as_they_were(streamed: Streamed) -> None:
-    settings = settings_of(streamed.run, StreamSettings)
-    assert (settings.samples, settings.give_up, settings.tiers) == (SAMPLES, GIVE_UP, (Tier.HIGH,))
-    assert isinstance(settings.experiment, Experiment)
