@@ -122,15 +122,6 @@ def test_a_violation_on_either_side_of_the_tolerance_is_told(tier: Tier, factor:
     assert ours.primal_residual == pytest.approx(ours.violation * abs(BEST).max())
 
 
-@pytest.mark.parametrize(("excess", "unnoticed"), [(-3.0, True), (0.009, True), (0.011, False), (np.nan, False)])
-def test_the_stage_notices_a_model_error_of_more_than_a_hundredth_of_the_noise_above_the_optimums(
-    excess: float, unnoticed: bool
-) -> None:
-    inexact = replace(judged(answered(BEST)), cost_gap=0.5, stage_excess=excess)
-    assert is_right(inexact, Tier.STAGE) == unnoticed
-    assert not is_right(inexact, Tier.LOW)
-
-
 def test_the_stage_excess_is_the_error_of_the_model_beyond_the_optimums_in_units_of_the_noise() -> None:
     problem = Experiment("bouc_wen", "multi_sine", build_s=1.0).problem("tests", "stage")
     form, noise_um = problem.forms["scaled"], problem.validation.noise_um

@@ -31,10 +31,6 @@ def test_one_sample_too_few_is_refused_with_the_number_that_is_needed(q: float) 
     assert given.reason == ""
 
 
-def test_nothing_has_no_percentile() -> None:
-    assert percentile([], 0.5).reason == "needs 6 samples"
-
-
 @pytest.mark.parametrize("q", [0.0, 1.0, -0.1, 99.9])
 def test_a_percentile_is_a_share_between_nothing_and_all(q: float) -> None:
     with pytest.raises(ValueError, match="between 0 and 1 as a share"):
@@ -79,8 +75,13 @@ def test_intervals_cover_the_true_percentile_as_often_as_they_say(q: float, samp
     assert covered >= 0.95 - 3 * np.sqrt(0.95 * 0.05 / 4000)
 
 
-def test_names_are_the_usual_ones() -> None:
-    assert [percentile([], q).name for q in QUANTILES] == ["p50", "p99", "p99.9", "p99.99"]
+def test_nothing_has_no_percentile_and_names_are_the_usual_ones() -> None:
+    assert [(found.name, found.reason) for found in (percentile([], q) for q in QUANTILES)] == [
+        ("p50", "needs 6 samples"),
+        ("p99", "needs 299 samples"),
+        ("p99.9", "needs 2995 samples"),
+        ("p99.99", "needs 29956 samples"),
+    ]
 
 
 @pytest.mark.parametrize(("events", "samples"), [(0, 30), (1, 30), (7, 50), (29, 30)])

@@ -1,12 +1,15 @@
 """What the plots of a one-shot race show: work and precision, the profile of Dolan and Moré, time by size, and where
 the time goes."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
 import pytest
 from measured_rows import ladder, measured, row
 
 from bench.derived import pictures
+from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, PAPER
 from bench.derived.summary import summary
 from bench.messages.task import Row
@@ -133,10 +136,6 @@ def test_a_solver_that_misses_the_tier_has_the_share_of_problems_on_which_its_fu
     assert shares["a", 2.0] == 1.0
 
 
-def test_a_profile_of_nothing_right_is_empty() -> None:
-    assert pictures.performance_profile(measured(timed("a", [1.0], [1.0]))).empty
-
-
 def sized(**change: object) -> list[Row]:
     """Solvers whose time is a multiple of d, in two lanes; "a" is wrong at the largest size."""
     return [
@@ -194,12 +193,18 @@ def test_those_that_are_right_at_every_size_come_before_those_that_are_not_and_t
     assert {*names[-2:]} == {"a (direct)", "a (qpsolvers)"}
 
 
-def test_one_size_gives_no_table() -> None:
-    assert len(pictures.time_by_size(measured([one for one in sized() if one["d"] == 18]))) == 0
-
-
-def test_methods_that_count_steps_have_no_time_by_size() -> None:
-    assert pictures.sizes(measured(sized(settings='{"steps": 5}'))).empty
+@pytest.mark.parametrize(
+    ("picture_of", "rows"),
+    [
+        pytest.param(pictures.performance_profile, timed("a", [1.0], [1.0]), id="nothing is right"),
+        pytest.param(pictures.time_by_size, [one for one in sized() if one["d"] == 18], id="one size"),
+        pytest.param(pictures.sizes, sized(settings='{"steps": 5}'), id="methods that count steps"),
+    ],
+)
+def test_a_picture_of_what_it_cannot_compare_is_empty(
+    picture_of: Callable[[Measurements], pd.DataFrame], rows: list[Row]
+) -> None:
+    assert picture_of(measured(rows)).empty
 
 
 def test_the_same_table_draws_the_same_picture() -> None:

@@ -156,27 +156,6 @@ def test_a_run_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-@pytest.mark.parametrize(
-    ("text", "said"), [("{", "is not a whole JSON file"), ("[]", "expected `object`, got `array`")]
-)
-def test_settings_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, text: str, said: str) -> None:
-    run = Run.create(tmp_path, SETTINGS, "run")
-    (run.path / "run.json").write_text(text)
-    with pytest.raises(RunError, match=rf"run\.json: {said}"):
-        _ = run.settings
-
-
-def test_tables_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, clean_race: Race) -> None:
-    run = Run.create(tmp_path, SETTINGS, "run")
-    table = (clean_race.run.path / "rows.parquet").read_bytes()
-    (run.path / "rows.parquet").write_bytes(table[: len(table) // 2])
-    with pytest.raises(RunError, match=r"rows\.parquet: cannot be read"):
-        run.rows(ONESHOT)
-    clean_race.rows.drop(columns="status").to_parquet(run.path / "rows.parquet")
-    with pytest.raises(RunError, match=r"rows\.parquet: has no column 'status'"):
-        run.rows(ONESHOT)
-
-
 @pytest.mark.parametrize("version", [1, 2, 4])
 def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_opens_it(
     clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int

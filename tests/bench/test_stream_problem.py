@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from qpsolvers import Problem, Solution
+from qpsolvers import Problem
 
 import solvers
 from bench.messages.task import NO_SETTING, Task
@@ -150,18 +150,14 @@ class Recorder(solvers.Solver):
     def setup(self, problem: Problem) -> None:
         self.seen.append([])
 
-    def update(self, P: np.ndarray | None = None, q: np.ndarray | None = None) -> None:
-        raise AssertionError("nobody updates in the kernel lane")
+    def refuse(self, *_: object, **__: object) -> Any:
+        raise AssertionError("in the kernel lane nothing is called but the compiled loop")
 
-    def solve(self, warm_start: np.ndarray | None = None) -> np.ndarray:
-        raise AssertionError("it cannot start warm")
+    update = solve = solution = refuse
 
     def time_rows(self, rows: np.ndarray, forgetting: float) -> tuple[np.ndarray, np.ndarray]:
         self.seen[-1].append(rows)
         return rows[:, :-1].copy(), np.ones(len(rows), dtype=np.int64)
-
-    def solution(self) -> Solution:
-        raise AssertionError("nobody asks")
 
 
 def recorded(monkeypatch: pytest.MonkeyPatch, short: StreamProblem, wall_s: float) -> stream_worker.Streamed:

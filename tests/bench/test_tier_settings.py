@@ -49,12 +49,6 @@ def test_where_no_setting_is_right_on_every_problem_a_tier_is_not_reached_and_th
     assert np.isnan([found.margin, found.left_out]).all()
 
 
-def test_a_tighter_setting_that_is_right_counts_for_looser_tiers() -> None:
-    found = settings(ladder({"p1": [NAN, 1e-14], "p2": [0.1, 1e-14]}))
-    assert found.setting[[Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT]].tolist() == ["s1"] * 4
-    assert (found.margin == 10.0).all()
-
-
 def test_each_solver_lane_and_scaling_has_a_setting_of_its_own_and_tiers_that_do_not_apply_have_no_row() -> None:
     found = tier_settings(
         table(
@@ -76,14 +70,56 @@ def test_each_solver_lane_and_scaling_has_a_setting_of_its_own_and_tiers_that_do
     assert found[(found.tier == Tier.HIGH) & (found.setting != "")].solver.tolist() == ["daqp", "daqp"]
 
 
-def test_the_stage_is_judged_on_the_problems_whose_noise_is_known() -> None:
-    rows = [
-        *ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.02, 0.001]),
-        *ladder({"p3": [0.5, 0.5]}, noise_um=0.0),
-    ]
-    found = settings(rows)
-    assert (found.setting[Tier.STAGE], found.margin[Tier.STAGE], found.problems[Tier.STAGE]) == ("s1", 10.0, 2)
-    assert (found.setting[Tier.LOW], found.problems[Tier.LOW]) == ("", 3)
+DEFAULT = row(setting="d", rung=-1, is_default=True)
+NOT_RUN = {"setting": "s1", "rung": 1, "status": "not_run", "cost_gap": NAN}
+NOISY = ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.02, 0.001])
+SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "tier", "setting", "problems"),
+    [
+        *(
+            pytest.param(ladder({"p1": [NAN, 1e-14], "p2": [0.1, 1e-14]}), tier, "s1", 2, id=f"tighter for {tier}")
+            for tier in (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT)
+        ),
+        pytest.param([*NOISY, *SILENT], Tier.STAGE, "s1", 2, id="the stage where the noise is known"),
+        pytest.param([*NOISY, *SILENT], Tier.LOW, "", 3, id="other tiers where the noise is not known"),
+        pytest.param(
+            [*ladder({"p1": [1e-12]}), *ladder({"p1": [1.0]}, problem_set="orders")], Tier.LOW, "", 2, id="two sets"
+        ),
+        pytest.param(
+            [*ladder({"p1": [1e-5, 1e-11]}), row(repeat=1, **NOT_RUN)], Tier.HIGH, "s1", 1, id="not run in a repeat"
+        ),
+        pytest.param(ladder({"p1": [1e-8, 1e-11]}), Tier.MID, "s0", 1, id="one repeat"),
+        *(
+            pytest.param(
+                [*ladder({"p1": [1e-8, 1e-11]}), *ladder({"p1": [1e-5, 1e-11]}, **other)],
+                Tier.MID,
+                "s1",
+                1,
+                id=str(other),
+            )
+            for other in ({"repeat": 1}, {"host": "there"})
+        ),
+        pytest.param([DEFAULT, *ladder({"p1": [0.5, 1e-8]})], Tier.MID, "s1", 1, id="default beside the ladder"),
+        pytest.param(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False]), Tier.MID, "s0", 1, id="default in it"),
+        pytest.param(
+            [*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")], Tier.MID, "s1", 1, id="warm"
+        ),
+    ],
+)
+def test_what_stands_for_a_tier_is_judged_by_all_cold_rows_of_the_ladder_on_all_problems_to_which_the_tier_applies(
+    rows: list[Row], tier: Tier, setting: str, problems: int
+) -> None:
+    found = settings(rows).loc[tier]
+    assert (found.setting, found.problems) == (setting, problems)
+    assert np.isnan(found.margin) if setting == "" else found.margin == 10.0
+
+
+@pytest.mark.parametrize("rows", [[], [DEFAULT]])
+def test_without_a_ladder_there_are_no_settings(rows: list[Row]) -> None:
+    assert tier_settings(table(rows)).empty
 
 
 def test_a_setting_that_was_not_run_or_is_not_there_on_one_problem_is_not_right_there() -> None:
@@ -94,47 +130,12 @@ def test_a_setting_that_was_not_run_or_is_not_there_on_one_problem_is_not_right_
     assert (found.setting, found.right, found.problems) == ("", 1, 2)
 
 
-def test_a_problem_of_the_same_name_in_another_set_is_another_problem() -> None:
-    rows = [*ladder({"p1": [1e-12]}), *ladder({"p1": [1.0]}, problem_set="orders")]
-    assert settings(rows).loc[Tier.LOW, ["setting", "problems", "right"]].tolist() == ["", 2, 1]
-
-
-def test_a_setting_that_was_run_in_one_repeat_is_judged_by_that() -> None:
-    skipped = [row(problem="p1", setting="s1", rung=1, repeat=1, status="not_run", cost_gap=NAN)]
-    assert settings([*ladder({"p1": [1e-5, 1e-11]}), *skipped]).setting[Tier.HIGH] == "s1"
-
-
-@pytest.mark.parametrize("other", [{"repeat": 1}, {"host": "there"}])
-def test_a_setting_is_judged_by_all_its_repeats_on_all_hosts(other: dict[str, object]) -> None:
-    rows = [*ladder({"p1": [1e-8, 1e-11]}), *ladder({"p1": [1e-5, 1e-11]}, **other)]
-    found = settings(rows)
-    assert found.setting[Tier.MID] == "s1"
-    assert settings(rows[:2]).setting[Tier.MID] == "s0"
-    assert (found.problems == 1).all()
-
-
-def test_the_default_that_is_not_in_the_ladder_stands_for_no_tier_and_one_that_is_does() -> None:
-    default = row(setting="d", rung=-1, is_default=True)
-    assert settings([default, *ladder({"p1": [0.5, 1e-8]})]).setting[Tier.MID] == "s1"
-    assert tier_settings(table([default])).empty
-    assert settings(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False])).setting[Tier.MID] == "s0"
-
-
-def test_warm_starts_choose_nothing() -> None:
-    assert (
-        settings([*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")]).setting[Tier.MID] == "s1"
-    )
-
-
 @pytest.mark.parametrize(
     "where", [{"rung": -1, "setting": "d", "is_default": True}, {"start": "warm"}, {"host": "there"}, {}]
 )
 def test_a_solver_that_was_caught_at_whatever_setting_reaches_no_tier(where: dict[str, object]) -> None:
-    rows = [
-        *ladder({"p1": [1e-14, 1e-14, 1e-14], "p2": [1e-14, 1e-14, 1e-14]}),
-        row(**{"setting": "s2", "rung": 2, **where, "status": "cached"}),
-    ]
-    found = settings(rows)
+    caught = row(**{"setting": "s2", "rung": 2, **where, "status": "cached"})
+    found = settings([*ladder({"p1": [1e-14] * 3, "p2": [1e-14] * 3}), caught])
     assert (found.setting == "").all()
     assert (found.right == 1).all()
 
@@ -160,7 +161,3 @@ def test_a_choice_that_the_others_cannot_make_is_not_right() -> None:
     assert choice(errors) is None
     assert left_out(errors) == 0.0  # without the first s0, without the last s1, and without the middle one none
     assert margin(np.array([0.3, 0.05])) == 3.0
-
-
-def test_no_rows_give_no_settings() -> None:
-    assert tier_settings(table([])).empty
