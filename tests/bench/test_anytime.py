@@ -59,29 +59,55 @@ def steps(*those: tuple[int, float, float]) -> list[dict[str, object]]:
     ]
 
 
-def gaps(rows: list[dict[str, object]], name: str, which: str = "median_gap") -> dict[int, float]:
+GROWING = ((0.4, 1.0), (1.7, 0.1), (3.0, 0.3), (60.0, 1e-9))
+OF_STEPS = steps((1, 0.01, 0.9), (100, 0.2, 0.5), (15_200, 5.0, 0.1))
+A_PROBLEM_WITHOUT_AN_ANSWER = [
+    *points("a", (0.5, 1e-3)),
+    *points("a", (0.5, 1e-6), problem="p2"),
+    *points("b", (0.5, 1e-4)),
+    *points("b", (0.5, math.nan), problem="p2", status="solver_failed"),
+]
+SETTINGS_AND_LIMITS = [
+    *points("a", (0.5, 1e-2)),
+    *points("a", (0.5, 1e-4), rung=3, setting="s3"),
+    *points("a", (0.5, 1e-3), is_default=True, setting="{}"),
+]
+
+
+@pytest.mark.parametrize(
+    ("rows", "name", "which", "expected"),
+    [
+        pytest.param(
+            points("a", *GROWING),
+            "a",
+            "median_gap",
+            {budget: min(gap for at, gap in GROWING if at <= budget) for budget in BUDGETS},
+            id="the best so far",
+        ),
+        pytest.param(
+            points("a", (7.0, 0.5)),
+            "a",
+            "median_gap",
+            dict(zip(BUDGETS[:5], (math.inf, math.inf, math.inf, 0.5, 0.5), strict=True)),
+            id="nothing before the first point",
+        ),
+        pytest.param(SETTINGS_AND_LIMITS, "a", "median_gap", {1: 1e-4}, id="settings and limits count alike"),
+        pytest.param(OF_STEPS, "projected_difference†", "median_gap", {1: 0.5, 5: 0.1}, id="as many steps as fit"),
+        pytest.param(
+            OF_STEPS, PACE, "median_gap", {1: 0.9, 100: 0.5, 10_000: 0.5, 15_200: 0.1}, id="a step takes a sample"
+        ),
+        *(
+            pytest.param(A_PROBLEM_WITHOUT_AN_ANSWER, name, which, {1: gap}, id=f"{name} on two problems, {which}")
+            for name, gap in (("a", 1e-3), ("b", math.inf))
+            for which in ("median_gap", "worst_gap")
+        ),
+    ],
+)
+def test_the_gap_within_a_budget_is_the_best_by_then_on_the_median_and_the_worst_problem(
+    rows: list[dict[str, object]], name: str, which: str, expected: dict[int, float]
+) -> None:
     table = anytime(measured(rows))
-    return table[table.name == name].set_index("budget")[which].to_dict()
-
-
-def test_the_gap_within_a_budget_is_the_best_of_what_is_there_by_then() -> None:
-    those = ((0.4, 1.0), (1.7, 0.1), (3.0, 0.3), (60.0, 1e-9))
-    assert gaps(points("a", *those), "a") == {
-        budget: min(gap for at, gap in those if at <= budget) for budget in BUDGETS
-    }
-
-
-def test_nothing_is_there_before_the_first_point() -> None:
-    assert list(gaps(points("a", (7.0, 0.5)), "a").values())[:5] == [math.inf, math.inf, math.inf, 0.5, 0.5]
-
-
-def test_settings_and_limits_of_iterations_count_alike() -> None:
-    rows = [
-        *points("a", (0.5, 1e-2)),
-        *points("a", (0.5, 1e-4), rung=3, setting="s3"),
-        *points("a", (0.5, 1e-3), is_default=True, setting="{}"),
-    ]
-    assert gaps(rows, "a")[1] == 1e-4
+    assert table[table.name == name].set_index("budget")[which].loc[list(expected)].to_dict() == expected
 
 
 def test_warm_starts_other_scalings_and_the_floor_do_not_count() -> None:
@@ -94,24 +120,6 @@ def test_warm_starts_other_scalings_and_the_floor_do_not_count() -> None:
     table = anytime(measured(rows))
     assert set(table.name) == {"a"}
     assert (table.median_gap == 1e-2).all()
-
-
-def test_a_step_a_sample_takes_a_period_whatever_it_costs() -> None:
-    rows = steps((1, 0.01, 0.9), (100, 0.2, 0.5), (15_200, 5.0, 0.1))
-    fits, paper = gaps(rows, "projected_difference†"), gaps(rows, PACE)
-    assert (fits[1], fits[5]) == (0.5, 0.1)
-    assert (paper[1], paper[100], paper[10_000], paper[15_200]) == (0.9, 0.5, 0.5, 0.1)
-
-
-def test_a_problem_without_an_answer_counts_as_the_worst() -> None:
-    rows = [
-        *points("a", (0.5, 1e-3)),
-        *points("a", (0.5, 1e-6), problem="p2"),
-        *points("b", (0.5, 1e-4)),
-        *points("b", (0.5, math.nan), problem="p2", status="solver_failed"),
-    ]
-    for which in ("median_gap", "worst_gap"):
-        assert (gaps(rows, "a", which)[1], gaps(rows, "b", which)[1]) == (1e-3, math.inf)
 
 
 def test_it_says_who_is_exact_and_compares_the_papers_pace_with_what_fits() -> None:
