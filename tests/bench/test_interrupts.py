@@ -57,6 +57,24 @@ def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(t
         assert call.returncode in (130, 2)  # or it had found already that there is no such file
 
 
+def test_a_race_that_is_interrupted_while_its_problems_are_made_says_how_to_carry_on(tmp_path: Path) -> None:
+    words = ("race", "--set", "paper", "--limit", "1", "--solver", "daqp", "--lane", "direct", "--out", str(tmp_path))
+    call = subprocess.Popen(
+        [sys.executable, "-m", "bench", *words, "--name", "run"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_until((tmp_path / "run" / "run.json").is_file, call)
+    call.send_signal(signal.SIGINT)
+    shown, said = call.communicate()
+    assert call.returncode == 130, said
+    assert (shown, said.splitlines()) == (
+        "",
+        [f"Interrupted; what is done is kept, and 'piezobench resume {tmp_path / 'run'}' carries on."],
+    )
+
+
 @pytest.mark.slow
 def test_a_folder_for_temporary_files_whose_name_is_too_long_is_named(tmp_path: Path) -> None:
     temporary = tmp_path / ("t" * 90)

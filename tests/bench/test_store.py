@@ -156,6 +156,16 @@ def test_a_run_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
+@pytest.mark.parametrize(
+    ("text", "said"), [("{", "is not a whole JSON file"), ("[]", "expected `object`, got `array`")]
+)
+def test_settings_that_are_damaged_are_refused_with_the_file_named(tmp_path: Path, text: str, said: str) -> None:
+    run = Run.create(tmp_path, SETTINGS, "run")
+    (run.path / "run.json").write_text(text)
+    with pytest.raises(RunError, match=rf"run\.json: {said}"):
+        _ = run.settings
+
+
 @pytest.mark.parametrize("version", [1, 2, 4])
 def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_opens_it(
     clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int
