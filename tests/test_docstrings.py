@@ -5,7 +5,7 @@ import importlib
 from pathlib import Path
 
 import pytest
-from programs import library
+from programs import library, program
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("solvers", "piezo_model", "bench", "examples/adapters", "examples/experiment")
@@ -24,6 +24,8 @@ def test_the_examples_of_a_file_print_what_they_show(path: Path) -> None:
         library(NEEDED.get(path.stem, path.stem))
         module = importlib.import_module(path.stem)
     else:
+        if "codegen" in path.parts:
+            program("cc")
         module = importlib.import_module(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
     found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert found.attempted > 0

@@ -49,7 +49,7 @@ def both(name: str, problem: Problem | None = None, **settings: Any) -> tuple[So
 
 def reachable(name: str) -> dict[str, Any]:
     """The tightest rung that the library reaches on the programs of this file, whose costs are about 100."""
-    ladder = solvers.find(name, Lane.DIRECT).load().ladder(1.0)
+    ladder = solver_class(solvers.find(name, Lane.DIRECT)).ladder(1.0)
     return dict(ladder[{"casadi_hpipm": 2, "osqp": 1, "piqp": 2}.get(name, -1)])
 
 
