@@ -20,7 +20,7 @@ def test_the_lowest_of_several_valleys_is_found_without_asking_twice() -> None:
     asked: list[float] = []
     found = minimise_over_lag(lambda at: asked.append(at) or np.cos(2.2 * at) + 0.05 * (at - 7) ** 2, 12)
     assert found.samples == pytest.approx(7.11, abs=0.05)
-    assert len(asked) == len(set(asked)) == found.evaluations < 40
+    assert len(asked) == len(set(asked)) < 40
     assert (min(asked), max(asked)) == (0, 12)
 
 
