@@ -238,6 +238,7 @@ def test_a_cold_answer_is_the_same_to_the_last_bit_whatever_was_solved_before(se
 
 @quick
 @given(seed=seeds, d=st.integers(1, 30))
+@example(seed=29725, d=5)
 def test_the_dual_active_set_alone_reaches_the_optimum_from_any_sides(seed, d):
     rng = np.random.default_rng(seed)
     P, q, lb, ub = random_program(seed, d, 4)
@@ -248,7 +249,8 @@ def test_the_dual_active_set_alone_reaches_the_optimum_from_any_sides(seed, d):
     for i in np.flatnonzero(lb < ub):
         sides[i] = rng.choice([0, *[-1] * bool(lb[i] > -INF), *[1] * bool(ub[i] < INF)])
     assert bindings.box_dual_from(s.state, sides) == OK
-    np.testing.assert_allclose(s.part("x") * s.part("scale"), best, rtol=0, atol=1e-9)
+    # a condition number of 1e4 lets rounding move x by about 1e4 eps of its size
+    np.testing.assert_allclose(s.part("x") * s.part("scale"), best, rtol=0, atol=1e-11 * np.abs(best).max())
     assert np.isfinite(s.part("g")).all()
 
 
