@@ -21,7 +21,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 with suppress(ModuleNotFoundError):
     from hypothesis import settings
 
-    # The same draws for the same test, so that a change alone turns a test red; `--hypothesis-profile=drawn` draws anew.
+    # The same draws in every run, so that only a change turns a test red; `--hypothesis-profile=drawn` draws others.
     settings.register_profile("drawn", deadline=None, max_examples=100 if ALL else 25)
     settings.register_profile("repeated", settings.get_profile("drawn"), derandomize=True)
     settings.load_profile("repeated")
