@@ -77,43 +77,44 @@ SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
 
 
 @pytest.mark.parametrize(
-    ("rows", "tier", "setting", "problems"),
+    ("rows", "tier", "setting", "right", "problems"),
     [
         *(
-            pytest.param(ladder({"p1": [NAN, 1e-14], "p2": [0.1, 1e-14]}), tier, "s1", 2, id=f"tighter for {tier}")
+            pytest.param(ladder({"p1": [NAN, 1e-14], "p2": [0.1, 1e-14]}), tier, "s1", 2, 2, id=f"tighter for {tier}")
             for tier in (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT)
         ),
-        pytest.param([*NOISY, *SILENT], Tier.STAGE, "s1", 2, id="the stage where the noise is known"),
-        pytest.param([*NOISY, *SILENT], Tier.LOW, "", 3, id="other tiers where the noise is not known"),
+        pytest.param([*NOISY, *SILENT], Tier.STAGE, "s1", 2, 2, id="the stage where the noise is known"),
+        pytest.param([*NOISY, *SILENT], Tier.LOW, "", 0, 3, id="other tiers where the noise is not known"),
         pytest.param(
-            [*ladder({"p1": [1e-12]}), *ladder({"p1": [1.0]}, problem_set="orders")], Tier.LOW, "", 2, id="two sets"
+            [*ladder({"p1": [1e-12]}), *ladder({"p1": [1.0]}, problem_set="orders")], Tier.LOW, "", 1, 2, id="two sets"
         ),
         pytest.param(
-            [*ladder({"p1": [1e-5, 1e-11]}), row(repeat=1, **NOT_RUN)], Tier.HIGH, "s1", 1, id="not run in a repeat"
+            [*ladder({"p1": [1e-5, 1e-11]}), row(repeat=1, **NOT_RUN)], Tier.HIGH, "s1", 1, 1, id="not run in a repeat"
         ),
-        pytest.param(ladder({"p1": [1e-8, 1e-11]}), Tier.MID, "s0", 1, id="one repeat"),
+        pytest.param(ladder({"p1": [1e-8, 1e-11]}), Tier.MID, "s0", 1, 1, id="one repeat"),
         *(
             pytest.param(
                 [*ladder({"p1": [1e-8, 1e-11]}), *ladder({"p1": [1e-5, 1e-11]}, **other)],
                 Tier.MID,
                 "s1",
                 1,
+                1,
                 id=str(other),
             )
             for other in ({"repeat": 1}, {"host": "there"})
         ),
-        pytest.param([DEFAULT, *ladder({"p1": [0.5, 1e-8]})], Tier.MID, "s1", 1, id="default beside the ladder"),
-        pytest.param(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False]), Tier.MID, "s0", 1, id="default in it"),
+        pytest.param([DEFAULT, *ladder({"p1": [0.5, 1e-8]})], Tier.MID, "s1", 1, 1, id="default beside the ladder"),
+        pytest.param(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False]), Tier.MID, "s0", 1, 1, id="default in it"),
         pytest.param(
-            [*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")], Tier.MID, "s1", 1, id="warm"
+            [*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")], Tier.MID, "s1", 1, 1, id="warm"
         ),
     ],
 )
 def test_what_stands_for_a_tier_is_judged_by_all_cold_rows_of_the_ladder_on_all_problems_to_which_the_tier_applies(
-    rows: list[Row], tier: Tier, setting: str, problems: int
+    rows: list[Row], tier: Tier, setting: str, right: int, problems: int
 ) -> None:
     found = settings(rows).loc[tier]
-    assert (found.setting, found.problems) == (setting, problems)
+    assert (found.setting, found.right, found.problems) == (setting, right, problems)
     assert np.isnan(found.margin) if setting == "" else found.margin == 10.0
 
 

@@ -249,8 +249,8 @@ def test_the_dual_active_set_alone_reaches_the_optimum_from_any_sides(seed, d):
     for i in np.flatnonzero(lb < ub):
         sides[i] = rng.choice([0, *[-1] * bool(lb[i] > -INF), *[1] * bool(ub[i] < INF)])
     assert bindings.box_dual_from(s.state, sides) == OK
-    # a condition number of 1e4 lets rounding move x by about 1e4 eps of its size
-    np.testing.assert_allclose(s.part("x") * s.part("scale"), best, rtol=0, atol=1e-11 * np.abs(best).max())
+    # a condition number of 1e4 lets the rounding of either answer move it by 1e4 eps of its size
+    np.testing.assert_allclose(s.part("x") * s.part("scale"), best, rtol=0, atol=2e4 * EPS * np.abs(best).max())
     assert np.isfinite(s.part("g")).all()
 
 
