@@ -166,6 +166,15 @@ def test_settings_that_are_damaged_are_refused_with_the_file_named(tmp_path: Pat
         _ = run.settings
 
 
+def test_a_table_without_a_column_is_refused_with_the_file_and_the_column_named(
+    tmp_path: Path, clean_race: Race
+) -> None:
+    run = Run.create(tmp_path, SETTINGS, "run")
+    clean_race.rows.drop(columns="status").to_parquet(run.path / "rows.parquet")
+    with pytest.raises(RunError, match=r"rows\.parquet: has no column 'status'"):
+        run.rows(ONESHOT)
+
+
 @pytest.mark.parametrize("version", [1, 2, 4])
 def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_opens_it(
     clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int
