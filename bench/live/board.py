@@ -59,9 +59,10 @@ COUNTS = (
     "learning",
     "stop",
     "core",
+    "page",
 )
 """Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many of
-each follow, and the core of the loop."""
+each follow, the core of the loop, and 1 once the page answers."""
 
 
 class Board:

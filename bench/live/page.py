@@ -19,9 +19,10 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, NumericInput, Span
 from bokeh.plotting import figure
 from bokeh.server.server import Server
+from tornado.netutil import bind_sockets
 
 from bench.live.board import Board, Command, State, edges_us
-from bench.live.device import Declared
+from bench.live.device import Declared, DeviceError
 from bench.live.loop import Task
 from bench.report.plot import GREY, PALETTE
 from piezo_model import HysteresisCreepModel
@@ -229,6 +230,17 @@ def document(view: View, doc: Document) -> None:
     doc.add_periodic_callback(update, EVERY_MS)
 
 
+def check(host: str, port: int) -> None:
+    """See that a page can be there; DeviceError says why it cannot."""
+    try:
+        for listening in bind_sockets(port, host):
+            listening.close()
+    except OSError as error:
+        raise DeviceError(
+            f"the page cannot be at {host}:{port}: {error.strerror}; --port or --host names another place"
+        ) from None
+
+
 def main(task: Task, declared: Declared, address: tuple[str, int], token: str) -> None:
     """The process of the page."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -244,4 +256,5 @@ def main(task: Task, declared: Declared, address: tuple[str, int], token: str) -
         allow_websocket_origin=[f"{host}:{port}", *local],
     )
     server.io_loop.add_callback(server.start)
+    server.io_loop.add_callback(lambda: view.board.note(page=1))
     server.io_loop.start()

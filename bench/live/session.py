@@ -99,6 +99,10 @@ class Session:
         Controller.of(plan, self.declared, 1.0 / rate)
         if record is not None:
             recorder.check(record)
+        if page is not None:
+            from bench.live.page import check  # which needs Bokeh
+
+            check(*page)
         wanted = reference(self.declared)
         self._folder = Path(tempfile.mkdtemp(prefix="piezobench-live-", dir=IN_MEMORY if IN_MEMORY.is_dir() else None))
         self.task = Task(self._folder / "board", device, plan, wanted, rate, seconds)
@@ -141,13 +145,12 @@ class Session:
                 )
             )
         if self._page is not None:
-            from bench.live import page  # which needs Bokeh
+            from bench.live import page
 
-            told(f"Page: http://{self._page[0]}:{self._page[1]}/{self.token}")
             beside.append(
                 Helper("page", lambda: self._start(page.main, self.task, self.declared, self._page, self.token))
             )
-        found = self._watch(main, beside)
+        found = self._watch(main, beside, told)
         self.board.note(state=State.ENDED)
         for helper in beside:
             if helper.name == "page":
@@ -176,11 +179,14 @@ class Session:
             raise DeviceError(said)
         return main
 
-    def _watch(self, main: BaseProcess, beside: list[Helper]) -> list[str]:
+    def _watch(self, main: BaseProcess, beside: list[Helper], told: Callable[[str], None]) -> list[str]:
         """Wait for the end of the loop; what a person should know of it."""
-        self._failed = False
+        self._failed, unannounced = False, self._page
         while main.is_alive():
             time.sleep(LOOK_S)
+            if unannounced and self.board.page:
+                told("Page: http://{}:{}/{}".format(*unannounced, self.token))
+                unannounced = None
             if self._signal:
                 self.board.note(stop=1)
             beat = self.board.beat_ns
