@@ -6,6 +6,7 @@ staircase 0.5s:4um:8          time and height of a level, and how many levels up
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ import pint
 from piezo_model.recordings import read_reference
 from piezo_model.units import shown
 from solvers.arrays import Vector
+
+MOST_REPEATED = 100_000
+"""Samples of a sine before it repeats itself, where one period is not longer."""
 
 
 class ReferenceError(ValueError):
@@ -52,9 +56,11 @@ def sine(text: str, unit: str, centre: float, sample_time: float) -> Reference:
         raise ReferenceError(
             f"--sine {text}: the frequency must be positive and below half the sampling rate, {0.5 / sample_time:g} Hz"
         )
-    period = max(2, round(1.0 / (frequency * sample_time)))
-    at = more[0] if more else centre
-    return Reference(at + amplitude * np.sin(2.0 * math.pi * np.arange(period) / period), f"sine {text}")
+    phase = frequency * sample_time
+    # so many whole periods that they take a whole number of samples
+    repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_REPEATED * phase)))
+    phases = np.arange(repeats.numerator) * repeats.denominator % repeats.numerator / repeats.numerator
+    return Reference((more[0] if more else centre) + amplitude * np.sin(2.0 * math.pi * phases), f"sine {text}")
 
 
 def staircase(text: str, unit: str, centre: float, sample_time: float) -> Reference:

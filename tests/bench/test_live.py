@@ -1,6 +1,7 @@
 """A compensator on a stage: what is refused, how every end brings the stage to rest, what the recording holds, and the
 page in a browser."""
 
+import math
 import os
 import random
 import re
@@ -443,6 +444,13 @@ def test_the_board_hands_over_samples_events_and_commands_in_their_order(tmp_pat
 def test_a_sine_that_cannot_be_sampled_is_refused(words: str) -> None:
     with pytest.raises(ReferenceError, match="--sine"):
         sine(words, "um", 0.0, 1e-3)
+
+
+@pytest.mark.parametrize("frequency", [3.0, 99.0, 0.37, math.pi])
+def test_a_sine_has_the_frequency_asked_for_however_many_samples_a_period_takes(frequency: float) -> None:
+    reference = sine(f"{frequency!r}Hz:2um", "um", 1.0, 5e-3)
+    found = [reference.at(k) for k in range(10_000)]
+    assert found == pytest.approx(1.0 + 2.0 * np.sin(2.0 * np.pi * frequency * 5e-3 * np.arange(10_000)), abs=1e-2)
 
 
 def test_a_staircase_goes_up_and_down_in_its_levels_about_the_centre() -> None:
