@@ -22,8 +22,6 @@
 #define RESIDUAL ((real)64)      /* times the rounding of g: so much of g_F may be left */
 #define SMALLEST ((real)1e-30)   /* least diagonal */
 
-CORE_INLINE num *row_of(const Pivoting *s, int i) { return s->data + symmetric_row(s->d + 1, i); }
-
 /* The largest of a vector's lanes, and their sum, where these are entries of one program. */
 CORE_INLINE num largest_entry(vec8 a)
 {
@@ -50,8 +48,8 @@ num N(pivoting_prepare)(const Pivoting *s)
     for (int i = 0; i < d; ++i) {
         fine = both(fine, both(less(constant(SMALLEST), s->diagonal[i]), is_finite(s->diagonal[i])));
 #ifndef CORE_TILE
-        for (int j = i; j < d; ++j) {
-            s->whole[i * NUMS(d) + j] = s->whole[j * NUMS(d) + i] = row_of(s, i)[j];
+        for (int j = i + 1; j < d; ++j) {
+            row_of(s, j)[i] = row_of(s, i)[j];
         }
 #endif
     }
@@ -89,7 +87,7 @@ static void gradient(const Pivoting *s)
         const int pair = i + 1 < VECTORS(d);
         vec8 sum = vector(s->q, i), sum_next = vector(s->q, i + pair);
         for (int j = 0; j < d; ++j) {
-            const num *const column = s->whole + j * NUMS(d);
+            const num *const column = row_of(s, j);
             const vec8 x = splat(s->x[j]);
             sum = plus_product(sum, vector(column, i), x);
             sum_next = plus_product(sum_next, vector(column, i + pair), x);
@@ -99,6 +97,7 @@ static void gradient(const Pivoting *s)
             set_vector(s->g, i + 1, sum_next);
         }
     }
+    end_gradient(s);
 #endif
 }
 
@@ -113,8 +112,9 @@ static void move_variable(const Pivoting *s, int j, num to)
     }
 #else
     for (int i = 0; i < VECTORS(s->d); ++i) {
-        set_vector(s->g, i, plus_product(vector(s->g, i), vector(s->whole + j * NUMS(s->d), i), splat(change)));
+        set_vector(s->g, i, plus_product(vector(s->g, i), vector(row_of(s, j), i), splat(change)));
     }
+    end_gradient(s);
 #endif
 }
 

@@ -1,7 +1,7 @@
 /* Block principal pivoting for   minimise 1/2 x'Px + q'x   over   lb <= x <= ub,   of one program or of eight at once.
  *
  * P is the upper triangle, by rows, of a matrix of order d + 1, as the Gram matrix of rows (xi, x) is one; what stands
- * in its last column is not read and is written over.
+ * in its last column is not read and is written over, and so is the lower triangle of a single program.
  */
 #ifndef CORE_BLOCK_PIVOTING_H
 #define CORE_BLOCK_PIVOTING_H
@@ -24,13 +24,11 @@ typedef struct {
     num *scale;        /* d: about P_jj^(-1/2), a power of two */
     num *free, *step;  /* d: of a linear system, 1 where a variable is free, and what it solves for */
     Factor factor;
-    num *whole; /* P by rows, of a single program */
 } Pivoting;
 
 CORE_INLINE int64_t pivoting_bytes(int d)
 {
-    const int rows = WIDTH == 1 ? d : 0; /* of the whole P */
-    return factor_bytes(d) + (int64_t)sizeof(num) * (symmetric_nums(d + 1) + (10 + rows) * NUMS(d));
+    return factor_bytes(d) + (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 10 * NUMS(d));
 }
 CORE_INLINE Pivoting pivoting_at(Arena *arena, int d)
 {
@@ -48,8 +46,16 @@ CORE_INLINE Pivoting pivoting_at(Arena *arena, int d)
     s.free = nums(arena, NUMS(d));
     s.step = nums(arena, NUMS(d));
     s.factor = factor_at(arena, d);
-    s.whole = WIDTH == 1 ? nums(arena, d * NUMS(d)) : NULL;
     return s;
+}
+
+CORE_INLINE num *row_of(const Pivoting *s, int i) { return s->data + symmetric_row(s->d + 1, i); }
+/* Take from g what products with whole rows put behind it: those with the last column of the data and what follows. */
+CORE_INLINE void end_gradient(const Pivoting *s)
+{
+    for (int i = s->d; i < NUMS(s->d); ++i) {
+        s->g[i] = constant(0);
+    }
 }
 
 /* Take the data; 1 where the diagonal is positive and finite. To be called again where a lane has another program. */

@@ -143,16 +143,25 @@ int box_take_hessian(Box *s, const real *P)
 static real symmetric_part(const Box *s, const Pivoting *p)
 {
     const int d = s->d, ld = s->ld;
-    real total = 0, unequal = 0;
+    vec8 total = zeros(), unequal = zeros();
     for (int i = 0; i < d; ++i) {
-        for (int j = i; j < d; ++j) {
-            const real a = s->P[i * ld + j], b = s->P[j * ld + i], mean = (a + b) / 2;
-            total += mean - mean;
-            unequal = MAGNITUDE(a - b) > unequal ? MAGNITUDE(a - b) : unequal;
-            p->data[symmetric_row(d + 1, i) + j] = mean;
+        real *const row = row_of(p, i);
+        for (int j = i / LANES * LANES; j < d; ++j) {
+            row[j] = s->P[j * ld + i];
+        }
+        row[d] = 0;
+    }
+    for (int i = 0; i < d; ++i) {
+        real *const row = row_of(p, i);
+        const real *const copy = s->P + i * ld;
+        for (int b = i / LANES * LANES; b < ld; b += LANES) {
+            const vec8 a = load(row + b), c = load(copy + b), mean = mul(splat((real)0.5), add(a, c));
+            total = add(total, sub(mean, mean));
+            unequal = larger(magnitude(sub(a, c)), unequal);
+            store(row + b, mean);
         }
     }
-    return total + unequal;
+    return sum8(total) + largest8(unequal);
 }
 
 /* The variables are scaled already. */
@@ -171,7 +180,7 @@ static real length_of_solution(const Pivoting *p, real least, const real *right)
     for (int i = 0; i < p->d; ++i) {
         p->free[i] = 1;
         p->factor.rows[i] = i;
-        p->data[symmetric_row(p->d + 1, i) + p->d] = right[i];
+        row_of(p, i)[p->d] = right[i];
     }
     if (!(factorise(&p->factor, p->data, p->free, p->d, least) > 0)) {
         return REAL_INFINITY;
@@ -213,7 +222,7 @@ int box_regularise(const Fallback *f)
 {
     const Pivoting *const p = &f->program;
     for (int j = 0; j < p->d; ++j) {
-        p->data[symmetric_row(p->d + 1, j) + j] += BOX_PROXIMAL;
+        row_of(p, j)[j] += BOX_PROXIMAL;
     }
     prepare(p);
     f->head->singular = 1;

@@ -30,7 +30,7 @@ static void gradient_compensated(const Pivoting *p)
     for (int b = 0; b < VECTORS(p->d); ++b) {
         vec8 high = vector(p->q, b), low = zeros();
         for (int j = 0; j < p->d; ++j) {
-            const vec8 m = vector(p->whole + j * NUMS(p->d), b), t = splat(p->x[j]), product = mul(m, t);
+            const vec8 m = vector(row_of(p, j), b), t = splat(p->x[j]), product = mul(m, t);
             const vec8 total = add(high, product), added = sub(total, high);
             const vec8 of_sum = add(sub(high, sub(total, added)), sub(product, added));
             const vec8 m_wide = mul(splitter, m), m1 = sub(m_wide, sub(m_wide, m)), m2 = sub(m, m1);
@@ -41,6 +41,7 @@ static void gradient_compensated(const Pivoting *p)
         }
         set_vector(p->g, b, add(high, low));
     }
+    end_gradient(p);
 }
 
 /* A linear system with the sides as they are; 0 where P_FF is not positive definite to rounding. */

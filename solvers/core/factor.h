@@ -17,107 +17,128 @@
 
 #include "num.h"
 
-enum { STRIP = PARTS == 1 ? 8 : PARTS == 2 ? 4 : 2 }; /* vectors of a row of the factor that stay in registers */
+enum { STRIP = PARTS == 1 ? 4 : PARTS == 2 ? 2 : 1 }; /* vectors of two rows of the factor that stay in registers */
 
 typedef struct {
     int d;
     num *U;        /* symmetric_nums(d + 1) */
-    num *inverse;  /* d: 1 / D_i, 0 where row i is left out */
-    num *L;        /* d: a row of L */
     int32_t *rows; /* d: those that are free in some program, ascending */
+    num *inverse;  /* d + 1: of each row of this list 1 / D_i, 0 where it is left out */
+    num *L;        /* 2 (d + 1): of the two rows that are made, side by side */
+    int32_t *at;   /* d + 1: where each row of the list stands in U */
 } Factor;
 
 CORE_INLINE int64_t factor_bytes(int d)
 {
-    return (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 2 * NUMS(d)) + 8 * padded(d);
+    return (int64_t)sizeof(num) * (symmetric_nums(d + 1) + 3 * NUMS(d + 1)) + 8 * (padded(d) + padded(d + 1));
 }
 CORE_INLINE Factor factor_at(Arena *arena, int d)
 {
     Factor f = {.d = d};
     f.U = nums(arena, symmetric_nums(d + 1));
-    f.inverse = nums(arena, NUMS(d));
-    f.L = nums(arena, NUMS(d));
+    f.inverse = nums(arena, NUMS(d + 1));
+    f.L = nums(arena, 2 * NUMS(d + 1));
     f.rows = integers(arena, d);
+    f.at = integers(arena, d + 1);
     return f;
 }
 
-/* So many vectors from j on of the row at this place of the list. */
-CORE_INLINE void strip_of_row(Factor f, const num *P, int place, int j, int vectors)
+/* So many vectors from j on of rows i and m, which follow `place` others. */
+CORE_INLINE void strip_of_rows(Factor f, const num *P, int place, int i, int m, int j, int vectors)
 {
-    const int row = symmetric_row(f.d + 1, f.rows[place]);
-    vec8 sum[LANES];
+    const int row = symmetric_row(f.d + 1, i), next = symmetric_row(f.d + 1, m);
+    vec8 first[STRIP], second[STRIP];
     for (int c = 0; c < vectors; ++c) {
-        sum[c] = vector(P + row, j + c);
+        first[c] = vector(P + row, j + c);
+        second[c] = vector(P + next, j + c);
     }
     for (int k = 0; k < place; ++k) {
-        const num *const above = f.U + symmetric_row(f.d + 1, f.rows[k]);
-        const vec8 share = SPREAD(f.L[k]);
+        const num *const above = f.U + f.at[k];
+        const vec8 L_i = SPREAD(f.L[2 * k]), L_m = SPREAD(f.L[2 * k + 1]);
         for (int c = 0; c < vectors; ++c) {
-            sum[c] = sub_mul(sum[c], share, vector(above, j + c));
+            const vec8 u = vector(above, j + c);
+            first[c] = sub_mul(first[c], L_i, u);
+            second[c] = sub_mul(second[c], L_m, u);
         }
     }
-    for (int c = 0; c < vectors; ++c) {
-        set_vector(f.U + row, j + c, sum[c]);
+    for (int c = 0; c < vectors; ++c) { /* the second before the first, which it may be */
+        set_vector(f.U + next, j + c, sub_mul(second[c], SPREAD(f.L[2 * place + 1]), first[c]));
+        set_vector(f.U + row, j + c, first[c]);
     }
 }
 
+/* 1/D of a pivot, 0 where its row is left out; where it is not above the share `least` of the diagonal of P, `safe`
+ * becomes 0. */
+CORE_INLINE num invert_pivot(num pivot, num diagonal, num free, real least, num *safe)
+{
+    const num divisor = choose(free, pivot, constant(1));
+    *safe = if_less(times(constant(least), both(free, diagonal)), divisor, *safe, constant(0));
+    return divided(free, divisor);
+}
+
 /* Factorise with the first `count` rows of the list, with the right-hand side in column d of P; 1 where every pivot D_i
- * is more than the share `least` of P_ii. */
+ * is more than the share `least` of P_ii. Two rows are made at a time, and the entries of their pivots first: what
+ * follows waits for the divisions alone. The last of an odd number is made beside itself. */
 CORE_INLINE num factorise(const Factor *factor, const num *P, const num *free, int count, real least)
 {
     const Factor f = *factor;
     const int vectors = VECTORS(f.d + 1);
     num safe = constant(1);
-    for (int place = 0; place < count; ++place) {
-        const int i = f.rows[place], row = symmetric_row(f.d + 1, i);
-        int j = diagonal_vector(i);
+    for (int place = 0; place < count; place += 2) {
+        const int i = f.rows[place], m = f.rows[place + (place + 1 < count)];
+        const int row = symmetric_row(f.d + 1, i), next = symmetric_row(f.d + 1, m);
+        int j = diagonal_vector(m); /* columns between i and m are free in no program */
+        num ii = P[row + i], im = P[row + m], mm = P[next + m];
         for (int k = 0; k < place; ++k) {
-            f.L[k] = times(f.U[symmetric_row(f.d + 1, f.rows[k]) + i], f.inverse[f.rows[k]]);
+            const num *const above = f.U + f.at[k];
+            const num L_i = times(above[i], f.inverse[k]), L_m = times(above[m], f.inverse[k]);
+            ii = minus_times(ii, L_i, above[i]);
+            im = minus_times(im, L_i, above[m]);
+            mm = minus_times(mm, L_m, above[m]);
+            f.L[2 * k] = L_i;
+            f.L[2 * k + 1] = L_m;
         }
+        f.at[place] = row;
+        f.at[place + 1] = next;
+        f.inverse[place] = invert_pivot(ii, P[row + i], free[i], least, &safe);
+        f.L[2 * place + 1] = times(im, f.inverse[place]);
+        mm = minus_times(mm, f.L[2 * place + 1], im);
+        f.inverse[place + 1] = invert_pivot(mm, P[next + m], m > i ? free[m] : constant(0), least, &safe);
         for (; j + STRIP <= vectors; j += STRIP) {
-            strip_of_row(f, P, place, j, STRIP);
+            strip_of_rows(f, P, place, i, m, j, STRIP);
         }
         switch (vectors - j) { /* a constant keeps them in registers */
-        case 7:
-            strip_of_row(f, P, place, j, 7);
-            break;
-        case 6:
-            strip_of_row(f, P, place, j, 6);
-            break;
-        case 5:
-            strip_of_row(f, P, place, j, 5);
-            break;
-        case 4:
-            strip_of_row(f, P, place, j, 4);
-            break;
         case 3:
-            strip_of_row(f, P, place, j, 3);
+            strip_of_rows(f, P, place, i, m, j, STRIP < 3 ? STRIP : 3);
             break;
         case 2:
-            strip_of_row(f, P, place, j, 2);
+            strip_of_rows(f, P, place, i, m, j, STRIP < 2 ? STRIP : 2);
             break;
         case 1:
-            strip_of_row(f, P, place, j, 1);
+            strip_of_rows(f, P, place, i, m, j, 1);
             break;
         }
-        const num pivot = choose(free[i], f.U[row + i], constant(1));
-        safe = if_less(times(constant(least), both(free[i], P[row + i])), pivot, safe, constant(0));
-        f.inverse[i] = divided(free[i], pivot);
     }
     return safe;
 }
 
-/* x = U^-1 of the right-hand side, zero where a program leaves a row out; what no program has is left alone. */
+/* x = U^-1 of the right-hand side, zero where a program leaves a row out; what no program has is left alone. Two rows
+ * at a time, and the first of an odd number beside itself. */
 CORE_INLINE void substitute_back(const Factor *factor, int count, num *x)
 {
     const Factor f = *factor;
-    for (int place = count - 1; place >= 0; --place) {
-        const num *const row = f.U + symmetric_row(f.d + 1, f.rows[place]);
-        num sum = row[f.d];
+    for (int place = count - 1; place >= 0; place -= 2) {
+        const int before = place > 0 ? place - 1 : 0, i = f.rows[before], m = f.rows[place];
+        const num *const row = f.U + f.at[before], *const next = f.U + f.at[place];
+        num x_i = row[f.d], x_m = next[f.d];
         for (int b = count - 1; b > place; --b) {
-            sum = minus_times(sum, row[f.rows[b]], x[f.rows[b]]);
+            const int j = f.rows[b];
+            x_i = minus_times(x_i, row[j], x[j]);
+            x_m = minus_times(x_m, next[j], x[j]);
         }
-        x[f.rows[place]] = times(sum, f.inverse[f.rows[place]]);
+        x_m = times(x_m, f.inverse[place]);
+        x[i] = times(minus_times(x_i, row[m], x_m), f.inverse[before]);
+        x[m] = x_m;
     }
 }
 
