@@ -1,9 +1,9 @@
 /* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
  *
- * Data of few variables are inverted (box_inverse.c) and solved by exchanges (box_exchange.c). Data of many, what is
- * not safely positive definite, finite and symmetric, and what the exchanges do not bring to an end, goes to the
- * factorisation with its stricter rules (box_fallback.h, box_pivoting.c, box_dual.c), which decides. Which path a cold
- * problem takes follows from its data alone, so the answer does too.
+ * New data are inverted (box_inverse.c) and solved by exchanges (box_exchange.c). What is not safely positive definite,
+ * finite and symmetric, and what the exchanges do not bring to an end, goes to the factorisation with its stricter
+ * rules (box_fallback.h, box_pivoting.c, box_dual.c), which decides. Which path a cold problem takes follows from its
+ * data alone, so the answer does too.
  *
  * The variables are scaled, x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2): that is exact, so
  * lb, ub and the answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling within a
@@ -17,10 +17,6 @@
 #include "status.h"
 
 enum { BOX_KIND = 0x424f5831 };
-/* Variables from which a factor for each system costs less than an inverse and its exchanges: at 44 both take about as
- * long, at 60 the factors 0.82 to 0.95 of it, at 140 0.6. Below, every factor waits for its own pivots, and at 18 they
- * take 1.4 times as long with AVX2, and with AVX-512 twice as long. */
-enum { PIVOTING_FROM = 48 };
 enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* where a variable is; one whose bounds are equal is never free at the end */
 
 /* What stands at the head of the state. */
@@ -31,7 +27,7 @@ typedef struct {
         singular; /* which of M and the program of the fallback are there; whether that has the proximal term */
     int32_t cap;  /* exchanges after which a solve ends with CAPPED; 0 for none */
     int32_t exchanges, systems, dual_steps, proximal_steps; /* what the last solve took */
-    int32_t fallbacks;                                      /* solves that the exchanges left to the factorisation */
+    int32_t fallbacks;                                      /* solves left to the factorisation */
 } BoxHead;
 
 /* Names for the parts of the state; vectors have ld numbers, zero from d on. First what a solve by exchanges touches.

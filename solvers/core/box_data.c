@@ -128,13 +128,12 @@ static int copy_checked(Box *s, const real *P)
 
 int box_take_hessian(Box *s, const real *P)
 {
-    if (s->d < PIVOTING_FROM && box_invert(s, P)) {
+    if (box_invert(s, P)) {
         box_rescale(s);
         s->head->factorised = 0;
         s->head->singular = 0;
         return OK;
     }
-    s->head->inverted = 0;
     return copy_checked(s, P);
 }
 

@@ -218,7 +218,7 @@ int box_solve(Box *s, int warm)
             return status;
         }
     }
-    s->head->fallbacks += s->d < PIVOTING_FROM;
+    ++s->head->fallbacks;
     return box_solve_factorised(s, warm);
 }
 
