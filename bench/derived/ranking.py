@@ -22,8 +22,6 @@ from solvers import Lane, Status, Tier
 from solvers.registry import FAMILIES
 
 PAPER = "projected_difference"
-LETTERS = 11
-"""Of a cell in a terminal."""
 PACE = f"paper's method{MARK}"
 ORDER = (Tier.HIGH, Tier.MID, Tier.LOW)
 ASKED = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-12", Tier.STAGE: "stage"}

@@ -95,7 +95,7 @@ class Session:
         wrong."""
         made = device.make()
         self.declared = Declared.of(made, str(device))
-        self._plan, self._record, self._page, self.token = plan, record, page, secrets.token_urlsafe(16)
+        self._record, self._page, self.token = record, page, secrets.token_urlsafe(16)
         Controller.of(plan, self.declared, 1.0 / rate)
         if record is not None:
             recorder.check(record)
