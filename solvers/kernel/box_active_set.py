@@ -14,9 +14,9 @@ What is singular, nearly so, or does not end this way is left to the rounds that
 all violated variables exchanged at once (Júdice & Pires; Portugal, Júdice & Vicente) with a factor L D Lᵀ of P_FF for
 each round, from a guess by coordinate descent, and where that cycles the dual method of Goldfarb & Idnani, which
 cannot. Its rule for singular P stands in ``solvers/core/box_pivoting.c``. The exchanges come first because few
-variables make every factor wait for its own pivots and many make the rounds cycle: on models of growing order (the set
-``orders``, new P and q each time, AVX-512) the rounds alone take 1.7 times as long as the exchanges at d = 18, 1.3 times
-at 40, 1.8 times at 60, 2.6 times at 86 and 3.4 times at 140, where the dual method has the last word.
+variables make every factor wait for its own pivots, and many make the rounds cycle now and then. With AVX-512 the
+rounds alone take 1.6 times as long as the exchanges at d = 18, as long at 60 and 0.7 of it at 140 where they do not
+cycle; where they do, as on the set ``orders`` with new P and q each time, 1.8 times at 60 and 3.4 times at 140.
 
 ``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work
 arrays that ``setup`` allocated. Of the 1.7 µs that both took at d = 18 from Python on one machine, the two calls and
