@@ -87,18 +87,19 @@ class Selection:
     @property
     def sentence(self) -> str:
         """The choice in words."""
-        c, b = self.chosen, self.best
+        c, b, count = self.chosen, self.best, len(self.candidates)
+        if (g := self.given_up) is not None:
+            return (
+                f"Of {count} structures, n = {g.n}, m = {g.m} and {_said(g)} have the smaller RMS error of the drive "
+                f"on excursions left out, {g.error_percent:.3g} % of its range against {c.error_percent:.3g} %, but "
+                "the larger error of the output on data left out; so the model takes "
+                f"n = {c.n}, m = {c.m} and {_said(c)}."
+            )
         before = "" if c == self.unchosen else f", {self.unchosen.error_percent:.3g} % without the choice"
         smallest = "" if c == b else f", {b.error_percent:.3g} % at best"
-        if (g := self.given_up) is not None:
-            smallest += (
-                f"; n = {g.n}, m = {g.m} and {_said(g)} err less there, {g.error_percent:.3g} %, but more at "
-                "the output on data left out"
-            )
         return (
-            f"Cross-validation over {len(self.candidates)} structures takes n = {c.n}, m = {c.m} and {_said(c)}: "
-            "an RMS error of the drive of "
-            f"{c.error_percent:.3g} % of its range on excursions left out{before}{smallest}."
+            f"Cross-validation over {count} structures takes n = {c.n}, m = {c.m} and {_said(c)}: an RMS error of the "
+            f"drive of {c.error_percent:.3g} % of its range on excursions left out{before}{smallest}."
         )
 
     @property
