@@ -60,9 +60,10 @@ COUNTS = (
     "stop",
     "core",
     "page",
+    "followed",
 )
 """Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many of
-each follow, the core of the loop, and 1 once the page answers."""
+each follow, the core of the loop, 1 once the page answers, and samples before the ramp to rest."""
 
 
 class Board:

@@ -101,7 +101,7 @@ class Loop:
         """Begin the ramp to rest, once."""
         if self._state is State.FOLLOWING:
             self._state = State.RAMPING
-            self._board.note(state=State.RAMPING)
+            self._board.note(state=State.RAMPING, followed=self._board.head)
             self._board.say(f"ramp to rest: {why}")
 
     def obey(self, k: int) -> None:
@@ -219,6 +219,7 @@ def rescue(task: Task) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     board, device = Board(task.board, task.rate), task.device.make()
     declared = Declared.of(device, str(task.device))
+    board.note(followed=board.followed or board.head)
     device.open()
     device.exchange(float(board.drive[0]))  # which the stage may have taken or not
     at_rest = Loop(board, device, declared, task, None).run()

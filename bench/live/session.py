@@ -244,7 +244,7 @@ class Session:
     def _figures(self) -> list[str]:
         """What the run was like."""
         board, unit = self.board, self.declared.output_unit
-        samples = board.read(0)[1]
+        first, samples = board.read(0)
         edges = edges_us()
 
         def reached(counts: np.ndarray, share: float) -> float:
@@ -254,8 +254,10 @@ class Session:
                 else math.nan
             )
 
+        samples = samples[: max(0, (board.followed or board.head) - first)]
+        samples = samples[-min(int(10 * self.task.rate), len(samples) // 2) or None :]  # without the way to it
         error = samples[:, 1] - samples[:, 3]
-        error = error[np.isfinite(error)][-int(10 * self.task.rate) :]
+        error = error[np.isfinite(error)]
         rms = (
             [
                 f"Tracking error over the last {error.size / self.task.rate:.3g} s: "

@@ -31,6 +31,7 @@ from bench.live.reference import ReferenceError, sine, staircase
 from piezo_model import HysteresisCreepModel, Recording, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import decaying_triangle, multi_sine
+from piezo_model.units import quantity
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
 RATE, LIMIT, STEP = 500, 150.0, 3_000.0 / 500
@@ -388,6 +389,21 @@ def test_what_a_stage_declares_is_checked_before_the_first_sample(change: str, s
     file.write_text((EXAMPLES / "tcp_stage.py").read_text().replace(old, new, 1))
     with pytest.raises(DeviceError, match=re.escape(says)):
         Declared.of(DeviceFile(file).make(), str(file))
+
+
+def test_the_error_told_in_the_end_leaves_out_the_ways_to_the_reference_and_to_rest(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    call = piezobench(
+        "live", "--simulate", "duhem", "--no-page", "--rate", RATE, "--sine", "1Hz:10um", "--seconds", 2,
+        "--record", tmp_path / "run.parquet",
+    )  # fmt: skip
+    table = pd.read_parquet(tmp_path / "run.parquet")
+    followed = table[table.time_s < 2.0]
+    followed = followed[len(followed) - len(followed) // 2 :]
+    rms = float(np.sqrt(np.mean((followed.reference_um - followed.displacement_um) ** 2)))
+    assert f"{quantity(rms, 'um', 3)} RMS" in call.stdout
+    assert rms < 0.2 < np.sqrt(np.mean((table.reference_um - table.displacement_um) ** 2))
 
 
 def test_a_port_in_use_is_refused_before_anything_moves(piezobench: CommandLine) -> None:
