@@ -45,7 +45,7 @@ typedef struct {
     real *residual, *step;  /* g_F and P_FF^-1 g_F of a refinement */
     real *inverse_diagonal; /* of M */
     real *zero, *v, *w;     /* zeros; two irregular vectors, by which symmetry is seen */
-    real *pair;             /* 2 rows of a pass of sweeps */
+    real *pair;             /* 4 rows of a pass of sweeps */
     int32_t *side;
     real *P, *M, *U; /* S P S by rows; -P^-1; 2 ld columns of exchanged variables */
     void *fallback;  /* see box_fallback.h; it takes the place of U */

@@ -9,7 +9,7 @@ static int even(int d) { return (d + 1) / 2 * 2; }
 int64_t box_bytes(int d)
 {
     const int64_t ld = padded(d), each = (int64_t)sizeof(real), columns = 2 * ld * ld * each;
-    return HEAD_BYTES + ld * (BOX_VECTORS + 6 + 2 * even(d)) * each + 8 * ld
+    return HEAD_BYTES + ld * (BOX_VECTORS + 8 + 2 * even(d)) * each + 8 * ld
            + (columns > fallback_bytes(d) ? columns : fallback_bytes(d));
 }
 
@@ -30,7 +30,7 @@ Box box_at(void *memory)
                               {&s.gain, s.ld},        {&s.residual, s.ld},
                               {&s.step, s.ld},        {&s.inverse_diagonal, s.ld},
                               {&s.zero, s.ld},        {&s.v, s.ld},
-                              {&s.w, s.ld},           {&s.pair, 2 * s.ld},
+                              {&s.w, s.ld},           {&s.pair, 4 * s.ld},
                               {&s.factor, 2 * s.ld},  {&s.share, 2 * s.ld},
                               {&s.P, even(d) * s.ld}, {&s.M, even(d) * s.ld}};
     LAY_OUT(&arena, extents);

@@ -49,18 +49,43 @@ CORE_INLINE real copy_scaled(Box *s, const real *P, int ld)
     return sum8(skew);
 }
 
-/* M_N <- M_N - M_NK (u, v)', the rows of H M_K, for two rows i, i + 1 of N. */
-CORE_INLINE void reduce_rows(const Box *s, const real *from, const real *u, int i, int k, int ld)
+/* Where the part of row i begins that is swept. Of long rows that is the block of the diagonal, and what is before it
+ * follows from symmetry; rows of few blocks take less time whole. */
+CORE_INLINE int swept_from(int i, int ld) { return ld <= FEW ? 0 : i / LANES * LANES; }
+
+/* M_N <- M_N - M_NK (u, v)', the rows of H M_K, for two rows i, i + 1 of N; those of M_K are at `pair`. */
+CORE_INLINE void reduce_rows(const Box *s, const real *from, const real *pair, const real *u, int i, int ld)
 {
-    const real *const first = from + (size_t)k * (size_t)ld + i, *const second = first + ld, *const v = u + ld;
+    const real *const first = pair + i, *const second = first + ld, *const v = u + ld;
     const vec8 f0 = splat(first[0]), g0 = splat(second[0]), f1 = splat(first[1]), g1 = splat(second[1]);
     const real *const row = from + (size_t)i * (size_t)ld;
     real *const to = s->M + (size_t)i * (size_t)ld;
-    for (int b = 0; b < ld; b += LANES) {
+    for (int b = swept_from(i, ld); b < ld; b += LANES) {
         const vec8 ub = load(u + b), vb = load(v + b);
         store(to + b, sub_mul(sub_mul(load(row + b), f0, ub), g0, vb));
         store(to + ld + b, sub_mul(sub_mul(load(row + ld + b), f1, ub), g1, vb));
     }
+}
+
+/* Rows k and k + 1, whole. */
+CORE_INLINE const real *whole_pair(const Box *s, const real *from, int k, int ld)
+{
+    const int begin = swept_from(k, ld);
+    const real *const first = from + (size_t)k * (size_t)ld;
+    real *const pair = s->pair + 2 * ld;
+    if (begin == 0) {
+        return first;
+    }
+    for (int j = 0; j < begin; ++j) {
+        const real *const column = from + (size_t)j * (size_t)ld + k;
+        pair[j] = column[0];
+        pair[ld + j] = column[1];
+    }
+    for (int j = begin; j < ld; j += LANES) {
+        store(pair + j, load(first + j));
+        store(pair + ld + j, load(first + ld + j));
+    }
+    return pair;
 }
 
 /* Sweep the matrix at `from` to M on the variables K = k, k + 1; whether M_KK is positive definite.
@@ -70,7 +95,7 @@ CORE_INLINE void reduce_rows(const Box *s, const real *from, const real *u, int 
 CORE_INLINE int sweep_pair(const Box *s, const real *from, int k, int ld)
 {
     const int rows = (s->d + 1) / 2 * 2;
-    const real *const first = from + (size_t)k * (size_t)ld, *const second = first + ld;
+    const real *const first = whole_pair(s, from, k, ld), *const second = first + ld;
     const real a = first[k], b = first[k + 1], c = second[k + 1], determinant = a * c - b * b,
                inverse = 1 / determinant;
     const vec8 h00 = splat(c * inverse), h01 = splat(-b * inverse), h11 = splat(a * inverse);
@@ -83,12 +108,12 @@ CORE_INLINE int sweep_pair(const Box *s, const real *from, int k, int ld)
         store(v + j, plus_product(mul(y, h11), x, h01));
     }
     for (int i = k + 2; i < rows; i += 2) { /* the next pair first: its division need not wait for the others */
-        reduce_rows(s, from, u, i, k, ld);
+        reduce_rows(s, from, first, u, i, ld);
     }
     for (int i = 0; i < k; i += 2) {
-        reduce_rows(s, from, u, i, k, ld);
+        reduce_rows(s, from, first, u, i, ld);
     }
-    for (int j = 0; j < ld; j += LANES) {
+    for (int j = swept_from(k, ld); j < ld; j += LANES) {
         store(to + j, sub(load(u + j), with_lane(zeros(), k - j, 1)));
         store(to + ld + j, sub(load(v + j), with_lane(zeros(), k + 1 - j, 1)));
     }
@@ -104,6 +129,11 @@ CORE_INLINE int invert_scaled(Box *s, const real *P, int ld)
     for (int k = 0; positive && k < d; k += 2) {
         positive = sweep_pair(s, from, k, ld);
         from = s->M;
+    }
+    for (int i = 0; i < d; ++i) {
+        for (int j = 0; j < swept_from(i, ld); ++j) {
+            s->M[(size_t)i * (size_t)ld + (size_t)j] = s->M[(size_t)j * (size_t)ld + (size_t)i];
+        }
     }
     for (int j = 0; j < d; ++j) {
         s->inverse_diagonal[j] = s->M[(size_t)j * (size_t)ld + (size_t)j];
