@@ -33,10 +33,6 @@ class BoxBatch:
         Variables of each program, 1 to 1000.
     threads : int, optional
         At most so many work at once; by default one for each core that this process may run on.
-    simd_batched : bool, optional
-        Solve eight side by side in the lanes of one register (``solvers/core/block_pivoting.c``): faster at small d and
-        no faster at d = 60. Answers then have other bits, and neither bounds that cross nor a P that is not symmetric
-        are seen. What the lanes leave unsolved is solved alone.
 
     Attributes
     ----------
@@ -60,17 +56,17 @@ class BoxBatch:
     'P, q and a starting point must be finite and bounds must not be NaN'
     """
 
-    def __init__(self, d: int, threads: int | None = None, simd_batched: bool = False) -> None:
+    def __init__(self, d: int, threads: int | None = None) -> None:
         if not 1 <= d <= MOST_VARIABLES:
             raise ValueError(f"a program has 1 to {MOST_VARIABLES} variables, and not {d}")
-        self.d, self.simd_batched = d, simd_batched
+        self.d = d
         self.threads = usable_cores() if threads is None else threads
         if self.threads < 1:
             raise ValueError(f"there must be at least one thread, and not {threads}")
         self.statuses: NDArray[np.int32] = np.zeros(0, np.int32)
         self._workspaces: SimpleQueue[NDArray[np.uint8]] = SimpleQueue()
         for _ in range(self.threads):
-            self._workspaces.put(block(bindings.box_many_bytes(d)))
+            self._workspaces.put(block(bindings.box_bytes(d)))
         # starts none before there is work for it
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
@@ -103,9 +99,7 @@ class BoxBatch:
         def part(first: int, last: int) -> None:
             workspace = self._workspaces.get()
             try:
-                bindings.box_many(
-                    linear, matrices, *bounds, x, self.statuses, workspace, first, last, self.simd_batched
-                )
+                bindings.box_batch(linear, matrices, *bounds, x, self.statuses, workspace, first, last)
             finally:
                 self._workspaces.put(workspace)
 

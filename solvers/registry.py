@@ -37,7 +37,6 @@ OURS = frozenset(
         "accelerated_projection",
         "box_active_set",
         "box_batch",
-        "box_lanes",
         "projected_difference",
         "recursive_active_set",
     }

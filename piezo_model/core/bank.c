@@ -65,9 +65,7 @@ Learner tile_learner(const Bank *b, int64_t tile, void *thread_workspace)
                  .settings = b->learner_settings,
                  .regressors = b->regressors,
                  .mailbox = tile_controller(b, tile).mailbox,
-                 .workspace = thread_workspace,
-                 .bank = b,
-                 .number = (int)tile};
+                 .workspace = thread_workspace};
     l.clock = arena_take(&arena, sizeof *l.clock);
     tile_learner_take(&l, &arena, &notes);
     return l;
@@ -122,7 +120,6 @@ static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *worksp
     if (c.mailbox.head->to_go > 0
         && tile_controller_observe(&c, c.compensator.play[0], y)) { /* there has been a drive */
         const Learner l = tile_learner(b, tile, workspace);
-        bank_wait(b, workspace, l.number, l.number);
         tile_learner_learn(&l);
     }
     return tile_controller_drive(&c, y_ref);
@@ -156,5 +153,4 @@ void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, co
             }
         }
     }
-    bank_wait(b, workspace, 0, (int)b->head->tiles - 1);
 }

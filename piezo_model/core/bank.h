@@ -18,7 +18,7 @@ typedef struct {
     int32_t block;
 } BankHead;
 
-typedef struct Bank {
+typedef struct {
     BankHead *head;
     Shape shape;
     DriveSettings *drive_settings;
@@ -43,8 +43,6 @@ CORE_API void tile_prepare(const Bank *b, int64_t tile, int64_t late);
 CORE_API void tile_begin(const Bank *b, int64_t tile, num which);
 /* Step the tiles from `first` up to `last`: take the outputs (samples, 8 tiles) that the drives before each sample
  * produced, and drive for these references; all in the units of the structure. */
-/* Wait for the optima of the tiles from `first` to `last` that are still in the queue of this workspace. */
-CORE_API void bank_wait(const Bank *b, void *workspace, int first, int last);
 CORE_API void bank_step(const Bank *b, int64_t first, int64_t last, const real *y_ref, const real *y, real *x,
                         int64_t samples, void *workspace);
 

@@ -60,15 +60,12 @@ static void begin(const Loop *loop, const double *play, const double *creep, int
 
 static void program_of(const Learner *l, double *P, double *q, double *lower)
 {
-    const Pivoting program = workspace_of(l).program;
-    learner_program(l);
-    for (int i = 0; i < l->d; ++i) {
-        for (int j = i; j < l->d; ++j) {
-            P[i * l->d + j] = P[j * l->d + i] = program.data[symmetric_row(l->d + 1, i) + j];
-        }
-        q[i] = program.q[i];
-        lower[i] = program.lb[i];
-    }
+    const Workspace w = workspace_of(l);
+    const size_t d = (size_t)l->d;
+    learner_program(l, 0);
+    memcpy(P, w.P, d * d * sizeof(real));
+    memcpy(q, w.q, d * sizeof(real));
+    memcpy(lower, w.lb, d * sizeof(real));
 }
 
 /* Samples for which the weights in use cannot change, so that their drive can be computed in one go. */

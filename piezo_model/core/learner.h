@@ -11,7 +11,8 @@
 #ifndef CORE_LEARNER_H
 #define CORE_LEARNER_H
 
-#include "block_pivoting.h"
+#include "box.h"
+#include "num.h"
 #include "box.h"
 #include "descent.h"
 #include "mailbox.h"
@@ -67,9 +68,8 @@ typedef struct {
                * samples still to be learned from before any hand-over */
     num pending, fault_count; /* the last offer may not have been taken; faults of the sensor so far */
     num in_half, x_low, x_high, x_low_before,
-        x_high_before; /* samples and drive of this half window, drive of the one before */
-    num hand_overs, refusals, faults, failures,
-        alone;   /* how often; the last two are optima that pivoting or nothing found */
+        x_high_before;                          /* samples and drive of this half window, drive of the one before */
+    num hand_overs, refusals, faults, failures; /* how often; the last are programs without an optimum */
     num span[4]; /* lowest and highest drive, lowest and highest output since the last look at them or fault */
 } LearnerMemory;
 
@@ -90,14 +90,8 @@ typedef struct {
 typedef struct {
     num *rows, *play, *creep;
     Inverse inverse;
-    Pivoting program;
-    real *P, *q, *lb, *ub;
-    void *exact; /* the state of the solver for what pivoting leaves */
-#ifdef CORE_TILE
-    Pivoting queue; /* programs that one system does not solve; whose they are, actuator + 1, or 0; and how many systems
-                       they took */
-    int32_t *owner, *rounds;
-#endif
+    real *P, *q, *lb, *ub, *start; /* the program of one learner */
+    void *solver;                  /* the state of box.h */
 } Workspace;
 
 #ifndef CORE_TILE
@@ -126,10 +120,7 @@ typedef struct {
     num *gram;                        /* of rows (Xi, x) */
     Note older, newer;
     void *workspace;
-#ifdef CORE_TILE
-    const struct Bank *bank;
-    int number; /* of the tile */
-#else
+#ifndef CORE_TILE
     num *seen_play,
         *seen_creep; /* states behind the sample that was observed last, for drives and outputs that come in chunks */
     Cyclic cyclic;
@@ -158,9 +149,7 @@ CORE_INLINE int64_t rows_nums(Shape s, int block)
 CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
 {
     const int d = unknowns(s);
-    const int64_t queue = WIDTH == 1 ? 0 : pivoting_bytes(d) + 2 * LANES * 8;
-    const int64_t optimum =
-        way == CYCLIC ? 0 : pivoting_bytes(d) + (int64_t)sizeof(real) * (padded(d * d) + 3 * padded(d)) + queue;
+    const int64_t optimum = way == CYCLIC ? 0 : (int64_t)sizeof(real) * (padded(d * d) + 4 * padded(d));
     return arena_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
 CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
@@ -172,18 +161,13 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
     w.play = nums(&arena, play_vectors(s) * (LANES / WIDTH));
     w.creep = nums(&arena, creep_vectors(s) * (LANES / WIDTH));
     w.inverse = take_inverse(&arena, s);
-    w.exact = (char *)memory + workspace_bytes(s, block, way);
+    w.solver = (char *)memory + workspace_bytes(s, block, way);
     if (way == CYCLIC) {
         return w;
     }
-    w.program = pivoting_at(&arena, d);
-    const Extent extents[] = {{&w.P, padded(d * d)}, {&w.q, padded(d)}, {&w.lb, padded(d)}, {&w.ub, padded(d)}};
+    const Extent extents[] = {
+        {&w.P, padded(d * d)}, {&w.q, padded(d)}, {&w.lb, padded(d)}, {&w.ub, padded(d)}, {&w.start, padded(d)}};
     LAY_OUT(&arena, extents);
-#ifdef CORE_TILE
-    w.queue = pivoting_at(&arena, d);
-    w.owner = integers(&arena, LANES);
-    w.rounds = integers(&arena, LANES);
-#endif
     return w;
 }
 CORE_INLINE Workspace workspace_of(const Learner *l)
@@ -204,10 +188,8 @@ CORE_API int N(learner_offer)(const Learner *l, const num *v, num which, num fal
 /* What the two ways make of a block, and the optimum of an interval. */
 CORE_API int N(continuous_block)(const Learner *l, const Passed *b);
 CORE_API int N(learner_optimum)(const Learner *l, num which);
-/* Write that program, and solve one of it by the exact solver: the work space's P, q, lb and ub, and x; 1 where it has
- * an optimum. */
-CORE_API void N(learner_program)(const Learner *l);
-CORE_API int N(learner_solve_exactly)(const Learner *l, const Pivoting *program, int lane);
+/* Write that program of one lane to the work space. */
+CORE_API void N(learner_program)(const Learner *l, int lane);
 CORE_API void N(learner_add_rows)(const Learner *l, int count, num learns);
 CORE_INLINE real lower_bound(const Learner *l, int j)
 {

@@ -31,7 +31,6 @@ MEMORY = (
     "refusals",
     "faults",
     "failures",
-    "alone",
     "span",
 )
 """What a learner remembers beside vectors; the last are four numbers."""

@@ -44,4 +44,4 @@ const char *embedded_status(void)
     return status == OK ? "solved" : status == INDEFINITE ? "P is not positive semidefinite" : "not solved";
 }
 
-int embedded_iterations(void) { return solver.head->systems; }
+int embedded_iterations(void) { return solver.head->exchanges; }

@@ -17,10 +17,10 @@ class BoxActiveSet(OurOwn):
     """``box_active_set.c``; it has no tolerance, so its ladder has one rung."""
 
     name = "box_active_set"
-    algorithm = "primal-dual active set"
+    algorithm = "dual active set"
     warm_startable = True
     parameters = MappingProxyType({})
-    core = ("box_data", "box_inverse", "box_exchange", "block_pivoting", "box_pivoting", "box_dual")
+    core = ("box_data", "box_inverse", "box_dual", "box_proximal")
 
     def memory(self, d: int) -> int:  # noqa: D102
         return int(bindings.box_bytes(d))

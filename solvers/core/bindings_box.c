@@ -1,5 +1,5 @@
 /* The exact solver as Python calls it; see box.h. */
-#include "box_fallback.h"
+#include "box.h"
 #include "clock.h"
 #include "bindings_timed.h"
 
@@ -7,7 +7,7 @@ enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than givin
 
 #define BOX ((Box[]){box_at(MEMORY(0))})
 
-/* Where what Python looks at begins; five counts begin at the exchanges. */
+/* Where what Python looks at begins; three counts begin at the exchanges. */
 static void places(Arguments *a, const Box *s)
 {
     const Part parts[] = {{"answer", s->answer, s->d},
@@ -16,7 +16,7 @@ static void places(Arguments *a, const Box *s)
                           {"P", s->P, s->d * s->ld},
                           {"x", s->x, s->d},
                           {"g", s->g, s->d},
-                          {"inverted", &s->head->inverted, 1},
+                          {"side", s->side, (s->d + 1) / 2},
                           {"singular", &s->head->singular, 1},
                           {"cap", &s->head->cap, 1},
                           {"counts", &s->head->exchanges, 3}};
@@ -43,32 +43,27 @@ static int solve_from(Box *s, const double *start, double *x, int warm)
 static int solve_cold(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 0); }
 static int solve_warm(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 1); }
 
-/* After a solve by the factorisation: put the variables to the given sides, and let the dual method find the way back.
- */
-static int dual_from(const Box *s, const int64_t *sides)
-{
-    const Fallback f = fallback_at(s);
-    for (int j = 0; j < s->d; ++j) {
-        f.program.side[j] = s->lo[j] < s->hi[j] ? (double)sides[j] : LOWER;
-    }
-    const int status = box_dual_active_set(&f);
-    memcpy(s->x, f.program.x, (size_t)s->d * sizeof(double));
-    memcpy(s->g, f.program.g, (size_t)s->d * sizeof(double));
-    return status;
-}
+/* B programs of d variables, and from each its minimiser and how it ended. */
+typedef struct {
+    int d;
+    const double *P, *q, *lb, *ub;
+    double *x;
+    int *statuses;
+} Batch;
 
-static int factor_solve(void *memory, int d, const double *free, const double *P, double least, double *x)
+/* The programs from `first` up to `last`, one after the other. */
+static void solve_batch(const Batch *batch, void *memory, int first, int last)
 {
-    Arena arena = {memory};
-    const Factor f = factor_at(&arena, d);
-    int safe, count = 0;
-    for (int i = 0; i < d; ++i) {
-        f.rows[count] = i;
-        count += free[i] > 0;
+    const size_t d = (size_t)batch->d;
+    if (first < last) {
+        box_setup(memory, batch->d, batch->lb + (size_t)first * d, batch->ub + (size_t)first * d);
+        Box s = box_at(memory);
+        for (size_t at = (size_t)first * d; at < (size_t)last * d; at += d) {
+            batch->statuses[at / d] =
+                box_solve_anew(&s, batch->P + at * d, batch->q + at, batch->lb + at, batch->ub + at);
+            memcpy(batch->x + at, s.answer, d * sizeof(double));
+        }
     }
-    safe = factorise(&f, P, free, count, least) > 0;
-    substitute_back(&f, count, x);
-    return safe;
 }
 
 static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, const double *rows, double forgetting)
@@ -99,16 +94,10 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
     F(box_start, "state@BOX1, x[d]", "begin a warm solve at x; a status.", 0, WHOLE_RESULT = box_start(BOX, REALS(1))) \
     F(box_solve, "state@BOX1, warm#0:1", "solve; a status.", SIZE(d) >= LONG_FROM,                                     \
       WHOLE_RESULT = box_solve(BOX, INT(1)))                                                                           \
-    F(box_solve_factorised, "state@BOX1, warm#0:1", "solve without the inverse; a status.", SIZE(d) >= LONG_FROM,      \
-      WHOLE_RESULT = box_solve_factorised(BOX, INT(1)))                                                                \
-    F(box_dual_from, "state@BOX1, sides[d]q", "solve by the dual method alone; a status.", 0,                          \
-      WHOLE_RESULT = dual_from(BOX, WHOLES(1)))                                                                        \
-    F(factor_bytes, "d#1:1000", "size of the workspace that factor_solve needs.", 0,                                   \
-      WHOLE_RESULT = factor_bytes(INT(0)))                                                                             \
-    F(factor_solve, "workspace@, free[d], P[d,w], least, x[d]=",                                                       \
-      "solve by the factor of P_FF, the right-hand side in column d of P; 1 if every pivot is safe.",                  \
-      (NEED_BYTES(0, factor_bytes(SIZE(d))), NEED_SIZE(w, padded(SIZE(d) + 1))),                                       \
-      WHOLE_RESULT = factor_solve(MEMORY(0), SIZE(d), REALS(1), REALS(2), NUMBER(3), REALS(4)))                        \
+    F(box_batch, "q[n,d], P[n,dd], lb[n,d], ub[n,d], x[n,d]=, statuses[n]i=, workspace@, first#0:n, last#0:n",         \
+      "minimisers x of programs from first up to last, one after the other.", NEED_BYTES(6, box_bytes(SIZE(d))) + 1,   \
+      solve_batch(&(Batch){SIZE(d), REALS(1), REALS(0), REALS(2), REALS(3), REALS(4), (int *)MEMORY(5)}, MEMORY(6),    \
+                  INT(7), INT(8)))                                                                                     \
     F(time_box, "state@BOX1, warm#0:1, " TIMED, "time updates and solves; a status.", 1,                               \
       WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))          \
     F(box_follow, "state@BOX1, " FOLLOWED, "time a solve after each row, warm from the last sides; a status.", 1,      \

@@ -1,14 +1,10 @@
 /* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
  *
- * New data are inverted (box_inverse.c) and solved by exchanges (box_exchange.c). What is not safely positive definite,
- * finite and symmetric, and what the exchanges do not bring to an end, goes to the factorisation with its stricter
- * rules (box_fallback.h, box_pivoting.c, box_dual.c), which decides. Which path a cold problem takes follows from its
- * data alone, so the answer does too.
- *
- * The variables are scaled, x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2): that is exact, so
- * lb, ub and the answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling within a
- * factor of two of unit diagonal is within a factor of two (and d) of the best condition number a diagonal can give
- * (van der Sluis, Numer. Math. 14 (1969) 14).
+ * box_data.c takes the data, scaled: x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2). That is
+ * exact, so lb, ub and the answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling
+ * within a factor of two of unit diagonal is within a factor of two (and d) of the best condition number a diagonal can
+ * give (van der Sluis, Numer. Math. 14 (1969) 14). box_inverse.c inverts them, box_dual.c is the dual active set method
+ * on the inverse, and box_proximal.c the rule for a singular P. A cold answer is a function of the data alone.
  */
 #ifndef CORE_BOX_H
 #define CORE_BOX_H
@@ -17,38 +13,37 @@
 #include "status.h"
 
 enum { BOX_KIND = 0x424f5831 };
-enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* where a variable is; one whose bounds are equal is never free at the end */
+enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* where a variable is */
 
-/* What stands at the head of the state. */
+/* Head of the state. */
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
-    int32_t inverted, factorised,
-        singular; /* which of M and the program of the fallback are there; whether that has the proximal term */
-    int32_t cap;  /* exchanges after which a solve ends with CAPPED; 0 for none */
-    int32_t exchanges, systems, dual_steps, proximal_steps; /* what the last solve took */
-    int32_t fallbacks;                                      /* solves left to the factorisation */
+    int32_t singular;                               /* whether P has the proximal term */
+    int32_t cap;                                    /* exchanges after which a solve ends with CAPPED; 0 for none */
+    int32_t exchanges, refinements, proximal_steps; /* of the last solve */
 } BoxHead;
 
-/* Names for the parts of the state; vectors have ld numbers, zero from d on. First what a solve by exchanges touches.
- */
+/* Names for the parts of the state; vectors have ld numbers, zero from d on. */
 typedef struct {
     BoxHead *head;
     int d, ld;
     real *answer, *scale, *q, *lo, *hi; /* answer in x, the rest in z */
     real *raw_q, *lb, *ub;              /* as the caller gave them */
     real *x, *g;                        /* z and its gradient q + P z */
-    /* Of the exchanges (box_exchange.c): the basic variables, their intervals, x at the bounds and zero elsewhere; 1
-     * where free and 0 elsewhere, and 1 or the unit at a bound; W_jj, 1/|W_jj| and what exchanging j gains. */
+    /* Of box_dual.c: the basic quantity of each variable and the interval in which it is feasible; the bound of what is
+     * held and 0 elsewhere; 1 where free and 0 elsewhere; 1 or the unit of a multiplier; W_jj, 1/|W_jj| and the gain of
+     * an exchange. */
     real *basic, *low, *high, *held, *is_free, *unit, *diagonal, *weight, *gain;
-    real *factor, *share;   /* 2 ld numbers, one an exchange: 1/p, and what a column takes part with */
+    real *multiplier;       /* on the way to the next dual feasible set */
+    real *factor, *share;   /* 2 ld numbers, one an exchange: 1/p, and the part of a column in a product */
     real *residual, *step;  /* g_F and P_FF^-1 g_F of a refinement */
     real *inverse_diagonal; /* of M */
+    real *linear, *centre;  /* q - delta c and c of box_proximal.c */
     real *zero, *v, *w;     /* zeros; two irregular vectors, by which symmetry is seen */
-    real *pair;             /* 4 rows of a pass of sweeps */
+    real *pair;             /* 5 rows of a pass of sweeps */
     int32_t *side;
-    real *P, *M, *U; /* S P S by rows; -P^-1; 2 ld columns of exchanged variables */
-    void *fallback;  /* see box_fallback.h; it takes the place of U */
+    real *P, *M, *U; /* S P S by rows; -P^-1, or P swept on some; 2 ld columns of exchanged variables */
 } Box;
 
 CORE_API int64_t box_bytes(int d);
@@ -67,15 +62,36 @@ CORE_API int box_start(Box *s, const real *x);
 CORE_API int box_solve(Box *s, int warm);
 /* Solve another program cold, with nothing in its answer of the one before. */
 CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub);
-/* As box_solve, by the factorisation alone. */
-CORE_API int box_solve_factorised(Box *s, int warm);
 
 /* What the files of this solver ask of each other. */
-#define BOX_LARGE                                                                                                      \
-    ((real)1e7) /* |x|/|q| from which a residual needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2 */
+
+/* Coefficient of the proximal term where P is singular, relative to a diagonal of P of about one. */
+#define BOX_PROXIMAL ((real)1e-11)
+/* Take P, its scale and a scaled copy, or the copy as it stands where P is NULL, and M = -P^-1; 0 where P is not
+ * finite, not symmetric to rounding or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
-CORE_API int box_exchange_all(Box *s, int warm);
-CORE_API int box_factorise_copy(Box *s);
-CORE_API void box_rescale(Box *s);
+/* Leave the problem to box_proximal.c; OK, or INDEFINITE where P has a pivot <= 0 with the proximal term. */
+CORE_API int box_regularise(Box *s);
+/* M = P with the proximal term, swept on the free variables alone, and U empty; 0 where a pivot is not positive. */
+CORE_API int box_sweep_free(const Box *s);
+
+/* How far a solve is. */
+typedef struct {
+    const real *linear; /* q, or q - delta c */
+    int count;          /* columns of U */
+    int exchanges;      /* since the start */
+    int precise;        /* whether g needs twice the precision */
+    real slack;         /* of a multiplier whose sign is right, where W may be large */
+    real broken, wrong; /* the largest gain of holding a free variable, and of freeing one whose multiplier is wrong */
+    real rounding;      /* eps max(|q|, |x|) */
+    real negligible, tolerated; /* gains that are none: the square of that; the same, or 0 where W may be large */
+} Search;
+
+/* Begin on -P^-1 at "all free" or, warm, at the sides as they are. */
+CORE_API void box_begin(const Box *s, Search *search, int warm);
+/* Go on to the optimum for search->linear; OK, CAPPED, BREAKDOWN or ENDLESS, with x and g. */
+CORE_API int box_dual_active_set(const Box *s, Search *search);
+/* The same for a singular P, from the start. */
+CORE_API int box_proximal_point(const Box *s, Search *search, int warm);
 
 #endif

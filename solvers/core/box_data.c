@@ -1,16 +1,15 @@
-/* The data of a box problem: room for them, scaling, checks. */
-#include "box_fallback.h"
+/* The data of a box problem: their memory, scaling and checks; and the solve. */
+#include "box.h"
 
-enum { BOX_VECTORS = 25 };
+enum { BOX_VECTORS = 28 };
 #define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
 
 static int even(int d) { return (d + 1) / 2 * 2; }
 
 int64_t box_bytes(int d)
 {
-    const int64_t ld = padded(d), each = (int64_t)sizeof(real), columns = 2 * ld * ld * each;
-    return HEAD_BYTES + ld * (BOX_VECTORS + 8 + 2 * even(d)) * each + 8 * ld
-           + (columns > fallback_bytes(d) ? columns : fallback_bytes(d));
+    const int64_t ld = padded(d);
+    return HEAD_BYTES + ld * (BOX_VECTORS + 9 + 2 * even(d) + 2 * ld) * (int64_t)sizeof(real) + 8 * ld;
 }
 
 Box box_at(void *memory)
@@ -18,25 +17,26 @@ Box box_at(void *memory)
     const int d = VARIABLES((const BoxHead *)memory);
     Box s = {.head = memory, .d = d, .ld = padded(d)};
     Arena arena = after_head(memory);
-    const Extent extents[] = {{&s.answer, s.ld},      {&s.scale, s.ld},
-                              {&s.q, s.ld},           {&s.lo, s.ld},
-                              {&s.hi, s.ld},          {&s.raw_q, s.ld},
-                              {&s.lb, s.ld},          {&s.ub, s.ld},
-                              {&s.x, s.ld},           {&s.g, s.ld},
-                              {&s.basic, s.ld},       {&s.low, s.ld},
-                              {&s.high, s.ld},        {&s.held, s.ld},
-                              {&s.is_free, s.ld},     {&s.unit, s.ld},
-                              {&s.diagonal, s.ld},    {&s.weight, s.ld},
-                              {&s.gain, s.ld},        {&s.residual, s.ld},
-                              {&s.step, s.ld},        {&s.inverse_diagonal, s.ld},
-                              {&s.zero, s.ld},        {&s.v, s.ld},
-                              {&s.w, s.ld},           {&s.pair, 4 * s.ld},
-                              {&s.factor, 2 * s.ld},  {&s.share, 2 * s.ld},
-                              {&s.P, even(d) * s.ld}, {&s.M, even(d) * s.ld}};
+    const Extent extents[] = {{&s.answer, s.ld},     {&s.scale, s.ld},
+                              {&s.q, s.ld},          {&s.lo, s.ld},
+                              {&s.hi, s.ld},         {&s.raw_q, s.ld},
+                              {&s.lb, s.ld},         {&s.ub, s.ld},
+                              {&s.x, s.ld},          {&s.g, s.ld},
+                              {&s.basic, s.ld},      {&s.low, s.ld},
+                              {&s.high, s.ld},       {&s.held, s.ld},
+                              {&s.is_free, s.ld},    {&s.unit, s.ld},
+                              {&s.diagonal, s.ld},   {&s.weight, s.ld},
+                              {&s.gain, s.ld},       {&s.residual, s.ld},
+                              {&s.step, s.ld},       {&s.inverse_diagonal, s.ld},
+                              {&s.multiplier, s.ld}, {&s.linear, s.ld},
+                              {&s.centre, s.ld},     {&s.zero, s.ld},
+                              {&s.v, s.ld},          {&s.w, s.ld},
+                              {&s.pair, 5 * s.ld},   {&s.factor, 2 * s.ld},
+                              {&s.share, 2 * s.ld},  {&s.P, even(d) * s.ld},
+                              {&s.M, even(d) * s.ld}};
     LAY_OUT(&arena, extents);
     s.side = integers(&arena, d);
     s.U = reals(&arena, 2 * s.ld, s.ld);
-    s.fallback = s.U;
     return s;
 }
 
@@ -54,7 +54,7 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
     }
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;
-        s.inverse_diagonal[j] = -1;
+        s.inverse_diagonal[j] = s.diagonal[j] = -1;
         s.lo[j] = s.lb[j] = -REAL_INFINITY;
         s.hi[j] = s.ub[j] = REAL_INFINITY;
     }
@@ -80,7 +80,7 @@ int box_take_bounds(Box *s, const real *lb, const real *ub)
 }
 
 /* q and the bounds in the scaled variables. */
-void box_rescale(Box *s)
+static void rescale(const Box *s)
 {
     for (int j = 0; j < s->ld; j += LANES) {
         const vec8 scale = load(s->scale + j), inverse = divide(splat(1), scale);
@@ -103,11 +103,12 @@ static real exact_root_scale(real v)
     return factor * lanes[0];
 }
 
-/* S P S for a P of which nothing is known. */
+/* The symmetric part of S P S for a P of which nothing is known. */
 static int copy_checked(Box *s, const real *P)
 {
-    const int d = s->d, ld = s->ld;
-    for (int j = 0; j < d; ++j) {
+    const size_t d = (size_t)s->d, ld = (size_t)s->ld;
+    real unequal = 0, nothing = 0;
+    for (size_t j = 0; j < d; ++j) {
         const real diagonal = P[j * d + j];
         if (!(MAGNITUDE(diagonal) < REAL_INFINITY)) {
             return NOT_FINITE;
@@ -117,116 +118,30 @@ static int copy_checked(Box *s, const real *P)
         }
         s->scale[j] = diagonal > 0 ? exact_root_scale(diagonal) : 1;
     }
-    for (int i = 0; i < d; ++i) {
-        for (int j = 0; j < d; ++j) {
-            s->P[i * ld + j] = P[i * d + j] * (s->scale[i] * s->scale[j]);
+    for (size_t i = 0; i < d; ++i) {
+        for (size_t j = 0; j <= i; ++j) {
+            const real scale = s->scale[i] * s->scale[j], a = P[i * d + j] * scale, b = P[j * d + i] * scale;
+            const real mean = (a + b) / 2;
+            unequal = MAGNITUDE(a - b) > unequal ? MAGNITUDE(a - b) : unequal;
+            nothing += mean - mean; /* NaN where it is not finite */
+            s->P[i * ld + j] = s->P[j * ld + i] = mean;
         }
     }
-    box_rescale(s);
-    return box_factorise_copy(s);
+    return !(nothing == 0) ? NOT_FINITE : unequal > ASYMMETRIC_SHARE ? ASYMMETRIC : OK;
 }
 
 int box_take_hessian(Box *s, const real *P)
 {
-    if (box_invert(s, P)) {
-        box_rescale(s);
-        s->head->factorised = 0;
-        s->head->singular = 0;
-        return OK;
-    }
-    return copy_checked(s, P);
-}
-
-/* Put the symmetric part of the copy of P into the program of the fallback; NaN where it is not finite, else the
- * largest difference. */
-static real symmetric_part(const Box *s, const Pivoting *p)
-{
-    const int d = s->d, ld = s->ld;
-    vec8 total = zeros(), unequal = zeros();
-    for (int i = 0; i < d; ++i) {
-        real *const row = row_of(p, i);
-        for (int j = i / LANES * LANES; j < d; ++j) {
-            row[j] = s->P[j * ld + i];
-        }
-        row[d] = 0;
-    }
-    for (int i = 0; i < d; ++i) {
-        real *const row = row_of(p, i);
-        const real *const copy = s->P + i * ld;
-        for (int b = i / LANES * LANES; b < ld; b += LANES) {
-            const vec8 a = load(row + b), c = load(copy + b), mean = mul(splat((real)0.5), add(a, c));
-            total = add(total, sub(mean, mean));
-            unequal = larger(magnitude(sub(a, c)), unequal);
-            store(row + b, mean);
-        }
-    }
-    return sum8(total) + largest8(unequal);
-}
-
-/* The variables are scaled already. */
-static void prepare(const Pivoting *p)
-{
-    for (int i = 0; i < p->d; ++i) {
-        p->diagonal[i] = 1;
-    }
-    pivoting_prepare(p);
-}
-
-/* Solve for a right-hand side with everything free; the largest entry, infinite where a pivot is not safe. */
-static real length_of_solution(const Pivoting *p, real least, const real *right)
-{
-    real longest = 0;
-    for (int i = 0; i < p->d; ++i) {
-        p->free[i] = 1;
-        p->factor.rows[i] = i;
-        row_of(p, i)[p->d] = right[i];
-    }
-    if (!(factorise(&p->factor, p->data, p->free, p->d, least) > 0)) {
-        return REAL_INFINITY;
-    }
-    substitute_back(&p->factor, p->d, p->step);
-    for (int i = 0; i < p->d; ++i) {
-        longest = MAGNITUDE(p->step[i]) > longest ? MAGNITUDE(p->step[i]) : longest;
-    }
-    return longest;
-}
-
-/* Factorise the symmetric part of the copy of P; where that shows it near singular, add the proximal term. */
-int box_factorise_copy(Box *s)
-{
-    const Fallback f = fallback_at(s);
-    const Pivoting *const p = &f.program;
-    const real unequal = symmetric_part(s, p);
-    if (!(unequal < REAL_INFINITY)) {
-        return NOT_FINITE;
-    }
-    if (unequal > ASYMMETRIC_SHARE) {
-        return ASYMMETRIC;
-    }
-    prepare(p);
+    int status = OK;
     s->head->singular = 0;
-    s->head->factorised = 1;
-    /* Pivots alone do not show a null vector that has little of the last variable, the length of a solution does: the
-     * right-hand side is irregular, so that this is about 1/lambda_min. */
-    for (int j = 0; j < s->d; ++j) {
-        f.centre[j] = s->v[j] - (real)0.5;
+    if (!box_invert(s, P)) {
+        status = copy_checked(s, P);
+        if (status == OK && !box_invert(s, NULL)) {
+            status = box_regularise(s);
+        }
     }
-    if (length_of_solution(p, 16 * (real)s->d * REAL_EPSILON, f.centre) * (real)s->d * REAL_EPSILON < (real)0.02) {
-        return OK;
-    }
-    return box_regularise(&f);
-}
-
-int box_regularise(const Fallback *f)
-{
-    const Pivoting *const p = &f->program;
-    for (int j = 0; j < p->d; ++j) {
-        row_of(p, j)[j] += BOX_PROXIMAL;
-    }
-    prepare(p);
-    f->head->singular = 1;
-    f->head->inverted = 0;
-    return length_of_solution(p, 0, f->centre) < REAL_INFINITY ? OK : INDEFINITE;
+    rescale(s);
+    return status;
 }
 
 int box_take_linear(Box *s, const real *q)
@@ -251,4 +166,41 @@ int box_start(Box *s, const real *x)
         s->side[j] = x[j] >= s->ub[j] ? UPPER : x[j] <= s->lb[j] ? LOWER : FREE;
     }
     return OK;
+}
+
+static void write_answer(const Box *s)
+{
+    for (int b = 0; b < s->ld; b += LANES) {
+        const vec8 x = larger(smaller(load(s->x + b), load(s->hi + b)), load(s->lo + b));
+        store(s->answer + b, mul(load(s->scale + b), x));
+    }
+}
+
+int box_solve(Box *s, int warm)
+{
+    Search search = {.linear = s->q};
+    int status = OK;
+    s->head->refinements = 0;
+    s->head->proximal_steps = 0;
+    if (!s->head->singular) {
+        box_begin(s, &search, warm);
+        status = box_dual_active_set(s, &search);
+        if (status == BREAKDOWN && box_regularise(s) != OK) {
+            return INDEFINITE;
+        }
+    }
+    if (s->head->singular) {
+        status = box_proximal_point(s, &search, warm);
+    }
+    s->head->exchanges = search.exchanges;
+    write_answer(s);
+    return status;
+}
+
+int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)
+{
+    int status = box_take_bounds(s, lb, ub);
+    status = status == OK ? box_take_hessian(s, P) : status;
+    status = status == OK ? box_take_linear(s, q) : status;
+    return status == OK ? box_solve(s, 0) : status;
 }

@@ -10,7 +10,7 @@
  *
  * On every variable, M = -P^-1. P is positive definite iff every H on the way is, and 1/lambda_min(P) <= trace P^-1,
  * which a triangular factor does not show; a P that is not safely inside both is left to box_data.c. Two pivots a pass
- * halve the loads and stores of M and share one division.
+ * halve the loads and stores of M.
  *
  * Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H.
  * Goodnight, "A tutorial on the SWEEP operator", American Statistician 33 (1979) 149.
@@ -53,17 +53,16 @@ CORE_INLINE real copy_scaled(Box *s, const real *P, int ld)
  * follows from symmetry; rows of few blocks take less time whole. */
 CORE_INLINE int swept_from(int i, int ld) { return ld <= FEW ? 0 : i / LANES * LANES; }
 
-/* M_N <- M_N - M_NK (u, v)', the rows of H M_K, for two rows i, i + 1 of N; those of M_K are at `pair`. */
-CORE_INLINE void reduce_rows(const Box *s, const real *from, const real *pair, const real *u, int i, int ld)
+/* M_N <- M_N - M_Nk u - M'_Nm v, for two rows i, i + 1 of N; the columns M_Nk and M'_Nm are the rows x and y. */
+CORE_INLINE void reduce_rows(const Box *s, const real *from, const real *x, const real *y, const real *u, int i, int ld)
 {
-    const real *const first = pair + i, *const second = first + ld, *const v = u + ld;
-    const vec8 f0 = splat(first[0]), g0 = splat(second[0]), f1 = splat(first[1]), g1 = splat(second[1]);
-    const real *const row = from + (size_t)i * (size_t)ld;
+    const real *const v = u + ld, *const row = from + (size_t)i * (size_t)ld;
+    const vec8 x0 = splat(x[i]), y0 = splat(y[i]), x1 = splat(x[i + 1]), y1 = splat(y[i + 1]);
     real *const to = s->M + (size_t)i * (size_t)ld;
     for (int b = swept_from(i, ld); b < ld; b += LANES) {
         const vec8 ub = load(u + b), vb = load(v + b);
-        store(to + b, sub_mul(sub_mul(load(row + b), f0, ub), g0, vb));
-        store(to + ld + b, sub_mul(sub_mul(load(row + ld + b), f1, ub), g1, vb));
+        store(to + b, sub_mul(sub_mul(load(row + b), x0, ub), y0, vb));
+        store(to + ld + b, sub_mul(sub_mul(load(row + ld + b), x1, ub), y1, vb));
     }
 }
 
@@ -88,33 +87,36 @@ CORE_INLINE const real *whole_pair(const Box *s, const real *from, int k, int ld
     return pair;
 }
 
-/* Sweep the matrix at `from` to M on the variables K = k, k + 1; whether M_KK is positive definite.
+/* Sweep the matrix at `from` to M on the variables k and m = k + 1; whether M_KK is positive definite.
  *
- * With M_KK - I in place of M_KK, H M_K is I - H in the columns K, and these need no care: M_iK - M_iK (I - H) = M_iK
- * H. */
+ * That is two sweeps of one variable, with L = M_mk/M_kk and M'_m = M_m - L M_k the row that the first leaves to the
+ * second, whose pivot is M'_mm = det M_KK/M_kk. With M_KK - I in place of M_KK the columns K need no care. */
 CORE_INLINE int sweep_pair(const Box *s, const real *from, int k, int ld)
 {
     const int rows = (s->d + 1) / 2 * 2;
     const real *const first = whole_pair(s, from, k, ld), *const second = first + ld;
-    const real a = first[k], b = first[k + 1], c = second[k + 1], determinant = a * c - b * b,
-               inverse = 1 / determinant;
-    const vec8 h00 = splat(c * inverse), h01 = splat(-b * inverse), h11 = splat(a * inverse);
-    real few[2 * FEW]; /* stays in registers */
-    real *const u = ld <= FEW ? few : s->pair, *const v = u + ld, *const to = s->M + (size_t)k * (size_t)ld;
+    const real a = first[k], b = first[k + 1], c = second[k + 1], determinant = a * c - b * b, inverse_a = 1 / a;
+    const real of_second = a * (1 / determinant), ratio = b * inverse_a;
+    const vec8 inverse_k = splat(inverse_a), inverse_m = splat(of_second), L = splat(ratio);
+    real few[3 * FEW]; /* stays in registers */
+    real *const u = ld <= FEW ? few : s->pair, *const v = u + ld,
+                *const reduced = ld <= FEW ? v + ld : s->pair + 4 * ld;
+    real *const to = s->M + (size_t)k * (size_t)ld;
     for (int j = 0; j < ld; j += LANES) {
         const vec8 x = sub(load(first + j), with_lane(zeros(), k - j, 1));
-        const vec8 y = sub(load(second + j), with_lane(zeros(), k + 1 - j, 1));
-        store(u + j, plus_product(mul(y, h01), x, h00));
-        store(v + j, plus_product(mul(y, h11), x, h01));
+        const vec8 y = sub_mul(sub(load(second + j), with_lane(zeros(), k + 1 - j, 1)), L, x);
+        store(reduced + j, y);
+        store(u + j, mul(x, inverse_k));
+        store(v + j, mul(y, inverse_m));
     }
     for (int i = k + 2; i < rows; i += 2) { /* the next pair first: its division need not wait for the others */
-        reduce_rows(s, from, first, u, i, ld);
+        reduce_rows(s, from, first, reduced, u, i, ld);
     }
     for (int i = 0; i < k; i += 2) {
-        reduce_rows(s, from, first, u, i, ld);
+        reduce_rows(s, from, first, reduced, u, i, ld);
     }
     for (int j = swept_from(k, ld); j < ld; j += LANES) {
-        store(to + j, sub(load(u + j), with_lane(zeros(), k - j, 1)));
+        store(to + j, sub(sub_mul(load(u + j), L, load(v + j)), with_lane(zeros(), k - j, 1)));
         store(to + ld + j, sub(load(v + j), with_lane(zeros(), k + 1 - j, 1)));
     }
     return (a > 0) & (determinant > 0);
@@ -125,7 +127,7 @@ CORE_INLINE int invert_scaled(Box *s, const real *P, int ld)
     const int d = s->d;
     const real *from = s->P;
     vec8 longest = zeros();
-    int positive = MAGNITUDE(copy_scaled(s, P, ld)) <= (real)d * (real)d * REAL_EPSILON;
+    int positive = P == NULL || MAGNITUDE(copy_scaled(s, P, ld)) <= (real)d * (real)d * REAL_EPSILON;
     for (int k = 0; positive && k < d; k += 2) {
         positive = sweep_pair(s, from, k, ld);
         from = s->M;
@@ -144,12 +146,8 @@ CORE_INLINE int invert_scaled(Box *s, const real *P, int ld)
     return positive && largest8(longest) <= LARGEST_INVERSE;
 }
 
-/* Take P, its scale, a scaled copy and M; 0 where P is not finite, not symmetric to rounding or not safely positive
- * definite. The rows of few variables have a constant length. */
+/* The rows of few variables have a constant length. */
 int box_invert(Box *s, const real *P)
 {
-    s->head->inverted = s->ld == 8     ? invert_scaled(s, P, 8)
-                        : s->ld == FEW ? invert_scaled(s, P, FEW)
-                                       : invert_scaled(s, P, s->ld);
-    return s->head->inverted;
+    return s->ld == 8 ? invert_scaled(s, P, 8) : s->ld == FEW ? invert_scaled(s, P, FEW) : invert_scaled(s, P, s->ld);
 }

@@ -6,7 +6,7 @@ enum {
     OK,
     UNBOUNDED,  /* q points down a direction that P does not see and no bound stops */
     INDEFINITE, /* beyond rounding */
-    ENDLESS,    /* no active set met the optimality conditions within the limit of linear systems */
+    ENDLESS,    /* no active set met the optimality conditions within the limit of exchanges */
     NOT_FINITE,
     CROSSED, /* a lower bound above its upper bound or at +inf, or an upper bound at -inf */
     ASYMMETRIC,

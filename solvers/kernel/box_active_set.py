@@ -1,22 +1,16 @@
-"""Our exact solver for problems with bounds only: exchanges on a swept tableau, with block principal pivoting behind
-them.
+"""Our exact solver for problems with bounds only: the dual active set method on the inverse.
 
     minimise ½ xᵀP x + qᵀx  subject to  lb ≤ x ≤ ub
 
-With F the free variables and A those at a bound, x is the minimiser iff x_F = −P_FF⁻¹ (q_F + P_FA x_A) is inside its
+With F the free variables and A those at a bound, x is the minimiser if x_F = −P_FF⁻¹ (q_F + P_FA x_A) is inside its
 bounds and g_A = q_A + P_A x has the sign that holds each bound. Sweeping P on j (Beaton; Goodnight) moves j between A
 and F, and swept on all, which costs d³ multiplications without a square root and proves P positive definite, it is
-−P⁻¹: the start, every variable free. From there the variable whose exchange lowers the dual cost most,
-violation²/|M_jj|, changes sides (Cottle's principal pivoting), each time by one column M_j of the tableau, until
-nothing is violated; one step of refinement with the true residual q + P x then makes rounding that of the data.
+−P⁻¹: the start, every variable free. From there the variable whose bound is broken and gains most, violation²/|M_jj|,
+goes to its bound, by one column M_j of the tableau, and a bound whose multiplier vanishes on the way is let go
+(Goldfarb & Idnani), until nothing is broken: the dual cost rises with each, so no active set returns. One step of
+refinement with the true residual q + P x then makes rounding that of the data.
 
-What is singular, nearly so, or does not end this way is left to the rounds that solve eight programs side by side, too:
-all violated variables exchanged at once (Júdice & Pires; Portugal, Júdice & Vicente) with a factor L D Lᵀ of P_FF for
-each round, from a guess by coordinate descent, and where that cycles the dual method of Goldfarb & Idnani, which
-cannot. Its rule for singular P stands in ``solvers/core/box_pivoting.c``. The exchanges come first because few
-variables make every factor wait for its own pivots, and many make the rounds cycle now and then. With AVX-512 the
-rounds alone take 1.6 times as long as the exchanges at d = 18, as long at 60 and 0.7 of it at 140 where they do not
-cycle; where they do, as on the set ``orders`` with new P and q each time, 1.8 times at 60 and 3.4 times at 140.
+A singular P has a small proximal term about the answer before, which vanishes (``solvers/core/box_proximal.c``).
 
 ``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work
 arrays that ``setup`` allocated. Of the 1.7 µs that both took at d = 18 from Python on one machine, the two calls and
@@ -24,10 +18,8 @@ the clock round them were 0.7, the checked copy 0.1, the sweeps 0.4, the first p
 refinement and the answer 0.2.
 
 Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H. Goodnight,
-American Statistician 33 (1979) 149; R. W. Cottle, "The principal pivoting method of quadratic programming", in
-Mathematics of the Decision Sciences, AMS, 1968; J. J. Júdice, F. M. Pires, Computers & Operations Research 21 (1994)
-587; L. F. Portugal, J. J. Júdice, L. N. Vicente, Math. Comp. 63 (1994) 625; D. Goldfarb, A. Idnani, Math. Programming
-27 (1983) 1.
+American Statistician 33 (1979) 149; D. Goldfarb, A. Idnani, Math. Programming 27 (1983) 1; R. T. Rockafellar, SIAM J.
+Control Optim. 14 (1976) 877.
 """
 
 from functools import partial
@@ -42,7 +34,7 @@ from solvers.ours import Ours
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
 from solvers.timed_calls import follow_rows, time_calls
 
-COUNTS = ("exchanges", "systems", "dual_steps", "proximal_steps", "fallbacks")
+COUNTS = ("exchanges", "refinements", "proximal_steps")
 """What the head of the state counts, in its order (BoxHead in box.h)."""
 
 
@@ -56,8 +48,7 @@ class BoxActiveSet(Ours, Solver):
         False it starts from "all free" and the answer is a function of the data alone, to the last bit. ``solve(x)``
         always starts from the active set of x.
     most_exchanges : int, default 0
-        Exchanges (linear systems where P is singular) after which a solve ends at a feasible point, from which a warm
-        solve goes on; 0 for none.
+        Exchanges after which a solve ends at a feasible point, from which a warm solve goes on; 0 for none.
 
     Examples
     --------
@@ -70,7 +61,7 @@ class BoxActiveSet(Ours, Solver):
 
     name: ClassVar[str] = "box_active_set"
     lane: ClassVar[Lane] = Lane.KERNEL
-    algorithm: ClassVar[str] = "primal-dual active set"
+    algorithm: ClassVar[str] = "dual active set"
     warm_startable: ClassVar[bool] = True
 
     def setup(self, problem: Problem) -> None:
@@ -149,9 +140,8 @@ class BoxActiveSet(Ours, Solver):
     def solution(self) -> Solution:
         """Return the last answer.
 
-        ``extras`` count what it took: exchanges on the inverse, linear systems (refinements of it too), dual and
-        proximal steps; and, since ``setup``, the solves that were left to the factorisation. ``capped`` says that
-        ``most_exchanges`` ended it before the optimum.
+        ``extras`` count what it took: exchanges, steps of refinement and proximal steps. ``regularised`` says that P is
+        singular, ``capped`` that ``most_exchanges`` ended the solve before the optimum.
         """
         P, q = self._data()
         counts = dict(zip(COUNTS, self.counts("counts")[: len(COUNTS)].tolist(), strict=True))

@@ -57,7 +57,6 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
         word
         for name in (
             "box_batch",
-            "box_lanes",
             "box_active_set",
             "daqp",
             "mujoco",
@@ -83,7 +82,6 @@ def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
     assert one.groupby("solver").size().eq(2 * 2).all()
     assert set(one.solver) == {
         "box_batch",
-        "box_lanes",
         "box_active_set",
         "daqp",
         "mujoco",
@@ -91,7 +89,7 @@ def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
         "liar",
     }
     ours = rows[rows.solver.isin(OURS)]
-    assert set(ours.solver) == {"box_batch", "box_lanes", "box_active_set"}
+    assert set(ours.solver) == {"box_batch", "box_active_set"}
     assert (ours.status == "ok").all()
     assert (ours.share_high == 1.0).all()
     assert (ours.judged > 0).all()

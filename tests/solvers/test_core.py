@@ -210,9 +210,7 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
     d, out = q.size, []
     for P, linear in programs:
         box, swept = block(c.box_bytes(d)), block(c.recursive_bytes(d))
-        out.append(
-            [c.box_setup(box, lb, ub), c.box_take(box, P, linear), c.box_solve(box, 0), c.box_solve_factorised(box, 0)]
-        )
+        out.append([c.box_setup(box, lb, ub), c.box_take(box, P, linear), c.box_solve(box, 0), c.box_solve(box, 1)])
         out.append(box.tobytes())
         out.append([c.recursive_setup(swept, lb, ub, 0.9, 1.0, 1e-10), c.recursive_begin(swept, P, linear)])
         answers, nanoseconds = np.empty((40, d)), np.empty(40, np.int64)
@@ -286,7 +284,6 @@ def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, er
         (lambda: many(P=5, last=1), ValueError, "argument 2 has not the shape"),
         (lambda: many(P=4, last=2), ValueError, "argument 9 must be from 0 to 1, not 2"),
         (lambda: many(P=4, last=1, room=8), ValueError, "not the state|has room for"),
-        (lambda: factored(width=16), ValueError, "has not the shape"),
     ],
 )
 def test_each_mark_of_an_argument_is_checked(call, error, message):
@@ -312,11 +309,7 @@ def absorbed(P, rows, c=None):
 
 def many(P, last, room=100_000):
     vector = np.zeros((1, 2))
-    bindings.box_many(vector, np.zeros((1, P)), vector, vector, vector, np.zeros(1, np.int32), block(room), 0, last, 1)
-
-
-def factored(width):
-    bindings.factor_solve(block(bindings.factor_bytes(2)), np.ones(2), np.zeros((2, width)), 0.0, np.zeros(2))
+    bindings.box_batch(vector, np.zeros((1, P)), vector, vector, vector, np.zeros(1, np.int32), block(room), 0, last)
 
 
 @pytest.mark.parametrize("module", [bindings, piezo_model.core.bindings], ids=["solvers", "piezo_model"])

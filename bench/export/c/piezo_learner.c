@@ -13,12 +13,10 @@
 #define CORE_WAY (PIEZO_LEARNING == PIEZO_CONTINUOUS ? CONTINUOUS : CYCLIC)
 #define CORE_SOLVER (PIEZO_LEARNING == PIEZO_CONTINUOUS ? EXACT : PIEZO_LEARNING == PIEZO_STEPS ? STEPS : ANSWERED)
 
-#include "core/block_pivoting.c"
 #include "core/box_data.c"
 #include "core/box_dual.c"
-#include "core/box_exchange.c"
 #include "core/box_inverse.c"
-#include "core/box_pivoting.c"
+#include "core/box_proximal.c"
 #include "core/eigenvalue.c"
 
 #include "core/descent.c"
@@ -93,7 +91,7 @@ void piezo_learner_begin(void *learner, const double *weights)
 static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
-    void *const memory = workspace_of(l).exact;
+    void *const memory = workspace_of(l).solver;
     if (box_setup(memory, l->d, c->lower, c->upper) != OK) {
         return 0;
     }

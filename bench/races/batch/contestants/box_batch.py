@@ -9,12 +9,11 @@ from solvers.ours import Ours
 class Batch(Ours, Contestant):
     """The public batch solver."""
 
-    algorithm = "primal-dual active set"
-    simd_batched = False
+    algorithm = "dual active set"
 
     def __init__(self, d: int, threads: int) -> None:
         super().__init__(d, threads)
-        self._batch = BoxBatch(d, threads, self.simd_batched)
+        self._batch = BoxBatch(d, threads)
 
     def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> Matrix:  # noqa: D102
         return self._batch.solve(P, q, lb, ub)[0]
