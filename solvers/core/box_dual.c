@@ -12,8 +12,10 @@
  *     let i in A go      the first that vanishes on the straight way from the multipliers before to g_A; A <- A - i,
  *                        and again until g_A is feasible
  *
- * until no bound is broken. The dual objective rises with each j, so no set returns. From "all free" the number of
- * exchanges is seldom more than the number of bounds that hold at the optimum.
+ * until no bound is broken. The dual objective rises with each j, so no set returns. The first d exchanges are greedy:
+ * whichever variable gains most, one that breaks its bound or one whose multiplier is infeasible, is exchanged. From
+ * "all free" that mostly ends at the optimum after hardly more exchanges than bounds hold there, where keeping every
+ * multiplier feasible takes up to half as many again; where it does not end, all that is infeasible is freed first.
  *
  * With W the matrix P swept on F (box_inverse.c), p = W_jj and t the change of the given x_j or g_j, an exchange of
  * variable j is
@@ -243,10 +245,13 @@ static int first_to_vanish(const Box *s, const Search *search, real *length)
     return first;
 }
 
+/* The bound that is broken by the free variable j. */
+static int broken_bound(const Box *s, int j) { return s->basic[j] > s->high[j] ? LOWER : UPPER; }
+
 /* Take the free variable j to its bound, and let bounds go until every multiplier is feasible. */
 static void push(const Box *s, Search *search, int j)
 {
-    const int column = search->count, side = s->basic[j] > s->high[j] ? LOWER : UPPER;
+    const int column = search->count, side = broken_bound(s, j);
     const real step = (side == LOWER ? s->lo[j] : s->hi[j]) + s->basic[j], t = step * s->weight[j];
     exchange(s, search, j, side);
     if (!(search->wrong > search->negligible)) {
@@ -380,11 +385,16 @@ int box_dual_active_set(const Box *s, Search *search)
 {
     const int columns = s->head->singular ? RENEWED_AFTER : 2 * s->ld - s->d;
     const int cap = s->head->cap, last = search->exchanges + (cap > 0 ? cap : 100 + 20 * s->d);
+    const int greedy_exchanges = s->head->singular ? 0 : s->d;
     for (int round = 0; round < MOST_ROUNDS + (s->head->singular ? last : 0); ++round) {
         /* a push takes at most d columns of U */
         while (is_unfinished(search) && search->exchanges < last && search->count <= columns) {
-            if (search->wrong > search->negligible) {
+            const int greedy = search->exchanges < greedy_exchanges;
+            if (search->wrong > search->negligible && (!greedy || search->wrong >= search->broken)) {
                 exchange(s, search, with_gain(s, search->wrong), FREE);
+            } else if (greedy) {
+                const int j = with_gain(s, search->broken);
+                exchange(s, search, j, broken_bound(s, j));
             } else {
                 push(s, search, with_gain(s, search->broken));
             }
