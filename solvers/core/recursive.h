@@ -12,7 +12,7 @@
  * where there is one.
  *
  * recursive_start.c begins from a cold solve, recursive_rows.c takes the rows, recursive_exchange.c sweeps until z is
- * optimal, and recursive_renewal.c makes M anew, mostly a little at each row.
+ * optimal, and recursive_renewal.c makes M anew from time to time.
  *
  * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle,
  * "Principal pivoting method of quadratic programming", 1968.
@@ -26,7 +26,7 @@ enum { RECURSIVE_KIND = 0x53575031 };
 /* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end in recursive_refresh or in
  * recursive_recover. */
 enum { SINGULAR = 101, CYCLING = 102 };
-enum { RECURSIVE_REFRESH = 256, RECURSIVE_PIVOTS = 2 }; /* rows after which M is made anew, and by how much a row */
+enum { RECURSIVE_REFRESH = 256 }; /* rows after which M is made anew */
 
 #ifdef CORE_FLOAT
 /* Bounds from here on are none. */
@@ -41,22 +41,14 @@ enum { RECURSIVE_REFRESH = 256, RECURSIVE_PIVOTS = 2 }; /* rows after which M is
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
-    int32_t since_refresh, renewing;
+    int32_t since_refresh;
     int32_t cap;                                /* exchanges of one row after which it ends with CAPPED; 0 for none */
     uint32_t exchanges, refreshes, cold_starts; /* so far; after years they begin again at 0 */
     double forgetting, root_growth;             /* lambda, and lambda^(-1/2) */
     double row_weight, root_weight;             /* of a new row, and the root of what the coming row enters with */
     double proximal;                            /* share of the diagonal that the proximal term has */
-    double growth, next_growth;                 /* of M, and of the matrix being made */
+    double growth;                              /* the product of sigma since M was made */
 } RecursiveHead;
-
-/* A swept matrix. */
-typedef struct {
-    real *M;            /* ld rows */
-    real *free;         /* 1 at F and 0 at A */
-    real *rho, *centre; /* of the proximal term */
-    double *growth;     /* the product of sigma since it was made */
-} Swept;
 
 /* Vectors have ld numbers, d + 1 rounded up to whole blocks of eight. */
 typedef struct {
@@ -67,8 +59,9 @@ typedef struct {
                    fixed */
     real *row;  /* the weighted row */
     real *g, *u, *share; /* the gradient; a row of M or z; what the rows of M take part with in a sum */
-    Swept now, next;     /* M, and the matrix being made */
-    real *G;             /* ld rows; a row of data is added from the diagonal blocks on only */
+    real *is_free;       /* 1 at F and 0 at A */
+    real *rho, *centre;  /* of the proximal term */
+    real *M, *G;         /* ld rows; a row of data is added to G from the diagonal blocks on only */
     real *P, *q;         /* room for the data of a cold start */
     Box cold;
 } Recursive;
@@ -98,13 +91,7 @@ CORE_API real recursive_error(Recursive *s);
 CORE_API int recursive_violated(const Recursive *s);
 CORE_API int recursive_exchange(Recursive *s);
 /* Free variable j or take it to its bound; 0 and nothing changed where its pivot is not above its rounding. */
-CORE_API int recursive_sweep(const Recursive *s, const Swept *m, int j);
-/* Move a matrix by the weighted row; 0 where it is left as it was, for its sigma. */
-CORE_API int recursive_move(const Recursive *s, const Swept *m);
-/* The parts that one row has in making M anew: before it, 0 where only recursive_refresh helps; and after it, so many
- * pivots. */
-CORE_API int recursive_use_renewed(Recursive *s);
-CORE_API void recursive_renew(Recursive *s, int pivots);
+CORE_API int recursive_sweep(const Recursive *s, int j);
 /* Fill in what is below the diagonal blocks of G. */
 CORE_API void recursive_complete(const Recursive *s);
 /* g <- q + (G + diag rho) z - diag(rho) c. */
@@ -112,6 +99,6 @@ CORE_API void recursive_residual(const Recursive *s);
 
 CORE_INLINE real *row_of(const Recursive *s, real *matrix, int i) { return matrix + (size_t)i * (size_t)s->ld; }
 /* z with its sign turned at F, and the gradient at A. */
-CORE_INLINE real *last_row(const Recursive *s) { return row_of(s, s->now.M, s->d); }
+CORE_INLINE real *last_row(const Recursive *s) { return row_of(s, s->M, s->d); }
 
 #endif

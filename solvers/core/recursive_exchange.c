@@ -1,46 +1,33 @@
 /* Exchanges between free variables and bounds until a box problem with a swept Gram matrix (recursive.h) is at its
  * optimum.
  *
- * Freeing or fixing variable j is one sweep, with p = M_jj,
- *
- *     M <- M - M[:, j] M[j, :] / p  off row and column j,    M_jk <- M_jk / |p|,    M_jj <- -1 / p.
- *
- * A variable whose entry of the last row of M has the wrong sign is exchanged, the one with the largest e^2/|M_jj|
- * first, e being what is wrong: half of that is what leaving the bound gains, or what keeping it costs. The rule ends
- * the search early but not for certain: it may cycle, and after LIMIT + d exchanges the caller is told so. With a cap
- * it stops there: M is right for the variables that are free then, the answer is clipped, and the next row goes on.
+ * Freeing or fixing variable j is one sweep (sweep.h). A variable whose entry of the last row of M has the wrong sign
+ * is exchanged, the one with the largest e^2/|M_jj| first, e being what is wrong: half of that is what leaving the
+ * bound gains, or what keeping it costs. The rule ends the search early but not for certain: it may cycle, and after
+ * LIMIT + d exchanges the caller is told so. With a cap it stops there: M is right for the variables that are free
+ * then, the answer is clipped, and the next row goes on.
  *
  * Source: R. W. Cottle, "Principal pivoting method of quadratic programming", 1968.
  */
 #include "recursive.h"
+
+#include "sweep.h"
 
 enum { LIMIT = 20 }; /* a row of a stream takes none or one */
 /* Share of the optimal cost below which what an exchange would gain is left alone, and with a free variable, which is
  * clipped then, what clipping it costs. */
 #define NEGLIGIBLE ((real)1e-15)
 
-int recursive_sweep(const Recursive *s, const Swept *m, int j)
+int recursive_sweep(const Recursive *s, int j)
 {
-    real *const row = row_of(s, m->M, j), *const u = s->u;
-    const real p = row[j], inverse = 1 / p, size = MAGNITUDE(inverse);
+    const real p = row_of(s, s->M, j)[j];
     /* p of a variable at its bound is what the variables in F do not explain of this: */
-    const real diagonal = row_of(s, s->G, j)[j] + m->rho[j];
-    if (!(m->free[j] > 0 ? p < 0 : p > 5 * (real)s->d * REAL_EPSILON * diagonal)) {
+    const real diagonal = row_of(s, s->G, j)[j] + s->rho[j];
+    if (!(s->is_free[j] > 0 ? p < 0 : p > 5 * (real)s->d * REAL_EPSILON * diagonal)) {
         return 0;
     }
-    for (int b = 0; b < s->ld; b += LANES) {
-        store(u + b, load(row + b));
-        store(row + b, zeros());
-    }
-    for (int i = 0; i <= s->d; ++i) {
-        real *const of_M = row_of(s, m->M, i);
-        const vec8 factor = splat(i == j ? size : -u[i] * inverse);
-        for (int b = 0; b < s->ld; b += LANES) {
-            store(of_M + b, plus_product(load(of_M + b), factor, load(u + b)));
-        }
-        of_M[j] = i == j ? -inverse : u[i] * size;
-    }
-    m->free[j] = 1 - m->free[j];
+    sweep(s->M, s->d + 1, s->ld, j, s->u);
+    s->is_free[j] = 1 - s->is_free[j];
     return 1;
 }
 
@@ -51,7 +38,7 @@ int recursive_violated(const Recursive *s)
     vec8 worst = zeros();
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 value = load(last + b);
-        const vec8 room = mul(load(s->now.free + b), add(load(s->width + b), value));
+        const vec8 room = mul(load(s->is_free + b), add(load(s->width + b), value));
         worst = smaller(worst, smaller(mul(load(s->side + b), value), room));
     }
     return sum8(worst) < 0;
@@ -63,11 +50,10 @@ static void reflect(Recursive *s, int j)
 {
     const int d = s->d;
     const real width = s->width[j];
-    real *const row = row_of(s, s->G, j), *const last = row_of(s, s->G, d), *const swept = row_of(s, s->now.M, j);
+    real *const row = row_of(s, s->G, j), *const last = row_of(s, s->G, d), *const swept = row_of(s, s->M, j);
     s->origin[j] = s->sign[j] > 0 ? s->ub[j] : s->lb[j];
     s->sign[j] = -s->sign[j];
-    s->now.centre[j] = width - s->now.centre[j];
-    s->head->renewing = 0;
+    s->centre[j] = width - s->centre[j];
     recursive_complete(s);
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 entries = load(row + b);
@@ -79,7 +65,7 @@ static void reflect(Recursive *s, int j)
         real *const of_row = row_of(s, s->G, i);
         of_row[d] += width * of_row[j];
         of_row[j] = -of_row[j];
-        row_of(s, s->now.M, i)[j] = -row_of(s, s->now.M, i)[j];
+        row_of(s, s->M, i)[j] = -row_of(s, s->M, i)[j];
     }
     last_row(s)[j] -= width;
     swept[d] -= width;
@@ -95,11 +81,11 @@ int recursive_exchange(Recursive *s)
         const real least = NEGLIGIBLE * MAGNITUDE(last[d]);
         real most = 0;
         for (int j = 0; j < d; ++j) {
-            const real below = -s->side[j] * last[j], above = -(s->width[j] + last[j]) * s->now.free[j];
+            const real below = -s->side[j] * last[j], above = -(s->width[j] + last[j]) * s->is_free[j];
             const real size = above > below ? above : below;
             if (size > 0) {
-                const real square = size * size, gain = square / MAGNITUDE(row_of(s, s->now.M, j)[j]);
-                if (gain > most && (gain > least || s->now.free[j] * square * row_of(s, s->G, j)[j] > least)) {
+                const real square = size * size, gain = square / MAGNITUDE(row_of(s, s->M, j)[j]);
+                if (gain > most && (gain > least || s->is_free[j] * square * row_of(s, s->G, j)[j] > least)) {
                     chosen = j;
                     beyond = above > below;
                     most = gain;
@@ -115,7 +101,7 @@ int recursive_exchange(Recursive *s)
         if (beyond) {
             reflect(s, chosen);
         }
-        if (!recursive_sweep(s, &s->now, chosen)) {
+        if (!recursive_sweep(s, chosen)) {
             return SINGULAR;
         }
         s->side[chosen] = -s->side[chosen];

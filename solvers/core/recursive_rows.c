@@ -9,12 +9,11 @@
  * of that, and the exact optimum is there after every sample. Forgetting is in the weights: row k enters with
  * lambda^(-k/2); the clock k is put back where the weights have grown to RESCALED^2.
  *
- * Refresh rule. M is made anew a little at each row so that no M is in use for much longer than RECURSIVE_REFRESH rows;
- * at once at the row that would bring the product of the sigma since then, det G_FF after over before, to MOST_GROWTH
- * (recursive_renewal.c). A row that says what the data left open has a large sigma, and adding it to M cancels log10
- * sigma digits of the entries; so between two refreshes M loses six digits and 2 RECURSIVE_REFRESH roundings at most,
- * and the cost errs to second order in that. A sigma below one, which takes a lost positive definiteness, and exchanges
- * that do not end are answered at once, too.
+ * Refresh rule. M is made anew (recursive_renewal.c) after RECURSIVE_REFRESH rows, and at the row that would bring the
+ * product of the sigma since then, det G_FF after over before, to MOST_GROWTH. A row that says what the data left open
+ * has a large sigma, and adding it to M cancels log10 sigma digits of the entries; so between two refreshes M loses six
+ * digits and RECURSIVE_REFRESH roundings at most, and the cost errs to second order in that. A sigma below one, which
+ * takes a lost positive definiteness, and exchanges that do not end are answered at once, too.
  *
  * Source: L. Ljung, System Identification, 1999, chapter 11 (recursive least squares).
  */
@@ -25,27 +24,28 @@
 #define RESCALED ((real)8192) /* 2^13 */
 #define MOST_GROWTH 1e6
 
-int recursive_move(const Recursive *s, const Swept *m)
+/* Move M by the weighted row; 0 where it is left as it was, for its sigma. */
+static int move(const Recursive *s)
 {
     const int ld = s->ld;
     vec8 dot = zeros();
     for (int b = 0; b < ld; b += LANES) {
-        const vec8 xi = load(s->row + b), of_free = mul(load(m->free + b), xi);
+        const vec8 xi = load(s->row + b), of_free = mul(load(s->is_free + b), xi);
         store(s->share + b, sub(zeros(), of_free));
         store(s->u + b, sub(xi, of_free));
     }
-    affine(m->M, ld, s->d, s->share, s->u, s->u);
+    affine(s->M, ld, s->d, s->share, s->u, s->u);
     for (int b = 0; b < ld; b += LANES) {
         dot = sub_mul(dot, load(s->share + b), load(s->u + b));
     }
     const real sigma = 1 + sum8(dot), inverse = 1 / sigma;
-    *m->growth *= (double)sigma;
-    if (!(sigma > (real)0.999 && *m->growth < MOST_GROWTH)) { /* NaN does not fit */
+    s->head->growth *= (double)sigma;
+    if (!(sigma > (real)0.999 && s->head->growth < MOST_GROWTH)) { /* NaN does not fit */
         return 0;
     }
     for (int i = 0; i <= s->d; ++i) {
         const vec8 factor = splat(s->u[i] * inverse);
-        real *const of_M = row_of(s, m->M, i);
+        real *const of_M = row_of(s, s->M, i);
         for (int b = 0; b < ld; b += LANES) {
             store(of_M + b, plus_product(load(of_M + b), factor, load(s->u + b)));
         }
@@ -72,26 +72,24 @@ static void rescale(Recursive *s)
 {
     const vec8 shrink = splat(1 / (RESCALED * RESCALED));
     for (int j = 0; j < s->ld; ++j) {
-        s->u[j] = s->now.free[j] > 0 ? RESCALED : 1 / RESCALED;
+        s->u[j] = s->is_free[j] > 0 ? RESCALED : 1 / RESCALED;
     }
     for (int i = 0; i <= s->d; ++i) {
-        real *const of_M = row_of(s, s->now.M, i), *const of_G = row_of(s, s->G, i);
+        real *const of_M = row_of(s, s->M, i), *const of_G = row_of(s, s->G, i);
         for (int b = 0; b < s->ld; b += LANES) {
             store(of_M + b, mul(load(of_M + b), mul(load(s->u + b), splat(s->u[i]))));
             store(of_G + b, mul(load(of_G + b), shrink));
         }
     }
     for (int b = 0; b < s->ld; b += LANES) {
-        store(s->now.rho + b, mul(load(s->now.rho + b), shrink));
+        store(s->rho + b, mul(load(s->rho + b), shrink));
     }
     s->head->root_weight /= (double)RESCALED;
-    s->head->renewing = 0;
 }
 
 int recursive_take(Recursive *s, const real *row)
 {
     const int d = s->d;
-    const uint32_t exchanges = s->head->exchanges;
     real target = row[d];
     int status = OK;
     for (int j = 0; j <= d; ++j) {
@@ -102,7 +100,6 @@ int recursive_take(Recursive *s, const real *row)
     while (s->head->root_weight * s->head->root_weight >= (double)(RESCALED * RESCALED) * s->head->row_weight) {
         rescale(s);
     }
-    const int renewed = recursive_use_renewed(s);
     s->head->root_weight *= s->head->root_growth;
     const real weight = (real)s->head->root_weight;
     for (int j = 0; j < d; ++j) {
@@ -110,27 +107,23 @@ int recursive_take(Recursive *s, const real *row)
         s->row[j] = weight * s->sign[j] * row[j];
     }
     s->row[d] = weight * target;
-    const int moved = recursive_move(s, &s->now);
+    const int moved = move(s);
     add_row(s);
     ++s->head->since_refresh;
-    if (!renewed || !moved || s->head->since_refresh >= 2 * RECURSIVE_REFRESH) {
+    if (!moved || s->head->since_refresh >= RECURSIVE_REFRESH) {
         return recursive_refresh(s);
     }
     if (recursive_violated(s)) {
         status = recursive_exchange(s);
-        if (status != OK && status != CAPPED) {
-            return recursive_refresh(s);
-        }
     }
-    recursive_renew(s, s->head->exchanges == exchanges ? RECURSIVE_PIVOTS : 0); /* an exchange is a sweep of M */
-    return status;
+    return status == OK || status == CAPPED ? status : recursive_refresh(s);
 }
 
 void recursive_answer(Recursive *s)
 {
     const real *const last = last_row(s);
     for (int b = 0; b < s->ld; b += LANES) {
-        const vec8 z = mul(load(s->now.free + b), sub(zeros(), load(last + b)));
+        const vec8 z = mul(load(s->is_free + b), sub(zeros(), load(last + b)));
         const vec8 v = plus_product(load(s->origin + b), load(s->sign + b), z);
         store(s->answer + b, clip(v, load(s->lb + b), load(s->ub + b)));
     }

@@ -6,35 +6,27 @@
  */
 #include "recursive.h"
 
-enum { RECURSIVE_VECTORS = 12, OF_SWEPT = 3 };
+enum { RECURSIVE_VECTORS = 15 };
 
 static int64_t cold_at(int d)
 {
-    const int64_t ld = padded(d + 1), numbers = ld * (RECURSIVE_VECTORS + d + ld + 2 * (OF_SWEPT + ld));
+    const int64_t ld = padded(d + 1), numbers = ld * (RECURSIVE_VECTORS + d + 2 * ld);
     return arena_bytes(HEAD_BYTES + numbers * (int64_t)sizeof(real));
 }
 
 int64_t recursive_bytes(int d) { return cold_at(d) + box_bytes(d); }
-
-static Swept swept_at(Arena *arena, int ld, double *growth)
-{
-    Swept m = {.growth = growth};
-    const Extent extents[] = {{&m.M, ld * ld}, {&m.free, ld}, {&m.rho, ld}, {&m.centre, ld}};
-    LAY_OUT(arena, extents);
-    return m;
-}
 
 Recursive recursive_at(void *memory)
 {
     const int d = VARIABLES((const RecursiveHead *)memory);
     Recursive s = {.head = memory, .d = d, .ld = padded(d + 1)};
     Arena arena = after_head(memory);
-    const Extent extents[] = {{&s.answer, s.ld}, {&s.origin, s.ld}, {&s.sign, s.ld},  {&s.width, s.ld},   {&s.lb, s.ld},
-                              {&s.ub, s.ld},     {&s.side, s.ld},   {&s.row, s.ld},   {&s.g, s.ld},       {&s.u, s.ld},
-                              {&s.q, s.ld},      {&s.share, s.ld},  {&s.P, d * s.ld}, {&s.G, s.ld * s.ld}};
+    const Extent extents[] = {{&s.answer, s.ld}, {&s.origin, s.ld},   {&s.sign, s.ld},    {&s.width, s.ld},
+                              {&s.lb, s.ld},     {&s.ub, s.ld},       {&s.side, s.ld},    {&s.row, s.ld},
+                              {&s.g, s.ld},      {&s.u, s.ld},        {&s.q, s.ld},       {&s.share, s.ld},
+                              {&s.P, d * s.ld},  {&s.G, s.ld * s.ld}, {&s.is_free, s.ld}, {&s.rho, s.ld},
+                              {&s.centre, s.ld}, {&s.M, s.ld * s.ld}};
     LAY_OUT(&arena, extents);
-    s.now = swept_at(&arena, s.ld, &s.head->growth);
-    s.next = swept_at(&arena, s.ld, &s.head->next_growth);
     s.cold = box_at((char *)memory + cold_at(s.d));
     return s;
 }
@@ -66,7 +58,7 @@ static void place_variable(const Recursive *s, int j)
     s->origin[j] = from_above ? ub : lower ? lb : 0;
     s->sign[j] = from_above ? -1 : 1;
     s->width[j] = lower && upper ? ub - lb : NO_BOUND;
-    s->now.free[j] = is_free ? 1 : 0;
+    s->is_free[j] = is_free ? 1 : 0;
     s->side[j] = !((lower || upper) && lb < ub) ? 0 : is_free ? -1 : 1;
     last_row(s)[j] = is_free ? s->sign[j] * (s->origin[j] - s->cold.answer[j]) : 0;
 }
@@ -88,7 +80,7 @@ int recursive_begin(Recursive *s, const real *P, const real *q, real constant, i
     if (status != OK) {
         return status;
     }
-    memset(s->now.M, 0, (size_t)(s->ld + OF_SWEPT) * (size_t)s->ld * sizeof(real));
+    memset(s->is_free, 0, (size_t)(s->ld + 3) * (size_t)s->ld * sizeof(real)); /* and rho, centre and M */
     for (int j = 0; j < d; ++j) {
         place_variable(s, j);
     }
@@ -104,11 +96,10 @@ int recursive_begin(Recursive *s, const real *P, const real *q, real constant, i
     row_of(s, s->G, d)[d] = constant;
     recursive_residual(s);
     for (int j = 0; j < d; ++j) {
-        last_row(s)[j] = s->now.free[j] > 0 ? last_row(s)[j] : s->g[j];
+        last_row(s)[j] = s->is_free[j] > 0 ? last_row(s)[j] : s->g[j];
     }
     s->head->root_weight = sqrt(s->head->row_weight);
-    s->head->since_refresh = 2 * RECURSIVE_REFRESH; /* so that the next row makes M */
-    s->head->renewing = 0;
+    s->head->since_refresh = RECURSIVE_REFRESH; /* so that the next row makes M */
     return OK;
 }
 
@@ -140,13 +131,13 @@ real recursive_error(Recursive *s)
     recursive_complete(s);
     /* z inside its box, as it is answered; it has a bound at zero where `side` is not */
     for (int j = 0; j < s->d; ++j) {
-        const real z = -s->now.free[j] * last[j], up = z < 0 && (s->side[j] != 0 || s->width[j] < NO_BOUND) ? 0 : z;
+        const real z = -s->is_free[j] * last[j], up = z < 0 && (s->side[j] != 0 || s->width[j] < NO_BOUND) ? 0 : z;
         s->u[j] = up > s->width[j] ? s->width[j] : up;
     }
     for (int i = 0; i < s->d; ++i) {
         const real *const row = row_of(s, s->G, i);
         const real z = s->u[i];
-        real g = q[i] + s->now.rho[i] * (z - s->now.centre[i]), size = MAGNITUDE(q[i]);
+        real g = q[i] + s->rho[i] * (z - s->centre[i]), size = MAGNITUDE(q[i]);
         for (int j = 0; j < s->d; ++j) {
             g += row[j] * s->u[j];
             size += MAGNITUDE(row[j] * s->u[j]);
