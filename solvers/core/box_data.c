@@ -6,10 +6,12 @@ enum { BOX_VECTORS = 28 };
 
 static int even(int d) { return (d + 1) / 2 * 2; }
 
+static int64_t vector_bytes(int64_t ld) { return HEAD_BYTES + ld * (BOX_VECTORS + 9) * (int64_t)sizeof(real) + 8 * ld; }
+
 int64_t box_bytes(int d)
 {
     const int64_t ld = padded(d);
-    return HEAD_BYTES + ld * (BOX_VECTORS + 9 + 2 * even(d) + 2 * ld) * (int64_t)sizeof(real) + 8 * ld;
+    return vector_bytes(ld) + ld * (2 * even(d) + 2 * ld) * (int64_t)sizeof(real);
 }
 
 Box box_at(void *memory)
@@ -32,10 +34,11 @@ Box box_at(void *memory)
                               {&s.centre, s.ld},     {&s.zero, s.ld},
                               {&s.v, s.ld},          {&s.w, s.ld},
                               {&s.pair, 5 * s.ld},   {&s.factor, 2 * s.ld},
-                              {&s.share, 2 * s.ld},  {&s.P, even(d) * s.ld},
-                              {&s.M, even(d) * s.ld}};
+                              {&s.share, 2 * s.ld}};
     LAY_OUT(&arena, extents);
     s.side = integers(&arena, d);
+    s.P = reals(&arena, even(d), s.ld);
+    s.M = reals(&arena, even(d), s.ld);
     s.U = reals(&arena, 2 * s.ld, s.ld);
     return s;
 }
@@ -43,8 +46,9 @@ Box box_at(void *memory)
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
     real v = (real)0.618033988749895;
-    new_state(memory, BOX_KIND, d, box_bytes(d));
+    new_state(memory, BOX_KIND, d, vector_bytes(padded(d))); /* matrices are written before they are read */
     Box s = box_at(memory);
+    s.head->bytes = box_bytes(d);
     for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one and their squares, so that v_i w_j = v_j
                                      w_i only for i = j */
         s.v[j] = v;
@@ -58,8 +62,10 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
         s.lo[j] = s.lb[j] = -REAL_INFINITY;
         s.hi[j] = s.ub[j] = REAL_INFINITY;
     }
-    if (d % 2 != 0) {
-        s.P[(size_t)d * (size_t)s.ld + (size_t)d] = 1;
+    if (d % 2 != 0) { /* sweeps take pairs of rows */
+        real *const last = s.P + (size_t)d * (size_t)s.ld;
+        memset(last, 0, (size_t)s.ld * sizeof(real));
+        last[d] = 1;
     }
     return box_take_bounds(&s, lb, ub);
 }

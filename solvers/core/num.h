@@ -28,29 +28,16 @@ CORE_INLINE num total(const Sum *s)
     const vec8 *const l = s->l;
     return add(add(add(l[0], l[4]), add(l[2], l[6])), add(add(l[1], l[5]), add(l[3], l[7])));
 }
-/* The sum of a_i b_i over the vectors: that of `accumulate`, in registers. */
+/* The sum of a_i b_i over the vectors: that of `accumulate`. */
 CORE_INLINE num dot(const vec8 *a, const vec8 *b, int count)
 {
-    vec8 l0 = zeros(), l1 = l0, l2 = l0, l3 = l0, l4 = l0, l5 = l0, l6 = l0, l7 = l0;
-    int i = 0;
-    for (; i + LANES <= count; i += LANES) {
-        l0 = plus_product(l0, a[i], b[i]);
-        l1 = plus_product(l1, a[i + 1], b[i + 1]);
-        l2 = plus_product(l2, a[i + 2], b[i + 2]);
-        l3 = plus_product(l3, a[i + 3], b[i + 3]);
-        l4 = plus_product(l4, a[i + 4], b[i + 4]);
-        l5 = plus_product(l5, a[i + 5], b[i + 5]);
-        l6 = plus_product(l6, a[i + 6], b[i + 6]);
-        l7 = plus_product(l7, a[i + 7], b[i + 7]);
+    Sum sum = no_sum();
+    for (int i = 0; i < count; i += LANES) {
+        for (int l = 0; l < LANES; ++l) { /* unrolled, so that the sums stay in registers */
+            sum.l[l] = i + l < count ? plus_product(sum.l[l], a[i + l], b[i + l]) : sum.l[l];
+        }
     }
-    l0 = i < count ? plus_product(l0, a[i], b[i]) : l0;
-    l1 = i + 1 < count ? plus_product(l1, a[i + 1], b[i + 1]) : l1;
-    l2 = i + 2 < count ? plus_product(l2, a[i + 2], b[i + 2]) : l2;
-    l3 = i + 3 < count ? plus_product(l3, a[i + 3], b[i + 3]) : l3;
-    l4 = i + 4 < count ? plus_product(l4, a[i + 4], b[i + 4]) : l4;
-    l5 = i + 5 < count ? plus_product(l5, a[i + 5], b[i + 5]) : l5;
-    l6 = i + 6 < count ? plus_product(l6, a[i + 6], b[i + 6]) : l6;
-    return add(add(add(l0, l4), add(l2, l6)), add(add(l1, l5), add(l3, l7)));
+    return total(&sum);
 }
 CORE_INLINE num constant(real a) { return splat(a); }
 CORE_INLINE num plus(num a, num b) { return add(a, b); }
