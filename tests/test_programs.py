@@ -13,9 +13,9 @@ ROOT = Path(__file__).parent.parent
 NEEDING = {
     "chromium": "tests/bench/test_identify_page.py"
     "::test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest",
+    "cmake": "tests/bench/test_export_c.py::test_cmake_builds_it_too",
     "gcc": "tests/solvers/test_core.py"
     "::test_the_algorithms_call_nothing_of_the_libraries_but_a_few_functions[files0-called0]",
-    "valgrind": "tests/bench/test_realtime.py::test_callgrind_counts_the_instructions_of_a_step",
 }
 
 

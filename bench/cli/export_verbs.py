@@ -8,12 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.export.realtime import MET, SLOWEST_HZ, RealTime, RealTimeFigures
+from bench.export.realtime import real_time
 from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
-from bench.export.step_cost import StepCost, step_cost
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
 from piezo_model import HysteresisCreepModel
+from piezo_model.atomic_file import write_text
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import format_of
 
@@ -104,47 +104,26 @@ def realtime_verb(
     precision: PrecisionChoice = "double",
     priority: Annotated[int, typer.Option(min=0, max=99, help="Of SCHED_FIFO; 0 does not ask for it.")] = 80,
     core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last by default.")] = None,
-    search: Annotated[
-        bool, typer.Option("--search", help="Find the highest rate at which 99.99 % are met, too.")
-    ] = False,
-    cost: Annotated[
-        bool, typer.Option(help="Time and instructions of a step here, memory and instructions on ARM Cortex-M.")
-    ] = True,
     out: Annotated[Path | None, typer.Option(help="Where histograms and figures are written, JSON.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the exported C on this machine on an absolute schedule and count its misses."""
-    from piezo_model.atomic_file import write_text
-
     if out is not None:
         check_writable(out)
     loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
-    with RealTime(loaded, settings, priority, core) as machine:
-        step, null = machine.run(rate, seconds), machine.run(rate, seconds, null=True)
-        best = None
-        if search:
-            best = machine.highest_rate(
-                rate, told=lambda tried, met: errors.print(f"{tried:.0f} Hz: {100 * met:.3f} % met")
-            )
-    found = RealTimeFigures(step, null, best, step_cost(loaded, settings) if cost else None)
+    found = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         write_text(out, json.dumps(plain_json(found.to_dict()), indent=1) + "\n")
     if as_json:
         print_json(found.to_dict())
         return
-    _print_figures(found, settings)
-    if out is not None:
-        console.print(f"Figures: {out}")
-
-
-def _print_figures(found: RealTimeFigures, settings: ExportSettings) -> None:
-    step, null, times = found.step, found.null, found.times_us
+    step, null = found.step, found.null
     for what, said in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
         if step.allowed.get(what) != "yes":
             console.print(f"Without {said}: {step.allowed.get(what, 'not asked for')}.")
     print_table(
         ("µs", *(Percentile(q).name for q in QUANTILES), "max"),
-        [(name, *tail_cells(us, digits=2)) for name, us in times.items()],
+        [(name, *tail_cells(us, digits=2)) for name, us in found.times_us.items()],
     )
     counts = found.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
@@ -159,40 +138,8 @@ def _print_figures(found: RealTimeFigures, settings: ExportSettings) -> None:
     if settings.learning:
         late, dropped = (step.allowed[name] for name in ("late", "dropped"))
         console.print(f"New weights came late {late} times, and {dropped} blocks of samples were left out.")
-    if found.highest_rate_Hz is not None:
-        console.print(
-            f"Highest rate at which {100 * MET:g} % are met: {found.highest_rate_Hz:.0f} Hz."
-            if found.highest_rate_Hz
-            else f"No rate of {SLOWEST_HZ:g} Hz and more was found at which {100 * MET:g} % are met."
-        )
-    if found.cost is not None:
-        _print_cost(found.cost, settings.learning)
-
-
-def _print_cost(cost: StepCost, learns: bool) -> None:
-    counted = "" if cost.instructions is None else f" and {cost.instructions:.0f} instructions"
-    beside = "" if cost.learning_instructions is None else f" and {cost.learning_instructions:.0f} instructions"
-    learning = f", its share of the learning {cost.with_learning_ns - cost.ns:.1f} ns{beside}" if learns else ""
-    console.print(f"A step takes {cost.ns:.1f} ns{counted} here{learning}; an axis has {cost.axis_bytes} bytes.")
-    if cost.controllers:
-        print_table(
-            ("controller", "flash, bytes", "RAM, bytes", "call", "instructions, median", "most", "of calls"),
-            [
-                (
-                    each.core.name,
-                    str(each.flash_bytes),
-                    str(each.ram_bytes),
-                    call,
-                    "–" if of.median is None else str(of.median),
-                    "–" if of.largest is None else str(of.largest),
-                    str(of.calls),
-                )
-                for each in cost.controllers
-                for call, of in (("step", each.step), ("learn, a block", each.learn))[: 1 + learns]
-            ],
-        )
-    for sentence in cost.absent:
-        console.print(sentence)
+    if out is not None:
+        console.print(f"Figures: {out}")
 
 
 def _opened(

@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
-from bench.live.controller import Learn, Plan
 from bench.live.device import Declared, DeviceFile, Simulated
-from bench.live.reference import Reference, ReferenceError, constant, of_file, sine, staircase
-from bench.live.session import Session
+from bench.live.recorder import check
+from bench.live.reference import ReferenceError, constant, of_file, sine, staircase
+from bench.live.session import run
+from bench.live.task import Learn, Task, first_model
 from bench.report.console import check_writable, console
 
 SHARE = 0.6
@@ -76,28 +77,35 @@ def live_verb(
             )
         check_writable(record, "--record")
 
-    def wanted(stage: Declared) -> Reference:
-        (low, high), sample_time, unit = stage.y_range, 1.0 / rate, stage.output_unit
-        centre = 0.5 * (low + high)
-        if reference is not None:
-            return of_file(reference, unit, sample_time)
-        if sine_words is not None:
-            return sine(sine_words, unit, centre, sample_time)
-        if staircase_words is not None:
-            return staircase(staircase_words, unit, centre, sample_time)
-        if set_point is not None and not low <= set_point <= high:
-            raise ReferenceError(
-                f"--set-point {set_point:g} is outside of the stage's range, {low:g} to {high:g} {unit}"
-            )
-        if simulate is not None and set_point is None:
-            return sine(f"1Hz:{0.5 * SHARE * (high - low)!r}", unit, centre, sample_time)
-        return constant(centre if set_point is None else set_point)
+    if not integral_gain <= rate:
+        raise typer.BadParameter(
+            f"must be at most the rate, {rate:g} 1/s, not {integral_gain:g}", param_hint="--integral-gain"
+        )
+    stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
+    declared = Declared.of(stage.make(), str(stage))
+    first = first_model(model, declared, 1.0 / rate)
+    if record is not None:
+        check(record)
+    if page:
+        from bench.live.page import check_address  # which needs Bokeh
 
-    where = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(device)  # type: ignore[arg-type]
-    session = Session(
-        where, Plan(model, learn, integral_gain), wanted, rate, seconds, record, (host, port) if page else None
-    )
-    found = session.run(_told)
+        check_address(host, port)
+    (low, high), sample_time, unit = declared.y_range, 1.0 / rate, declared.output_unit
+    centre = 0.5 * (low + high)
+    if reference is not None:
+        wanted = of_file(reference, unit, sample_time)
+    elif sine_words is not None:
+        wanted = sine(sine_words, unit, centre, sample_time)
+    elif staircase_words is not None:
+        wanted = staircase(staircase_words, unit, centre, sample_time)
+    elif set_point is not None and not low <= set_point <= high:
+        raise ReferenceError(f"--set-point {set_point:g} is outside of the stage's range, {low:g} to {high:g} {unit}")
+    elif simulate is not None and set_point is None:
+        wanted = sine(f"1Hz:{0.5 * SHARE * (high - low)!r}", unit, centre, sample_time)
+    else:
+        wanted = constant(centre if set_point is None else set_point)
+    task = Task(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
+    found = run(task, record, (host, port) if page else None, _told)
     for sentence in found.sentences:
         console.print(sentence)
     if found.status:

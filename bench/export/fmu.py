@@ -16,7 +16,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from bench.export.building import EXACT, WARNINGS, compiled, tool, write_files
+from bench.export.building import EXACT, WARNINGS, compile_c, write_files
 from bench.export.c_source import known, render, sources
 from bench.export.settings import ExportError, ExportSettings
 from bench.rendering import xml_templates
@@ -154,25 +154,8 @@ def _platform(fmi: int) -> str:
 
 
 def _library(code: dict[str, str], name: str, fmi: int) -> bytes:
-    compiler = tool("cc", "gcc", "clang")
+    flags = (*WARNINGS, "-Wno-unused-parameter", *EXACT, "-O2", "-fPIC", "-shared")
     with tempfile.TemporaryDirectory(prefix="piezobench-fmu-") as folder:
         write_files(Path(folder), code)
-        compiled(
-            compiler,
-            [
-                *WARNINGS,
-                "-Wno-unused-parameter",
-                *EXACT,
-                "-O2",
-                "-fPIC",
-                "-shared",
-                f"{name}.c",
-                f"fmi{fmi}.c",
-                "-o",
-                "library.so",
-                "-lm",
-            ],
-            Path(folder),
-            "the FMU",
-        )
+        compile_c(Path(folder), [*flags, f"{name}.c", f"fmi{fmi}.c", "-o", "library.so", "-lm"], "the FMU")
         return (Path(folder) / "library.so").read_bytes()

@@ -1,2 +1,2 @@
-"""A compensator on a stage while one watches: the loop, its recording, its watchdog and its page, each in a process of
-its own."""
+"""A compensator on a stage while one watches: the loop in a process of its own, and beside it, in another one, its
+watchdog, its recording and its page."""

@@ -16,11 +16,10 @@ from solvers.arrays import Matrix, Vector
 
 COLUMNS = ("time_s", "reference", "drive", "measured")
 RING_S = 30.0
-"""Seconds that the ring holds; a recorder that died has so long to come back."""
-MOST_WEIGHTS = 256
+"""Seconds that the ring holds; so long may the disk keep the recorder waiting."""
 EVENTS, EVENT_BYTES, COMMANDS = 64, 240, 64
 BINS, BINS_A_DECADE, FIRST_NS = 160, 20, 100
-"""Of the histograms."""
+"""Of the histogram of service times."""
 
 
 class State(IntEnum):
@@ -54,52 +53,52 @@ COUNTS = (
     "null_samples",
     "events",
     "commands",
-    "weights",
     "hand_overs",
     "learning",
     "stop",
     "core",
-    "page",
     "followed",
+    "failed",
 )
 """Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many of
-each follow, the core of the loop, 1 once the page answers, and samples before the ramp to rest."""
+each follow, the core of the loop, samples before the ramp to rest, and 1 where the stage made the end."""
 
 
 class Board:
     """The block, a file in memory that the first process makes and the others open; a whole number of ``COUNTS`` is an
     attribute."""
 
-    def __init__(self, path: Path, rate: float, make: bool = False) -> None:
+    def __init__(self, path: Path, rate: float, first: HysteresisCreepModel, make: bool = False) -> None:
+        self._first = first
         self.capacity = max(1024, round(RING_S * rate))
         whole = np.dtype(
             [
                 ("counts", np.int64, (len(COUNTS),)),
                 ("samples", np.float64, (self.capacity, len(COLUMNS))),
-                ("weights", np.float64, (MOST_WEIGHTS,)),
+                ("weights", np.float64, (first.all_weights.size,)),
+                ("frame", np.float64, (5,)),
                 ("events", f"S{EVENT_BYTES}", (EVENTS,)),
+                ("why", f"S{EVENT_BYTES}", (1,)),
                 ("commands", np.float64, (COMMANDS, 2)),
                 ("service", np.int64, (BINS,)),
-                ("response", np.int64, (BINS,)),
-                ("null", np.int64, (BINS,)),
-                ("frame", np.float64, (5,)),
                 ("drive", np.float64, (1,)),
             ],
             align=True,
         )
-        self._all = np.memmap(path, whole, "w+" if make else "r+", shape=(1,))
+        shared = np.memmap(path, whole, "w+" if make else "r+", shape=(1,))
         (
             self._counts,
             self._samples,
             self._weights,
+            self._frame,
             self._events,
+            self._why,
             self._commands,
             self.service,
-            self.response,
-            self.null,
-            self.frame,
             self.drive,
-        ) = (np.asarray(self._all[field][0]) for field in whole.names or ())
+        ) = (np.asarray(shared[field][0]) for field in whole.names or ())
+        if make:
+            self.show_model(first)
 
     def __getattr__(self, name: str) -> int:
         if name not in COUNTS:
@@ -124,16 +123,31 @@ class Board:
         )  # the oldest may be written over while they are read
         return start, self._samples[np.arange(start, head) % self.capacity]
 
+    @property
+    def time_s(self) -> float:
+        """The time of the last sample; 0 before the first one."""
+        return float(self._samples[(self.head - 1) % self.capacity, 0])
+
     def say(self, text: str) -> None:
         """Add an event; the time goes before it."""
-        moment = f"{self.read(self.head - 1)[1][-1, 0] if self.head else 0.0:.3f} s: {text}"
-        self._events[self.events % EVENTS] = moment.encode()[:EVENT_BYTES]
+        self._events[self.events % EVENTS] = f"{self.time_s:.3f} s: {text}".encode()[:EVENT_BYTES]
         self.note(events=self.events + 1)
 
     def said(self) -> list[str]:
         """The last events, the oldest first."""
         count = self.events
         return [self._events[i % EVENTS].decode(errors="replace") for i in range(max(0, count - EVENTS), count)]
+
+    def end(self, why: str, failed: bool) -> None:
+        """Say that the ramp to rest begins."""
+        self.say(f"ramp to rest: {why}")
+        self._why[0] = why.encode()[:EVENT_BYTES]
+        self.note(followed=self.head, failed=failed, state=State.RAMPING)
+
+    @property
+    def why(self) -> str:
+        """Why the run ends; nothing while it does not."""
+        return str(self._why[0].decode(errors="replace"))
 
     def ask(self, command: Command, value: float = 0.0) -> None:
         """Ask the loop for something."""
@@ -149,27 +163,29 @@ class Board:
 
     def show_model(self, model: HysteresisCreepModel) -> None:
         """Show weights, centres and scales of the model in use."""
-        s, size = model.structure, min(model.weights.size, MOST_WEIGHTS)
-        self._weights[:size] = model.weights[:size]
-        self.frame[:] = s.x_centre, s.x_scale, s.y_centre, s.y_scale, s.offset
-        self.note(weights=size)
+        s = model.structure
+        self._weights[:] = model.all_weights
+        self._frame[:] = s.x_centre, s.x_scale, s.y_centre, s.y_scale, s.offset
 
-    def shown_model(self, first: HysteresisCreepModel) -> HysteresisCreepModel:
-        """The model in use, which began as the first."""
-        if not self.weights:
-            return first
-        x_centre, x_scale, y_centre, y_scale, offset = self.frame.tolist()
+    def shown_model(self) -> HysteresisCreepModel:
+        """The model in use."""
+        x_centre, x_scale, y_centre, y_scale, offset = self._frame.tolist()
         structure = replace(
-            first.structure, x_centre=x_centre, x_scale=x_scale, y_centre=y_centre, y_scale=y_scale, offset=bool(offset)
+            self._first.structure,
+            x_centre=x_centre,
+            x_scale=x_scale,
+            y_centre=y_centre,
+            y_scale=y_scale,
+            offset=bool(offset),
         )
-        return HysteresisCreepModel.from_weights(structure, self._weights[: self.weights].copy())
+        return HysteresisCreepModel.from_all_weights(structure, self._weights.copy())
 
 
 def bin_of(nanoseconds: int) -> int:
-    """Where a time is counted in a histogram."""
+    """Where a time is counted in the histogram."""
     return min(BINS - 1, int(BINS_A_DECADE * math.log10(nanoseconds / FIRST_NS))) if nanoseconds > FIRST_NS else 0
 
 
 def edges_us() -> Vector:
-    """Edges of the histograms' bins, shape (BINS + 1,)."""
+    """Edges of the histogram's bins, shape (BINS + 1,)."""
     return 1e-3 * FIRST_NS * 10.0 ** (np.arange(BINS + 1) / BINS_A_DECADE)

@@ -12,16 +12,17 @@ The loop has a process of its own on a core of its own and waits for nobody: see
 import gc
 import math
 import os
+import shutil
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from bench.live.board import Board, Command, State, bin_of
-from bench.live.controller import Controller, Plan
-from bench.live.device import Declared, Device, DeviceFile, Simulated
-from bench.live.reference import Reference, constant
+from bench.live.controller import Controller
+from bench.live.device import Device
+from bench.live.reference import constant
+from bench.live.task import Task
 from bench.timing import cores
 from bench.timing.schedule import SPIN_NS, wait_until
 
@@ -34,51 +35,29 @@ sampling period that leaves the system enough of the core, which otherwise stops
 second."""
 LOOK_AT_PARENT = 1_000
 """Samples between two looks whether the process that watches is still there."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """What a loop is to do; it can be sent to its process."""
-
-    board: Path
-    device: DeviceFile | Simulated
-    plan: Plan
-    reference: Reference
-    rate: float
-    seconds: float
+SHOW_S = 0.5
+"""Between two times that the weights are shown."""
 
 
 class Loop:
     """One run; ``controller`` is None where there is only the ramp to rest left, from the drive on the board."""
 
     def __init__(
-        self,
-        board: Board,
-        device: Device,
-        declared: Declared,
-        task: Task,
-        controller: Controller | None,
-        spin_ns: int = SPIN_NS,
+        self, board: Board, device: Device, task: Task, controller: Controller | None, spin_ns: int = SPIN_NS
     ) -> None:
-        self._board, self._device, self._declared, self._task, self._controller = (
-            board,
-            device,
-            declared,
-            task,
-            controller,
-        )
+        self._board, self._device, self._task, self._controller = board, device, task, controller
+        self._declared, self._spin_ns = task.declared, spin_ns
         self._reference, self._y, self._seen = task.reference, math.nan, board.commands
-        self._state = State.RAMPING if controller is None else State.FOLLOWING
-        self._x = declared.rest if controller is not None else float(board.drive[0])
+        self._ramping = controller is None
+        self._x = task.declared.rest if controller is not None else float(board.drive[0])
         self._silent = self._refused = 0
-        self._spin_ns = spin_ns
 
     def wanted(self, reference: float) -> float:
         """The drive of a sample: what the compensator wants, or rest, as far as limits and rate allow."""
         to, step = self._declared.rest, self._declared.rate_limit / self._task.rate
         if self._controller is not None:
             wanted = self._controller.step(reference, self._y)
-            to = wanted if self._state is State.FOLLOWING and math.isfinite(wanted) else to
+            to = to if self._ramping or not math.isfinite(wanted) else wanted
         low, high = self._declared.x_limits
         return min(max(to, self._x - step, low), self._x + step, high)
 
@@ -92,17 +71,16 @@ class Loop:
             self._x, self._y, self._refused = x, float(measured), 0
         except Exception as error:
             self._y, self._refused = math.nan, self._refused + 1
-            self.end(f"the stage failed: {' '.join(str(error).split()) or type(error).__name__}")
+            self.end(f"the stage failed: {' '.join(str(error).split()) or type(error).__name__}", failed=True)
         self._silent = 0 if math.isfinite(self._y) else self._silent + 1
         if self._silent > self._declared.timeout_s * self._task.rate:
-            self.end(f"nothing was measured for {self._declared.timeout_s:g} s")
+            self.end(f"nothing was measured for {self._declared.timeout_s:g} s", failed=True)
 
-    def end(self, why: str) -> None:
+    def end(self, why: str, failed: bool = False) -> None:
         """Begin the ramp to rest, once."""
-        if self._state is State.FOLLOWING:
-            self._state = State.RAMPING
-            self._board.note(state=State.RAMPING, followed=self._board.head)
-            self._board.say(f"ramp to rest: {why}")
+        if not self._ramping:
+            self._ramping = True
+            self._board.end(why, failed)
 
     def obey(self, k: int) -> None:
         """Take what was asked for."""
@@ -130,8 +108,8 @@ class Loop:
         given up."""
         board, rate, clock = self._board, self._task.rate, time.perf_counter_ns
         period, last = round(1e9 / rate), round(self._task.seconds * rate) or math.inf
-        before = board.read(board.head - 1)[1][-1, 0] + 1.0 / rate if board.head else 0.0
         parent, start, k, written = os.getppid(), clock() + LEAD_NS, 0, board.head
+        before, show_every = board.time_s + 1.0 / rate if written else 0.0, max(1, round(SHOW_S * rate))
         while self._refused <= self._declared.timeout_s * rate:
             if board.stop or k >= last:
                 self.end("the time is over" if k >= last else "asked to stop")
@@ -149,12 +127,11 @@ class Loop:
             board.write(written, (before + k / rate, reference, self._x, self._y))
             board.note(beat_ns=end, missed=board.missed + (end - due > period))
             board.service[bin_of(end - begin)] += 1
-            board.response[bin_of(end - due)] += 1
-            if self._state is State.RAMPING and self._x == self._declared.rest:
+            if self._ramping and self._x == self._declared.rest:
                 return True
-            if self._controller is not None:
-                self._controller.tell(board)
             written, k = written + 1, max(k + 1, (clock() - start) // period)
+            if self._controller is not None and written % show_every == 0:
+                self._controller.tell(board)
         return False
 
 
@@ -175,19 +152,18 @@ def null_loop(board: Board, rate: float, seconds: float, spin_ns: int) -> None:
     start, count = clock() + LEAD_NS, max(1, round(seconds * rate))
     late = 0
     for k in range(count):
-        wait_until(start + k * period, clock, time.sleep, spin_ns)
-        response = clock() - start - k * period
-        board.null[bin_of(response)] += 1
-        late += response > period
+        due = start + k * period
+        wait_until(due, clock, time.sleep, spin_ns)
+        late += clock() - due > period
     board.note(late_null=late, null_samples=count)
 
 
-def main(task: Task, ready: Callable[[str], None]) -> None:
+def main(task: Task, path: Path, ready: Callable[[str], None]) -> None:
     """The process of the loop; ``ready`` is told "" once the stage is open, or in a sentence why it is not."""
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
     )  # which a terminal sends to all; the process that watches says when to stop
-    board = Board(task.board, task.rate)
+    board, parent = Board(path, task.rate, task.model), os.getppid()
     signal.signal(signal.SIGTERM, lambda *_: board.note(stop=1))
     with cores.claim() as core:
         os.sched_setaffinity(0, {core.number})
@@ -195,8 +171,7 @@ def main(task: Task, ready: Callable[[str], None]) -> None:
         spin_ns = real_time(task.rate)
         null_loop(board, task.rate, NULL_S, spin_ns)
         device = task.device.make()
-        declared = Declared.of(device, str(task.device))
-        loop = Loop(board, device, declared, task, Controller.of(task.plan, declared, 1.0 / task.rate), spin_ns)
+        loop = Loop(board, device, task, Controller(task), spin_ns)
         try:
             device.open()
         except Exception as error:
@@ -205,24 +180,26 @@ def main(task: Task, ready: Callable[[str], None]) -> None:
         ready("")
         gc.collect()
         gc.disable()
-        board.note(state=State.FOLLOWING, learning=int(task.plan.learn != "off"))
-        at_rest = loop.run()
-        device.close()
-        if at_rest:
-            board.note(state=State.ENDED)
+        board.note(state=State.FOLLOWING, learning=int(task.learn != "off"))
+        _end(board, device, loop.run())
+    if os.getppid() != parent:  # nobody else is left to do it
+        shutil.rmtree(path.parent, ignore_errors=True)
 
 
-def rescue(task: Task) -> None:
+def rescue(task: Task, path: Path) -> None:
     """The process that brings a stage to rest whose loop could not: it opens the stage anew and ramps from where the
     drive was left."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    board, device = Board(task.board, task.rate), task.device.make()
-    declared = Declared.of(device, str(task.device))
+    board, device = Board(path, task.rate, task.model), task.device.make()
     board.note(followed=board.followed or board.head)
     device.open()
     device.exchange(float(board.drive[0]))  # which the stage may have taken or not
-    at_rest = Loop(board, device, declared, task, None).run()
+    _end(board, device, Loop(board, device, task, None).run())
+
+
+def _end(board: Board, device: Device, at_rest: bool) -> None:
+    """Let go of the stage, and say that it is at rest."""
     device.close()
     if at_rest:
         board.note(state=State.ENDED)

@@ -1,12 +1,11 @@
 """The page of a live run: what the loop has written on the board, drawn by Bokeh's server, and buttons that write
 commands on it.
 
-It only reads and asks; whatever becomes of it, the loop goes on. The server is bound to this machine unless told
+It only reads and asks, so the loop goes on whatever becomes of it. The server is bound to this machine unless told
 otherwise, answers only at a path that nobody can guess, and serves its own scripts, so nothing leaves the machine.
 """
 
-import os
-import signal
+import asyncio
 from collections.abc import Callable
 from html import escape
 from typing import Any
@@ -22,12 +21,12 @@ from bokeh.server.server import Server
 from tornado.netutil import bind_sockets
 
 from bench.live.board import Board, Command, State, edges_us
-from bench.live.device import Declared, DeviceError
-from bench.live.loop import Task
+from bench.live.device import DeviceError
+from bench.live.task import Task
 from bench.report.plot import GREY, PALETTE
 from piezo_model import HysteresisCreepModel
 from piezo_model.units import quantity, shown
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Vector
 
 EVERY_MS = 200
 WINDOW_S, MOST_POINTS = 5.0, 1_200
@@ -51,33 +50,6 @@ TEMPLATE = f"""
 """
 
 
-class View:
-    """What all documents of the page show, computed once for all of them."""
-
-    def __init__(self, task: Task, declared: Declared) -> None:
-        self.task, self.declared, self.board = task, declared, Board(task.board, task.rate)
-        self.first = task.plan.model(declared, 1.0 / task.rate)
-        self._parent, self._head, self.window = os.getppid(), -1, np.zeros((0, 4))
-        self.model, self.line, self.rms = self.first, np.zeros(0), (float("nan"), float("nan"))
-
-    def refresh(self) -> None:
-        """Look at the board; the page ends with the process that started it."""
-        if os.getppid() != self._parent:
-            os._exit(0)
-        if self._head == self.board.head:
-            return
-        self._head = self.board.head
-        self.window = self.board.read(max(0, self._head - round(WINDOW_S * self.task.rate)))[1].copy()
-        self.model = self.board.shown_model(self.first)
-        self.line = straight_line(self.model, self.window[:, 1])
-        self.rms = _rms(self.window[:, 3] - self.window[:, 1]), _rms(self.line - self.window[:, 1])
-
-    def thinned(self) -> tuple[Matrix, Vector]:
-        """The window and the straight line's output, in as many points as a picture shows."""
-        at = slice(None, None, max(1, len(self.window) // MOST_POINTS))
-        return self.window[at], self.line[at]
-
-
 def straight_line(model: HysteresisCreepModel, y_ref: Vector) -> Vector:
     """What the model in use says of a drive along the straight line through its ranges, shape (N,)."""
     s = model.structure
@@ -90,10 +62,9 @@ def _rms(error: Vector) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def document(view: View, doc: Document) -> None:
+def document(task: Task, board: Board, doc: Document) -> None:
     """One browser's document."""
-    d, board = view.declared, view.board
-    unit = shown(d.output_unit)
+    d, unit = task.declared, shown(task.declared.output_unit)
     sources = {
         name: ColumnDataSource({column: [] for column in columns})
         for name, columns in {
@@ -152,7 +123,7 @@ def document(view: View, doc: Document) -> None:
     weights.vbar("i", top="w", width=0.7, source=sources["weights"], color=GREEN)
     service = plot("Service time, and the deadline", "µs", "samples", x_axis_type="log")
     service.quad(left="left", right="right", top="count", bottom=0, source=sources["service"], color=BLUE, alpha=0.7)
-    service.add_layout(Span(location=1e6 / view.task.rate, dimension="height", line_color=RED, line_dash="dashed"))
+    service.add_layout(Span(location=1e6 / task.rate, dimension="height", line_color=RED, line_dash="dashed"))
     for each in (follow, error, loops):
         each.legend.update(
             background_fill_alpha=0.0, border_line_alpha=0.0, label_text_color=GREY, orientation="horizontal", padding=0
@@ -180,13 +151,17 @@ def document(view: View, doc: Document) -> None:
         value,
         button(f"Go to set point, {unit}", Command.SET_POINT, lambda: float(value.value or 0.0)),
     ]
-    if view.task.plan.learn != "off":
+    if task.learn != "off":
         buttons += [button("Learn", Command.LEARN, lambda: 1.0), button("Do not learn", Command.LEARN)]
 
     def update() -> None:
-        view.refresh()
-        samples, line = view.thinned()
-        t, reference, _, measured = samples.T
+        model = board.shown_model()
+        window = board.read(max(0, board.head - round(WINDOW_S * task.rate)))[1]
+        line = straight_line(model, window[:, 1])
+        rms, line_rms = (quantity(_rms(y - window[:, 1]), d.output_unit, 3) for y in (window[:, 3], line))
+        thin = slice(None, None, max(1, len(window) // MOST_POINTS))
+        t, reference, _, measured = window[thin].T
+        line = line[thin]
         sources["time"].data = {
             "t": t,
             "reference": reference,
@@ -195,21 +170,20 @@ def document(view: View, doc: Document) -> None:
             "line_error": line - reference,
         }
         sources["loop"].data = {"reference": reference, "measured": measured, "line": line}
-        sources["weights"].data = {"i": np.arange(view.model.weights.size), "w": view.model.weights}
+        sources["weights"].data = {"i": np.arange(model.weights.size), "w": model.weights}
         edges, counts = edges_us(), board.service
         there = np.flatnonzero(counts)
         sources["service"].data = {"left": edges[there], "right": edges[there + 1], "count": counts[there]}
-        measured_rms, line_rms = (quantity(value, d.output_unit, 3) for value in view.rms)
         learning = (
             ""
-            if view.task.plan.learn == "off"
+            if task.learn == "off"
             else (", learning" if board.learning else ", learning waits") + f", {board.hand_overs} hand-overs"
         )
         status.text = (
-            f"<b>{escape(str(view.task.device))}</b>, {escape(view.task.reference.words)}: "
+            f"<b>{escape(str(task.device))}</b>, {escape(task.reference.words)}: "
             f"{STATES[State(board.state)]}{learning}.<br>Tracking error over the last {WINDOW_S:g} s: "
-            f"<b>{escape(measured_rms)}</b> RMS, along a straight line {escape(line_rms)} by the model in "
-            f"use.<br>{board.head} samples at {view.task.rate:g} Hz, {board.missed} deadlines missed; "
+            f"<b>{escape(rms)}</b> RMS, along a straight line {escape(line_rms)} by the model in "
+            f"use.<br>{board.head} samples at {task.rate:g} Hz, {board.missed} deadlines missed; "
             f"{board.late_null} of {board.null_samples} by a loop that does nothing."
         )
         events.text = "<b>Events</b><br>" + "<br>".join(escape(event) for event in reversed(board.said()))
@@ -230,7 +204,7 @@ def document(view: View, doc: Document) -> None:
     doc.add_periodic_callback(update, EVERY_MS)
 
 
-def check(host: str, port: int) -> None:
+def check_address(host: str, port: int) -> None:
     """See that a page can be there; DeviceError says why it cannot."""
     try:
         for listening in bind_sockets(port, host):
@@ -241,11 +215,11 @@ def check(host: str, port: int) -> None:
         ) from None
 
 
-def main(task: Task, declared: Declared, address: tuple[str, int], token: str) -> None:
-    """The process of the page."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    view, (host, port) = View(task, declared), address
-    app = Application(FunctionHandler(lambda doc: document(view, doc)))
+def serve(board: Board, task: Task, address: tuple[str, int], token: str, told: Callable[[str], None]) -> None:
+    """Serve the page in this thread, and tell its address once it answers."""
+    asyncio.set_event_loop(asyncio.new_event_loop())
+    host, port = address
+    app = Application(FunctionHandler(lambda doc: document(task, board, doc)))
     local = [f"localhost:{port}"] if host == "127.0.0.1" else []
     server = Server(
         {f"/{token}": app},
@@ -255,6 +229,6 @@ def main(task: Task, declared: Declared, address: tuple[str, int], token: str) -
         redirect_root=False,
         allow_websocket_origin=[f"{host}:{port}", *local],
     )
-    server.io_loop.add_callback(server.start)
-    server.io_loop.add_callback(lambda: view.board.note(page=1))
+    server.start()
+    told(f"Page: http://{host}:{port}/{token}")
     server.io_loop.start()

@@ -6,11 +6,11 @@ that dies or a disk that fills leaves everything up to the last second. In the e
 and goes; where there is no room for that it stays, and ``identify`` reads it as it is.
 """
 
+import errno
 import os
-import shutil
-import signal
 import time
-from contextlib import suppress
+from io import FileIO
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ import pyarrow.parquet as parquet
 
 from bench.live.board import Board, State
 from piezo_model.atomic_file import replacing
-from solvers.arrays import Matrix
+from piezo_model.recordings.formats.arrow import whole_batches
 
 EVERY_S = 1.0
 LOOK_S = 0.05
@@ -34,102 +34,52 @@ def check(path: Path) -> None:
     """FileExistsError where the stream of an earlier run is there, which would be lost."""
     if stream_beside(path).exists():
         raise FileExistsError(
-            17,
+            errno.EEXIST,
             f"was left by a run that did not come to its end; move it away, or choose another name than {path.name}",
             str(stream_beside(path)),
         )
 
 
-class Recorder:
-    """One recording, begun or carried on where another process left it."""
-
-    def __init__(self, path: Path, names: tuple[str, ...]) -> None:
-        self._stream = stream_beside(path)
-        self._schema = pa.schema([(name, pa.float64()) for name in names])
-        whole, self.rows = _whole(self._stream)
-        self._file = self._stream.open("r+b" if whole else "wb")
-        self._file.truncate(whole)
-        self._file.seek(whole)
-        if not whole:
-            self._file.write(self._schema.serialize())
-
-    def add(self, samples: Matrix) -> None:
-        """Put samples (N, columns) on the disk; OSError where there is no room, and then nothing of them."""
-        at = self._file.tell()
-        try:
-            self._file.write(
-                pa.record_batch(
-                    [pa.array(np.ascontiguousarray(column)) for column in samples.T], schema=self._schema
-                ).serialize()
-            )
-            self._file.flush()
-            os.fdatasync(self._file.fileno())
-        except OSError:
-            os.ftruncate(self._file.fileno(), at)
-            raise
-        self.rows += len(samples)
-
-    def close(self) -> None:
-        """Let go of the stream."""
-        self._file.close()
+def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
+    """Record until the loop has ended, which is asked to stop where the disk is full; where the recording is, in a
+    sentence."""
+    stream = stream_beside(path)
+    try:
+        with stream.open("wb", buffering=0) as file:
+            _follow(board, file, pa.schema([(name, pa.float64()) for name in names]))
+        _finish(path)
+    except OSError as error:
+        board.note(stop=1)
+        return f"Recording: {stream}, since {path} could not be written: {error.strerror}"
+    return f"Recording: {path}"
 
 
-def finish(path: Path) -> None:
+def _follow(board: Board, file: FileIO, schema: pa.Schema) -> None:
+    """Put what is new on the disk every second; OSError where there is no room."""
+    _put(file, schema.serialize())
+    done, due, ended = 0, time.monotonic(), False
+    while not ended:
+        ended = board.state == State.ENDED
+        if ended or time.monotonic() >= due:
+            first, samples = board.read(done)
+            columns = [pa.array(np.ascontiguousarray(column)) for column in samples.T]
+            _put(file, pa.record_batch(columns, schema=schema).serialize())
+            done, due = first + len(samples), due + EVERY_S
+        time.sleep(LOOK_S)
+
+
+def _put(file: FileIO, message: pa.Buffer) -> None:
+    if file.write(message) < message.size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    os.fdatasync(file.fileno())
+
+
+def _finish(path: Path) -> None:
     """Make the Parquet file of the stream; OSError where there is no room, and the stream stays."""
     stream = stream_beside(path)
-    with (
-        replacing(path) as temporary,
-        pa.OSFile(str(stream)) as source,
-        pa.ipc.open_stream(source) as reader,
-        parquet.ParquetWriter(temporary, reader.schema) as writer,
-    ):
-        for batch in reader:
+    batches = whole_batches(stream)
+    first = next(batches)
+    with replacing(path) as temporary, parquet.ParquetWriter(temporary, first.schema) as writer:
+        for batch in chain([first], batches):
             writer.write_batch(batch)
     stream.unlink()
-
-
-def _whole(stream: Path) -> tuple[int, int]:
-    """Bytes of a stream up to its last whole batch, and its rows; 0 of one that is not there."""
-    if not stream.is_file():
-        return 0, 0
-    rows = 0
-    end = 0
-    with (
-        pa.OSFile(str(stream)) as source,
-        suppress(pa.ArrowException, EOFError, OSError),
-    ):  # the last batch may be cut short
-        schema = pa.ipc.read_schema(source)
-        end = source.tell()
-        while True:
-            rows += pa.ipc.read_record_batch(pa.ipc.read_message(source), schema).num_rows
-            end = source.tell()
-    return end, rows
-
-
-def main(board_path: Path, rate: float, path: Path, names: tuple[str, ...]) -> None:
-    """The process of the recorder: it ends when the loop has ended, and asks the loop to stop where the disk is
-    full."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    board, parent = Board(board_path, rate), os.getppid()
-    recorder = Recorder(path, names)
-    done, after = recorder.rows, time.monotonic() + EVERY_S
-    while True:
-        ended = board.state == State.ENDED
-        if ended or time.monotonic() >= after:
-            done, samples = board.read(done)
-            try:
-                if len(samples):
-                    recorder.add(samples)
-            except OSError as error:
-                board.say(f"the recording ends here: {error.strerror}")
-                board.note(stop=1)
-                return
-            done, after = done + len(samples), after + EVERY_S
-        if ended:
-            break
-        time.sleep(LOOK_S)
-    recorder.close()
-    if os.getppid() != parent:  # nobody else is left to do it
-        finish(path)
-        shutil.rmtree(board_path.parent, ignore_errors=True)

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from exported_programs import build, write_sources
 from hostile_files import TOKENS, WHOLE, places, spoiled
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
@@ -30,7 +31,7 @@ from random_models import Case, cases
 from test_recording_formats import FORMATS, made
 
 from bench.derived.table import ONESHOT
-from bench.export.building import EXACT, WARNINGS, build, write_sources
+from bench.export.building import EXACT, WARNINGS
 from bench.export.fmu import write_fmu
 from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.messages import columns
@@ -204,7 +205,7 @@ def controller(given: tuple[Case, str, str, str, str | None]) -> None:
         except (StructureError, ExportError):
             return  # a text that a terminal cannot show, or no name in C
         if name == "piezo":
-            build(Path(folder), "replay", "gcc", (*WARNINGS, *EXACT, "-O0"))
+            build(Path(folder), "replay.c", "gcc", *WARNINGS, *EXACT, "-O0")
         else:
             subprocess.run(
                 ["make", "-s", "example", f"CFLAGS={' '.join(WARNINGS)} -O0"],

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exported_loops import LIMITS, Told, learning
+from exported_programs import write_sources
 from programs import program
 
-from bench.export.building import EXACT, WARNINGS, write_sources
+from bench.export.building import EXACT, WARNINGS
 from bench.export.settings import SOLVERS
 
 SOURCE = Path(__file__).with_name("two_threads.c")

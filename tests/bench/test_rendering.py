@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine
-from test_export_c import a_model
+from exported_loops import a_model
+from programs import program
 
-from bench.export.building import tool
 from bench.export.c_source import render
 from bench.rendering import c_templates, markdown_templates
 from bench.report.console import PlainConsole, print_table
@@ -63,7 +63,7 @@ def test_a_unit_that_is_a_program_is_written_and_never_run(
     call("export-c", "m.json", "c")
     call("export-c", "m.json", "learning", "--part", "learning")
     for folder in ("c", "learning"):
-        said = subprocess.run([tool("make"), "-C", tmp_path / folder, "run"], capture_output=True, check=True).stderr
+        said = subprocess.run([program("make"), "-C", tmp_path / folder, "run"], capture_output=True, check=True).stderr
         assert unit.encode() in said
     call("export-fmu", "m.json", "two.fmu", "--fmi", "2")
     call("export-fmu", "m.json", "three.fmu")
@@ -73,7 +73,7 @@ def test_a_unit_that_is_a_program_is_written_and_never_run(
         assert unit.replace("\x01", "\ufffd") in [found.get("name") for found in description.iter("Unit")]
         (library,) = (tmp_path / name / "binaries").rglob("*.so")
         ctypes.CDLL(str(library))
-    call("realtime", "m.json", "--seconds", "0.02", "--priority", "0", "--no-cost")
+    call("realtime", "m.json", "--seconds", "0.02", "--priority", "0")
     assert not touched.exists()
 
 

@@ -4,7 +4,9 @@
  */
 #include "piezo.h"
 
-enum { COLUMNS = {{ 2 if learning else 1 }}, TOGETHER = 64, END = 1, READ = 3, WRITE = 4 };
+#define COLUMNS (PIEZO_LEARNING ? 2 : 1)
+
+enum { TOGETHER = 64, END = 1, READ = 3, WRITE = 4 };
 
 static piezo_axis axis;
 
@@ -23,20 +25,22 @@ void _start(void);
 void _start(void)
 {
     double in[TOGETHER][COLUMNS], out[TOGETHER];
-{% if learning %}
+#if PIEZO_LEARNING
     long taken = 0;
-{% endif %}
+#endif
     piezo_reset(&axis);
     for (int got = ask(READ, 0, in, sizeof in); got > 0; got = ask(READ, 0, in, sizeof in)) {
         const int count = got / (int)sizeof in[0];
         for (int k = 0; k < count; ++k) {
-            out[k] = (double)piezo_step(&axis, (piezo_real)in[k][0]{{ ", (piezo_real)in[k][1]" if learning }});
-{% if learning %}
+#if PIEZO_LEARNING
+            out[k] = (double)piezo_step(&axis, (piezo_real)in[k][0], (piezo_real)in[k][1]);
             if (taken > 0 && taken % PIEZO_BLOCK == 0) { /* a block is there */
                 piezo_learn(&axis);
             }
             ++taken;
-{% endif %}
+#else
+            out[k] = (double)piezo_step(&axis, (piezo_real)in[k][0]);
+#endif
         }
         ask(WRITE, 1, out, count * (int)sizeof out[0]);
     }
