@@ -210,19 +210,17 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     )
 
 
-@pytest.mark.slow
 def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
-    folder = tmp_path / "lost"
-    shutil.copytree(wide_race.run.path, folder)
-    rows = wide_race.rows.copy()
-    numbers = [name for name in rows.select_dtypes("floating").columns if name != "noise_um"]
-    rows[numbers] = np.nan
-    rows["status"], rows["message"] = str(Status.CRASHED), "gone"
-    rows.to_parquet(folder / "rows.parquet")
-    browser.open(written(Run.open(folder)))
+    shutil.copytree(wide_race.run.path, tmp_path / "lost")
+    numbers = [name for name in wide_race.rows.select_dtypes("floating").columns if name != "noise_um"]
+    lost = wide_race.rows.assign(**dict.fromkeys(numbers, np.nan), status=str(Status.CRASHED), message="gone")
+    lost.to_parquet(tmp_path / "lost" / "rows.parquet")
+    page = written(Run.open(tmp_path / "lost"))
+    browser.open(page)
     assert browser.console() == []
     assert browser.plots() == []
     assert set(column(browser, "status")) <= {"crashed", "floor"}
+    assert "No solver reaches 1e-3 on all 4 problems with one setting." in page.with_suffix(".md").read_text()
 
 
 def test_what_is_not_finite_is_null_in_a_plot() -> None:

@@ -78,18 +78,6 @@ def test_a_race_on_a_recording_keeps_the_model_of_its_first_four_fifths_with_the
     assert "deploy takes it." in (run.path / "report.md").read_text()
 
 
-def test_every_problem_carries_what_was_kept_back(recorded: tuple[Stage, Run]) -> None:
-    made, run = recorded
-    x, y = Recording.open(made.path).arrays()
-    for name in run.settings["problems"]["recorded"]:
-        back = kept_back(run.problem("recorded", name))
-        assert (back.arrays()[0].tolist(), back.arrays()[1].tolist()) == (
-            x[round(0.8 * x.size) :].tolist(),
-            y[round(0.8 * x.size) :].tolist(),
-        )
-        assert (back.sample_time, back.input_unit, back.output_unit) == (pytest.approx(1e-3), "V", "um")
-
-
 def test_deploy_takes_that_model_and_prints_its_error(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
