@@ -9,7 +9,7 @@ import pytest
 from command_line import CommandLine
 
 from bench.messages.task import Outcome
-from bench.problems import ProblemSetError, RaceProblem, all_sets, make, sets
+from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
 from bench.races.metrics import judge
@@ -206,10 +206,8 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
     assert made.left_out["n5-m3-tenth"] == "16 samples are too few for 19 weights"
 
 
-def test_sets_that_need_a_file_are_listed_apart_and_no_set_takes_an_option_of_another() -> None:
+def test_sets_that_need_a_file_are_listed_apart() -> None:
     assert set(all_sets()) - set(sets()) == {"recorded", "foreign", "test_set"}
-    with pytest.raises(ProblemSetError, match="takes no option 'recording'"):
-        all_sets()["drift"](recording="stage.csv")
 
 
 @pytest.mark.parametrize(

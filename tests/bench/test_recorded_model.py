@@ -11,7 +11,7 @@ from command_line import CommandLine
 from conftest import killed_and_resumed
 
 from bench.deploy.actuator_model import WORSE, model_for
-from bench.problems.recorded import kept_back, unseen_error
+from bench.problems.recorded import kept_back
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
 from piezo_model.deployment import Deployment
@@ -112,7 +112,7 @@ def worse(model: HysteresisCreepModel, unseen: Recording, at_least: float) -> Hy
         w = model.weights.copy()
         w[: model.structure.n] *= 1.0 + share
         spoiled = HysteresisCreepModel.from_weights(model.structure, w)
-        if unseen_error(spoiled, unseen) > at_least:
+        if spoiled.validate(unseen).fit.rms_percent > at_least:
             return spoiled
     raise AssertionError("no such model")
 
@@ -129,9 +129,8 @@ def test_a_model_that_errs_more_than_a_tenth_more_is_refused_with_both_figures(
         "deploy", run.path, *LONG, "--model", tmp_path / "bad.json", "--out", tmp_path / "c.json"
     ).refusal
     assert (
-        f"bad.json errs by {unseen_error(bad, unseen):.3g} % of the range on the last fifth of the recording, and "
-        "the one that the run keeps "
-        f"by {kept:.3g} %; leave out --model and --problem to take that one"
+        f"bad.json errs by {bad.validate(unseen).fit.rms_percent:.3g} % of the range on the last fifth of the "
+        f"recording, and the one that the run keeps by {kept:.3g} %; leave out --model and --problem to take that one"
     ) in sentence
     assert not (tmp_path / "c.json").exists()
 
