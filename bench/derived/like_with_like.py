@@ -27,23 +27,16 @@ def like_with_like(found: Measurements) -> pd.DataFrame:
     ]
     lines = []
     for timed, way in WAYS.items():
-        calls = by_task(found.times, (way,))
-        us = rows.task.map(
-            lambda task, calls=calls: float(np.median(np.concatenate(calls[task]))) if task in calls else np.nan
-        )
-        known = rows.assign(us=us)[us.notna()]
-        for lane, part in known.groupby("lane"):
+        us = {task: float(np.median(np.concatenate(calls))) for task, calls in by_task(found.times, (way,)).items()}
+        for lane, part in rows.assign(us=rows.task.map(us)).dropna(subset="us").groupby("lane"):
             ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
-            if ours.empty or others.empty:
+            if ours.empty:
                 continue
             best = ours.groupby("solver").us.median().idxmin()
-            for d, size in others.groupby("d"):
-                mine = ours[(ours.solver == best) & (ours.d == d)]
-                medians = size.groupby("solver").us.median()
-                if len(mine):
-                    own = float(mine.us.median())
-                    lines += [
-                        (lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
-                        for other, median in medians.sort_values().items()
-                    ]
+            for d, mine in ours[ours.solver == best].groupby("d"):
+                own = float(mine.us.median())
+                lines += [
+                    (lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
+                    for other, median in others[others.d == d].groupby("solver").us.median().sort_values().items()
+                ]
     return pd.DataFrame(lines, columns=COLUMNS)

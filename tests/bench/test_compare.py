@@ -3,8 +3,7 @@ changed."""
 
 import json
 import re
-import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pytest
 import slowed_solver
 from browser import Browser
 from command_line import CommandLine
-from conftest import Race
+from conftest import Change, Race
 from programs import that_load
 
 from bench.comparison import report as comparison
@@ -22,7 +21,6 @@ from bench.store import Run, RunError
 from solvers import Status
 
 SLOWED = ("osqp", "direct")
-Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def of_solver(rows: pd.DataFrame) -> pd.Series:
@@ -38,24 +36,6 @@ def slowed(race: Race, factor: float, which: Callable[[pd.DataFrame], pd.Series]
             for task, ns in zip(times.task, times.ns, strict=True)
         ]
     )
-
-
-def copied(
-    original: Race,
-    folder: Path,
-    rows: Change = lambda rows: rows,
-    times: Change = lambda times: times,
-    **noted: Mapping[str, object] | str | int,
-) -> Run:
-    """A copy of a run with other rows, times of the rows that are left, and notes."""
-    shutil.copytree(original.run.path, folder)
-    changed_rows, changed_times = rows(original.rows.copy()), times(original.run.times())
-    changed_rows.to_parquet(folder / "rows.parquet")
-    changed_times[changed_times.task.isin(changed_rows.task)].to_parquet(folder / "times.parquet")
-    said = json.loads((folder / "run.json").read_text())
-    merged = {name: {**said[name], **new} if isinstance(new, Mapping) else new for name, new in noted.items()}
-    (folder / "run.json").write_text(json.dumps({**said, **merged}))
-    return Run.open(folder)
 
 
 def less_accurate(rows: pd.DataFrame) -> pd.DataFrame:
@@ -151,7 +131,7 @@ def test_repeats_of_a_measurement_are_one_task(slowed_races: tuple[Path, Path]) 
 def test_where_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_it_says_so_and_cannot_tell(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
-    other = copied(wide_race, tmp_path / "slow", times=slowed(wide_race, 1.5, lambda rows: rows.solver != ""))
+    other = wide_race.copied(tmp_path / "slow", times=slowed(wide_race, 1.5, lambda rows: rows.solver != ""))
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4
     said = " ".join(call.stdout.split())
@@ -165,8 +145,8 @@ def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_nothing_can_
     def alone(rows: pd.DataFrame) -> pd.DataFrame:
         return rows[of_solver(rows) | (rows.solver == "null")]
 
-    before = copied(wide_race, tmp_path / "before", alone)
-    after = copied(wide_race, tmp_path / "after", alone, slowed(wide_race, 1.2))
+    before = wide_race.copied(tmp_path / "before", alone)
+    after = wide_race.copied(tmp_path / "after", alone, slowed(wide_race, 1.2))
     call = piezobench("compare", before.path, after.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4
     assert (
@@ -179,8 +159,7 @@ def test_a_lane_that_was_timed_too_seldom_cannot_be_told(wide_race: Race, tmp_pa
     few = set(wide_race.rows[of_solver(wide_race.rows)].task)
     found = compare_runs(
         wide_race.run,
-        copied(
-            wide_race,
+        wide_race.copied(
             tmp_path / "few",
             times=lambda times: times.assign(ns=times.ns.mask(times.task.isin(few), times.ns.str[:2])),
         ),
@@ -193,7 +172,7 @@ def test_a_lane_that_was_timed_too_seldom_cannot_be_told(wide_race: Race, tmp_pa
 def test_what_answers_wrong_loses_its_tiers_and_that_is_a_regression(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
-    worse = copied(wide_race, tmp_path / "worse", less_accurate)
+    worse = wide_race.copied(tmp_path / "worse", less_accurate)
     found = compare_runs(wide_race.run, worse)
     assert of_solver(found.lost).all()
     assert {"low", "mid"} <= set(found.lost.tier)
@@ -209,7 +188,7 @@ def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: R
         rows.loc[of_solver(rows) & (rows.rung > 1), ["status", "cost_gap"]] = [str(Status.NOT_RUN), np.nan]
         return rows
 
-    found = compare_runs(wide_race.run, copied(wide_race, tmp_path / "ended", ended))
+    found = compare_runs(wide_race.run, wide_race.copied(tmp_path / "ended", ended))
     assert found.regressions == 0
     only, none = found.alone
     assert len(only) == (of_solver(wide_race.rows) & (wide_race.rows.rung > 1)).sum() > 0
@@ -220,7 +199,7 @@ def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: R
 def test_what_only_one_run_has_is_one_line_and_no_difference(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
-    fewer = copied(wide_race, tmp_path / "fewer", without)
+    fewer = wide_race.copied(tmp_path / "fewer", without)
     count = int(of_solver(wide_race.rows).sum())
     for pair in ((wide_race.run.path, fewer.path), (fewer.path, wide_race.run.path)):
         call = piezobench("compare", *pair, "--out", tmp_path / "c", "--fail-on", "difference")
@@ -231,8 +210,7 @@ def test_what_only_one_run_has_is_one_line_and_no_difference(
 def test_other_settings_and_another_machine_are_said_first_and_all_fits_on_a_screen(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
-    other = copied(
-        wide_race,
+    other = wide_race.copied(
         tmp_path / "elsewhere",
         without,
         slowed(wide_race, 1.2, lambda rows: rows.solver == "daqp"),
@@ -252,7 +230,7 @@ def test_other_settings_and_another_machine_are_said_first_and_all_fits_on_a_scr
 
 
 def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
-    other = copied(wide_race, tmp_path / "slow", times=slowed(wide_race, 1.2))
+    other = wide_race.copied(tmp_path / "slow", times=slowed(wide_race, 1.2))
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--json")
     said = json.loads(call.stdout)
     assert said == json.loads((tmp_path / "c" / "comparison.json").read_text())
@@ -265,8 +243,8 @@ def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_
 
 
 def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
-    first = copied(wide_race, tmp_path / "<b>a", times=slowed(wide_race, 1.2))
-    second = copied(wide_race, tmp_path / "b<script>|`x`", less_accurate)
+    first = wide_race.copied(tmp_path / "<b>a", times=slowed(wide_race, 1.2))
+    second = wide_race.copied(tmp_path / "b<script>|`x`", less_accurate)
     found = [compare_runs(first, second)]
     page = comparison.write(found, comparison.report(found), tmp_path / "c")
     for width in ("desktop", "phone"):
@@ -287,4 +265,4 @@ def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Ra
 
 def test_runs_of_another_kind_are_refused_in_one_sentence(wide_race: Race, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="only one-shot races"):
-        compare_runs(wide_race.run, copied(wide_race, tmp_path / "other", race="stream"))
+        compare_runs(wide_race.run, wide_race.copied(tmp_path / "other", race="stream"))
