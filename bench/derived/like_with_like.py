@@ -10,12 +10,11 @@ left.
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import HOT, IN_TURNS, Measurements, by_task
+from bench.derived.measurements import WAYS, Measurements, by_task
 from bench.report.words import marked
 from solvers import Tier
 from solvers.registry import OURS
 
-WAYS = {"hot": HOT, "in turns": IN_TURNS}
 COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]
 
 
@@ -26,8 +25,8 @@ def like_with_like(found: Measurements) -> pd.DataFrame:
         (found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)
     ]
     lines = []
-    for timed, way in WAYS.items():
-        us = {task: float(np.median(np.concatenate(calls))) for task, calls in by_task(found.times, (way,)).items()}
+    for timed in WAYS:
+        us = {task: float(np.median(np.concatenate(calls))) for task, calls in by_task(found.times, (timed,)).items()}
         for lane, part in rows.assign(us=rows.task.map(us)).dropna(subset="us").groupby("lane"):
             ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
             if ours.empty:

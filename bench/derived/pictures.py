@@ -64,9 +64,7 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     sampling period; it comes first, and then the others by their time to a gap of 1e-9.
     """
     rows = found.field[found.field.start == "cold"]
-    rows = rows.assign(
-        total_us=rows.update_us + rows.solve_us_p50, cost_gap=rows.cost_gap.where(rows.status == Status.OK)
-    )
+    rows = rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK))
     table = (
         rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"])
         .agg(
@@ -129,7 +127,7 @@ def _timed(found: Measurements) -> pd.DataFrame:
     rows = found.field[found.field.start == "cold"]
     table = named(at_tiers(rows, found.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
-    return table.assign(time_us=(table.update_us + table.solve_us_p50).where(table.right, np.inf).fillna(np.inf))
+    return table.assign(time_us=table.total_us.where(table.right, np.inf).fillna(np.inf))
 
 
 def performance_profile(found: Measurements) -> pd.DataFrame:

@@ -30,12 +30,6 @@ def test_the_error_is_the_largest_of_gap_violation_and_what_was_timed_over_the_t
     assert not is_right(tier, **others | {part: 1.01 * TOLERANCE[tier]})
 
 
-def test_timed_answers_that_were_not_judged_count_for_nothing_and_a_missing_gap_or_violation_is_no_answer() -> None:
-    assert error_of(Tier.HIGH, cost_gap=1e-10, timed_gap=NAN) == pytest.approx(0.1)
-    assert error_of(Tier.HIGH, cost_gap=NAN) == error_of(Tier.HIGH, violation=NAN) == math.inf
-    assert error_of(Tier.HIGH, timed_gap=math.inf) == math.inf
-
-
 @pytest.mark.parametrize("margin", [1.0, 3.0, 10.0])
 def test_an_answer_is_right_at_a_margin_where_it_is_so_many_times_as_exact(margin: float) -> None:
     assert is_right(Tier.MID, margin, cost_gap=0.99e-6 / margin)
@@ -43,16 +37,28 @@ def test_an_answer_is_right_at_a_margin_where_it_is_so_many_times_as_exact(margi
     assert not is_right(Tier.MID, margin, cost_gap=1.01e-6 / margin)
 
 
-@pytest.mark.parametrize(("excess", "told"), [(-3.0, 0.0), (0.005, 0.5), (0.01, 1.0), (0.02, 2.0), (NAN, math.inf)])
-def test_the_stage_notices_more_than_a_hundredth_of_its_noise_by_the_first_answer_alone(
-    excess: float, told: float
+NOTICED = {"cost_gap": 0.5, "timed_gap": 0.5, "noise_um": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("tier", "known", "expected"),
+    [
+        (Tier.HIGH, {"cost_gap": 1e-10, "timed_gap": NAN}, 0.1),  # timed answers that were not judged
+        (Tier.HIGH, {"timed_gap": math.inf}, math.inf),
+        *((tier, {"stage_excess": 0.0, "violation": NAN}, math.inf) for tier in (Tier.HIGH, Tier.STAGE)),
+        (Tier.HIGH, {"cost_gap": NAN}, math.inf),
+        # by the first answer alone
+        (Tier.STAGE, {**NOTICED, "stage_excess": -3.0}, 0.0),
+        (Tier.STAGE, {**NOTICED, "stage_excess": 0.005}, 0.5),
+        (Tier.STAGE, {**NOTICED, "stage_excess": 0.02}, 2.0),
+        (Tier.STAGE, {**NOTICED, "stage_excess": NAN}, math.inf),
+        (Tier.STAGE, {**NOTICED, "stage_excess": 0.0, "violation": 2e-3}, 2.0),
+    ],
+)
+def test_what_is_unknown_of_an_answer_is_an_error_and_the_stage_notices_a_hundredth_of_its_noise_or_a_violation(
+    tier: Tier, known: dict[str, float], expected: float
 ) -> None:
-    assert error_of(Tier.STAGE, stage_excess=excess, cost_gap=0.5, timed_gap=0.5, noise_um=0.01) == pytest.approx(told)
-
-
-def test_the_stage_takes_no_answer_that_violates_its_bounds_by_a_thousandth_or_is_no_number() -> None:
-    assert error_of(Tier.STAGE, stage_excess=0.0, violation=2e-3, noise_um=0.01) == pytest.approx(2.0)
-    assert error_of(Tier.STAGE, stage_excess=0.0, violation=NAN, noise_um=0.01) == math.inf
+    assert error_of(tier, **known) == pytest.approx(expected)
 
 
 def test_the_stage_is_asked_only_on_problems_whose_noise_is_known() -> None:

@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.sparse as sp
 from command_line import CommandLine
@@ -269,29 +268,6 @@ def test_test_sets_of_qpbenchmark_are_read_from_their_class(
     assert (
         "has no class Mine" in piezobench("problems", "--set", "test_set", "--test-set", tmp_path / "mine.py").refusal
     )
-
-
-def test_the_command_in_an_exported_set_saves_its_results(piezobench: CommandLine, tmp_path: Path) -> None:
-    library("qpbenchmark")
-    call = piezobench("problems", "--set", "measured", "--limit", 1, "--export", tmp_path)
-    assert call.status == 0, call.stderr
-    command = next(
-        line.split()
-        for line in (tmp_path / "piezobench_measured.py").read_text().splitlines()
-        if "run --author" in line
-    )
-    done = subprocess.run(
-        [sys.executable, *command[1:2], "run", "--author", "you", "--solver", "quadprog"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    rows = pd.read_csv(tmp_path / "piezobench_measured.csv")
-    assert rows.problem.nunique() == 2
-    assert rows.found.all()
-    assert (tmp_path / "piezobench_measured.md").is_file()
 
 
 @pytest.mark.parametrize(

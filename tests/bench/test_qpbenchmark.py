@@ -1,16 +1,19 @@
-"""Beside qpbenchmark on the same exported problems: the residuals and verdicts of its judge and of ours are the
-same."""
+"""Beside qpbenchmark on the same exported problems, by the command in the file: the residuals and verdicts of its judge
+and of ours are the same."""
 
+import subprocess
+import sys
 import warnings
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import qpsolvers
+from command_line import CommandLine
 from programs import library
 
-from bench.problem_files.qpbenchmark_set import write_test_set
-from bench.problems import make
+from bench.problems import RaceProblem
 from bench.races.metrics import _residuals
 
 SOLVERS = ("clarabel", "cvxopt", "daqp", "osqp", "piqp", "proxqp", "quadprog", "scs")
@@ -18,23 +21,23 @@ SETTINGS = ("low_accuracy", "high_accuracy")
 COLUMNS = ("primal_residual", "dual_residual", "duality_gap")
 
 
-def test_residuals_and_verdicts_are_those_of_qpbenchmark(tmp_path: Path) -> None:
+def test_residuals_and_verdicts_on_an_exported_set_are_those_of_qpbenchmark(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
     benchmark = library("qpbenchmark.benchmark")
-    from qpbenchmark.results import Results
-    from qpbenchmark.run import run
-
-    problems = list(make("measured").problems())
-    for problem in problems:
-        problem.save(tmp_path / f"measured--{problem.name}.npz")
-    test_set = benchmark.load_test_set(str(write_test_set(tmp_path, "measured", sparse=False)))
-    results = Results(tmp_path / "results.csv", test_set)
+    call = piezobench("problems", "--set", "measured", "--export", tmp_path)
+    assert call.status == 0, call.stderr
+    file = tmp_path / "piezobench_measured.py"
+    command = next(line.split()[1:] for line in file.read_text().splitlines() if "run --author" in line)
     solvers = [solver for solver in SOLVERS if solver in qpsolvers.available_solvers]
-    with warnings.catch_warnings(action="ignore"):  # of solvers that do not reach what is asked for
-        for solver in solvers:
-            for settings in SETTINGS:
-                run(test_set, results, only_solver=solver, only_settings=settings)
-    theirs = results.df.set_index(["problem", "solver", "settings"])
-    assert len(theirs) == len(solvers) * len(SETTINGS) * 2 * len(problems)
+    for solver in solvers:
+        words = [sys.executable, *command, "--solver", solver]
+        done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert file.with_suffix(".md").is_file()
+    theirs = pd.read_csv(file.with_suffix(".csv")).set_index(["problem", "solver", "settings"])
+    problems = [RaceProblem.load(path) for path in tmp_path.glob("*.npz")]
+    test_set = benchmark.load_test_set(str(file))
     right = 0
     forms = {f"measured--{each.name}--{name}": form for each in problems for name, form in each.forms.items()}
     for (name, form), solver, settings in product(forms.items(), solvers, SETTINGS):
