@@ -8,9 +8,10 @@ import typer
 
 from bench.cli.options import refuse
 from bench.cli.worker_options import SPREADING
-from bench.fleet.fleet import Work, done, drawn, parts_of
+from bench.fleet.fleet import done, drawn, parts_of
 from bench.fleet.report import DISTANT, report, table_of, write
 from bench.fleet.storage import folder_here, matching
+from bench.fleet.works import Work
 from bench.processes.engine import Workers
 from bench.report.console import errors, lines_of, print_json, print_report, progress_bar
 from piezo_model.recordings import RecordingError

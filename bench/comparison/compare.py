@@ -33,7 +33,7 @@ import pandas as pd
 from scipy.stats import median_abs_deviation
 
 from bench.derived.accuracy import CHEATS, MEASURED, right
-from bench.derived.measurements import HOT, IN_TURNS, Measurements, by_task
+from bench.derived.measurements import WAYS, Measurements, by_task
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.store import Run, RunError
@@ -51,8 +51,6 @@ DRAWS = 1_000
 BY_CHANCE = 6
 SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
 BETTER = "in turns"
-WAYS = {BETTER: IN_TURNS, "hot": HOT}
-"""How answers are timed, and how the names begin under which a run keeps it."""
 BLOCK = ["timed", "problem_set", "problem", "scaling"]
 SOLVER_LANE = ["solver", "lane"]
 NAMES = [*MEASURED, "setting", "start"]
@@ -136,8 +134,8 @@ def levels(found: Measurements) -> pd.DataFrame:
     """One row an answer and way of timing: NAMES, ``timed`` and ``level``, the log of the median of update and solve,
     NaN of too few calls."""
     parts = []
-    for timed, way in WAYS.items():
-        calls = by_task(found.times, (way,))
+    for timed in WAYS:
+        calls = by_task(found.times, (timed,))
         rows = found.field.loc[
             found.field.task.isin(calls.keys()) & (found.field.status == Status.OK), ["task", *NAMES]
         ]

@@ -12,7 +12,7 @@ import numpy as np
 
 from bench import problems
 from bench.derived.table import ONESHOT
-from bench.problems.recorded import Recorded, kept_back, unseen_error
+from bench.problems.recorded import Recorded, kept_back
 from bench.races.metrics import relative_gap
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.store import Run, RunError
@@ -101,7 +101,8 @@ def _judged(run: Run, found: ChosenModel) -> ChosenModel:
     names = run.settings.get("problems", {}).get(Recorded.name, ())
     if not names:
         return found
-    error = unseen_error(found.model, kept_back(run.problem(Recorded.name, names[0])))
+    unseen = kept_back(run.problem(Recorded.name, names[0]))
+    error = found.model.validate(unseen).fit.rms_percent
     known = run.settings.get("models", {}).get(Recorded.name, {}).get("error_percent")
     if known is not None and error > WORSE * known:
         raise RunError(

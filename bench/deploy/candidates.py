@@ -9,14 +9,14 @@ import pandas as pd
 from bench.deploy.floor import Floor
 from bench.deploy.rule import Candidate, Choice, Rule
 from bench.derived.accuracy import CHEATS, distance, tainted
-from bench.derived.measurements import FLOOR, HOT, IN_TURNS, Measurements, by_task, pooled
+from bench.derived.measurements import FLOOR, WAYS, Measurements, by_task, pooled
 from bench.derived.tier_settings import PROBLEM, by_problem
 from bench.races.stream.figures import floor_bound, raw
 
 
 def machine(found: Measurements) -> Floor:
     """What the solver that does nothing took, on all data."""
-    calls, tasks = by_task(found.times, (HOT, IN_TURNS)), found.rows[found.rows.solver == FLOOR].task
+    calls, tasks = by_task(found.times, WAYS), found.rows[found.rows.solver == FLOOR].task
     return Floor([one for task in dict.fromkeys(tasks) for one in calls.get(task, [])])
 
 
@@ -26,7 +26,7 @@ def of_oneshot(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candid
     Accuracy is judged by the rows of all hosts, times are those of one. Deadlines count hot and in turns with others;
     percentiles are hot, since only one setting takes turns.
     """
-    hot, raw = by_task(found.times), by_task(found.times, (HOT, IN_TURNS))
+    hot, raw = by_task(found.times), by_task(found.times, WAYS)
     cheats = (
         found.every[found.every.status.isin([str(status) for status in CHEATS])]
         .groupby(["solver", "lane"])

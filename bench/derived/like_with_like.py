@@ -10,12 +10,11 @@ left.
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import HOT, IN_TURNS, Measurements, by_task
+from bench.derived.measurements import WAYS, Measurements, by_task
 from bench.report.words import marked
 from solvers import Tier
 from solvers.registry import OURS
 
-WAYS = {"hot": HOT, "in turns": IN_TURNS}
 COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]
 
 
@@ -26,24 +25,17 @@ def like_with_like(found: Measurements) -> pd.DataFrame:
         (found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)
     ]
     lines = []
-    for timed, way in WAYS.items():
-        calls = by_task(found.times, (way,))
-        us = rows.task.map(
-            lambda task, calls=calls: float(np.median(np.concatenate(calls[task]))) if task in calls else np.nan
-        )
-        known = rows.assign(us=us)[us.notna()]
-        for lane, part in known.groupby("lane"):
+    for timed in WAYS:
+        us = {task: float(np.median(np.concatenate(calls))) for task, calls in by_task(found.times, (timed,)).items()}
+        for lane, part in rows.assign(us=rows.task.map(us)).dropna(subset="us").groupby("lane"):
             ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
-            if ours.empty or others.empty:
+            if ours.empty:
                 continue
             best = ours.groupby("solver").us.median().idxmin()
-            for d, size in others.groupby("d"):
-                mine = ours[(ours.solver == best) & (ours.d == d)]
-                medians = size.groupby("solver").us.median()
-                if len(mine):
-                    own = float(mine.us.median())
-                    lines += [
-                        (lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
-                        for other, median in medians.sort_values().items()
-                    ]
+            for d, mine in ours[ours.solver == best].groupby("d"):
+                own = float(mine.us.median())
+                lines += [
+                    (lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
+                    for other, median in others[others.d == d].groupby("solver").us.median().sort_values().items()
+                ]
     return pd.DataFrame(lines, columns=COLUMNS)

@@ -14,7 +14,7 @@ of a solver is that of all its calls on all the problems in question. Hot calls 
 the caches that the other solvers left.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -59,8 +59,9 @@ class Measurements:
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The rows of that host, one for all repeats."""
-        return over_repeats(tainted(self.every)[self.every.host == self.host])
+        """The rows of that host, one for all repeats, with ``total_us``, update and solve."""
+        rows = over_repeats(tainted(self.every)[self.every.host == self.host])
+        return rows.assign(total_us=rows.update_us + rows.solve_us_p50)
 
     @cached_property
     def times(self) -> pd.DataFrame:
@@ -152,17 +153,20 @@ def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 Microseconds = NDArray[np.float64]
-HOT, IN_TURNS = "", "interleaved_"
+WAYS = {"hot": "", "in turns": "interleaved_"}
+"""How calls are timed, and how the names begin under which a run keeps the times."""
 
 
-def by_task(times: pd.DataFrame, ways: Sequence[str] = (HOT,)) -> dict[str, list[Microseconds]]:
+def by_task(times: pd.DataFrame, ways: Iterable[str] = ("hot",)) -> dict[str, list[Microseconds]]:
     """Update and solve together by task, µs; where updates were timed apart, their median is added."""
     found: dict[str, list[Microseconds]] = {}
     for way in ways:
-        both = [times[times.what == f"{way}{what}"].set_index(["task", "repeat"]).ns for what in ("update", "solve")]
-        for key in both[1].index:
-            solve = np.asarray(both[1][key], dtype=np.float64) / 1e3
-            update = np.asarray(both[0][key], dtype=np.float64) / 1e3 if key in both[0].index else np.zeros(0)
+        updates, solves = (
+            times[times.what == WAYS[way] + what].set_index(["task", "repeat"]).ns for what in ("update", "solve")
+        )
+        for key in solves.index:
+            solve = np.asarray(solves[key], dtype=np.float64) / 1e3
+            update = np.asarray(updates.get(key, ()), dtype=np.float64) / 1e3
             if solve.size:
                 found.setdefault(key[0], []).append(
                     solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0)

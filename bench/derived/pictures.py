@@ -64,9 +64,7 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     sampling period; it comes first, and then the others by their time to a gap of 1e-9.
     """
     rows = found.field[found.field.start == "cold"]
-    rows = rows.assign(
-        total_us=rows.update_us + rows.solve_us_p50, cost_gap=rows.cost_gap.where(rows.status == Status.OK)
-    )
+    rows = rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK))
     table = (
         rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"])
         .agg(
@@ -129,7 +127,7 @@ def _timed(found: Measurements) -> pd.DataFrame:
     rows = found.field[found.field.start == "cold"]
     table = named(at_tiers(rows, found.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
-    return table.assign(time_us=(table.update_us + table.solve_us_p50).where(table.right, np.inf).fillna(np.inf))
+    return table.assign(time_us=table.total_us.where(table.right, np.inf).fillna(np.inf))
 
 
 def performance_profile(found: Measurements) -> pd.DataFrame:
@@ -137,31 +135,19 @@ def performance_profile(found: Measurements) -> pd.DataFrame:
     steps_of = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share"])]
     for view, part in _timed(found).groupby("view", sort=False):
         times = part.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
-        best = times.min(axis=1)
-        ratios = times[np.isfinite(best)].div(best[np.isfinite(best)], axis=0)
+        ratios = times.div(times.min(axis=1), axis=0).where(np.isfinite(times)).dropna(how="all")
         if ratios.empty:
             continue
-        worst = float(np.max(ratios.to_numpy()[np.isfinite(ratios.to_numpy())]))
-        ratios = ratios[np.log(ratios.replace(np.inf, 10.0 * worst)).mean().nsmallest(MOST_IN_PROFILE).index]
-        worst = float(ratios.to_numpy()[np.isfinite(ratios.to_numpy())].max())
+        logs = np.log(ratios.fillna(10.0 * float(np.nanmax(ratios))))
+        ratios = ratios[logs.mean().nsmallest(MOST_IN_PROFILE).index]
         lanes = part.drop_duplicates("name").set_index("name")[["solver", "lane"]]
         for name, column in ratios.items():
-            steps = np.sort(column[np.isfinite(column)].to_numpy())
-            if steps.size:
-                factors = np.unique(np.concatenate([[1.0], steps, [worst]]))
-                shares = np.searchsorted(steps, factors, side="right") / len(times)
-                steps_of.append(
-                    pd.DataFrame(
-                        {
-                            "view": view,
-                            "name": name,
-                            "solver": lanes.solver[name],
-                            "lane": lanes.lane[name],
-                            "factor": factors,
-                            "share": shares,
-                        }
-                    )
-                )
+            steps = column.dropna()
+            if len(steps):
+                factors = np.unique([1.0, *steps, np.nanmax(ratios)])
+                shares = [(steps <= factor).sum() / len(times) for factor in factors]
+                of_name = {"view": view, "name": name, **lanes.loc[name], "factor": factors, "share": shares}
+                steps_of.append(pd.DataFrame(of_name))
     return together(steps_of)
 
 

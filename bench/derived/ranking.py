@@ -72,12 +72,12 @@ def ranking(found: Measurements) -> list[Line]:
     """The lines of the table in their order."""
     field = found.field[(found.field.scaling == found.scaling) & (found.field.start == "cold")]
     rows = found.tiers[(found.tiers.scaling == found.scaling) & (found.tiers.start == "cold")]
-    rows = rows.assign(name=rows.solver.map(marked), us=rows.update_us + rows.solve_us_p50)
+    rows = rows.assign(name=rows.solver.map(marked))
     pace = of_paper(rows)
     us = (
-        pd.concat([rows, pace.assign(name=PACE, us=pace.periods * PERIOD_US)])
+        pd.concat([rows, pace.assign(name=PACE, total_us=pace.periods * PERIOD_US)])
         .groupby(["name", "lane", "tier"])
-        .us.median()
+        .total_us.median()
     )
     gaps = rows[rows.is_default].drop_duplicates("task").groupby(["name", "lane"]).cost_gap.agg(worst)
     lines = {}

@@ -31,7 +31,6 @@ def summary(found: Measurements) -> pd.DataFrame:
     calls = by_task(found.times)
     nothing = found.rows[found.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
     rows = pd.concat([found.tiers, nothing], ignore_index=True)
-    rows = rows.assign(total_us=rows.update_us + rows.solve_us_p50)
     table = (
         rows.groupby(GROUP, dropna=False)
         .agg(

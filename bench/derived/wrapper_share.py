@@ -30,9 +30,7 @@ def wrapper_share(found: Measurements) -> pd.DataFrame:
     """One row a wrapper and setting that both lanes were asked for: COLUMNS, medians over the ``problems`` where both
     are right."""
     rows = found.field[(found.field.start == "cold") & (found.field.scaling == found.scaling)]
-    rows = rows.assign(
-        us=rows.update_us + rows.solve_us_p50, asked=rows.settings.map(_asked), library=rows.solver.map(in_lane_direct)
-    )
+    rows = rows.assign(us=rows.total_us, asked=rows.settings.map(_asked), library=rows.solver.map(in_lane_direct))
     rows = rows[right(rows, Tier.LOW) & (rows.asked != "")]
     direct = (
         rows[rows.lane == Lane.DIRECT].drop(columns="library").rename(columns={"solver": "library", "us": "direct_us"})

@@ -2,8 +2,7 @@
 
     OUT/NAME.json           what the work makes of a recording, such as its model
     OUT/rows/NAME.json      its row, with a digest of this program's version, the work's settings and the content of
-    what it read,
-                            and one of what was made
+                            what it read, and one of what was made
 
 The row comes last and goes first, each file is written whole, and the digests decide: so an interruption at any moment
 costs the recordings that were under way, and other settings or another content, read or made, are done again. So is
@@ -12,14 +11,15 @@ what was refused.
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol, TypedDict, runtime_checkable
+from typing import Any, TypedDict
 
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
+from bench.fleet.works import Work
 from bench.messages.progress import Progress
 from bench.processes.engine import Workers, each
 from piezo_model.atomic_file import write_text
@@ -31,33 +31,11 @@ work."""
 
 
 class Kept(TypedDict):
-    """A row on disk: SHA-256 of all that decides what is made, and of what was made, empty where that is the row
-    alone."""
+    """A row on disk: SHA-256 of all that decides what is made, and of what was made beside the row."""
 
     digest: str
     made: str
     figures: dict[str, Any]
-
-
-class Work(Protocol):
-    """What is done with one recording; a frozen dataclass of settings, which can be sent anywhere."""
-
-    made: str
-    """What is made of a recording, such as "{}.json" with its name, or ""."""
-
-    def reads(self, name: str) -> Sequence[str]:
-        """Places of further files that are read for the recording of a name."""
-
-    def do(self, recording: Path, further: Sequence[Path], target: Path) -> Mapping[str, Any]:
-        """Do it and write what is made; returns figures."""
-
-
-@runtime_checkable
-class Drawing(Protocol):
-    """Work that has a page of a recording."""
-
-    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
-        """Write the page of the recording and of what was made of it."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +68,8 @@ def drawn(parts: Sequence[Part], workers: Workers, progress: Progress) -> Iterat
 def draw(part: Part) -> tuple[str, str]:
     """Write the page of a recording whose work is done; returns its name and place in the folder, "" where the work
     has none."""
-    if not isinstance(part.work, Drawing):
-        return part.name, ""
+    from bench.report import recording_page  # plots take a second to import, and most workers draw none
+
     with ExitStack() as stack:
         recording, made, *further = (
             stack.enter_context(file_here(place))
@@ -101,8 +79,11 @@ def draw(part: Part) -> tuple[str, str]:
                 *part.work.reads(part.name),
             )
         )
+        found = part.work.reviewed(recording, further, made)
+        if found is None:
+            return part.name, ""
         folder = stack.enter_context(folder_here(f"{part.out}/pages"))
-        part.work.draw(recording, further, made, folder / f"{part.name}.html")
+        recording_page.write(folder / f"{part.name}.html", recording.name, found)
     return part.name, f"pages/{part.name}.html"
 
 
@@ -123,7 +104,7 @@ def row_of(part: Part) -> Row:
             with folder_here(part.out) as folder:
                 target = folder / (part.work.made or ".").format(part.name)
                 figures = part.work.do(here, further, target)
-                made = hashlib.sha256(target.read_bytes()).hexdigest() if part.work.made else ""
+                made = hashlib.sha256(target.read_bytes() if part.work.made else b"").hexdigest()
             with folder_here(f"{part.out}/rows") as folder:
                 write_text(folder / kept, json.dumps(Kept(digest=digest, made=made, figures=packed(figures))) + "\n")
         return {**row, **figures}
@@ -152,19 +133,13 @@ def _digest(work: Work, files: Sequence[Path]) -> str:
 def _kept(part: Part, digest: str) -> Row | None:
     """The figures of a row on disk with this digest whose work is there as it was made; None where it is to be done."""
     fs, out = filesystem(part.out)
-    row, made = f"{out}/rows/{part.name}.json", part.work.made.format(part.name)
-    if not fs.isfile(row) or (made and not fs.isfile(f"{out}/{made}")):
-        return None
     try:
-        found = decoded(fs.cat_file(row), Kept)
+        found = decoded(fs.cat_file(f"{out}/rows/{part.name}.json"), Kept)
+        made = fs.cat_file(f"{out}/{part.work.made.format(part.name)}") if part.work.made else b""
         figures: Row = unpacked(found["figures"])
-    except ValueError:  # of an older program, or damaged
+    except (OSError, ValueError):  # not there, of an older program, or damaged
         return None
-    if found["digest"] != digest or (
-        made and hashlib.sha256(fs.cat_file(f"{out}/{made}")).hexdigest() != found["made"]
-    ):
-        return None
-    return figures
+    return figures if (found["digest"], found["made"]) == (digest, hashlib.sha256(made).hexdigest()) else None
 
 
 def _forget(out: str, *files: str) -> None:

@@ -94,7 +94,5 @@ def folder_here(place: str) -> Iterator[Path]:
         return
     with TemporaryDirectory() as folder:
         yield Path(folder)
-        for here in (each for each in Path(folder).rglob("*") if each.is_file()):
-            there = f"{path.rstrip('/')}/{here.relative_to(folder).as_posix()}"
-            fs.makedirs(there.rpartition("/")[0], exist_ok=True)
-            fs.put_file(str(here), there)
+        fs.makedirs(path, exist_ok=True)
+        fs.put(f"{folder}/", path, recursive=True)

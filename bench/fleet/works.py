@@ -1,6 +1,7 @@
 """Identification, validation and compensation as the command line asks for them, of one recording or of each of a
 fleet."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from bench.fleet.storage import model_of
 from bench.messages.progress import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
-from piezo_model.identification.fit_review import review
+from piezo_model.identification.fit_review import Review, review
 from piezo_model.identification.identify import LagChoice, check_direction
 from piezo_model.identification.validation import Validation
 from piezo_model.model import StartChoice
@@ -19,8 +20,27 @@ from piezo_model.recordings import RecordingError, read_reference, write_table
 from piezo_model.recordings.recording import HELD
 
 
+class Work(ABC):
+    """What is done with one recording; each is a frozen dataclass of settings, which can be sent anywhere."""
+
+    made = ""
+    """What is made of a recording, such as "{}.json" with its name, or ""."""
+
+    def reads(self, name: str) -> Sequence[str]:
+        """Places of further files that are read for the recording of a name."""
+        return ()
+
+    @abstractmethod
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Do it and write what is made; returns figures."""
+
+    def reviewed(self, recording: Path, further: Sequence[Path], made: Path) -> Review | None:
+        """What the page of a recording shows; None where there is no page."""
+        return None
+
+
 @dataclass(frozen=True)
-class Identifying:
+class Identifying(Work):
     """Settings of `identify`, and keywords of ``Recording.open``; what is None of orders and rates is chosen from the
     recording."""
 
@@ -33,10 +53,6 @@ class Identifying:
     solver: str = "box_active_set"
     force: bool = False
     made = "{}.json"
-
-    def reads(self, name: str) -> Sequence[str]:
-        """Nothing but the recording."""
-        return ()
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the model; returns figures of the fit, and the weights in unit amplitudes."""
@@ -57,11 +73,9 @@ class Identifying:
             **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
         }
 
-    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
-        """Write the page that identify writes of one recording."""
-        from bench.report import recording_page  # plots take a second to import, and most workers draw none
-
-        recording_page.write(page, recording.name, review(self.opened(recording), HysteresisCreepModel.load(made)))
+    def reviewed(self, recording: Path, further: Sequence[Path], made: Path) -> Review:
+        """The fit of the model that was made."""
+        return review(self.opened(recording), HysteresisCreepModel.load(made))
 
     def opened(self, recording: Path) -> Recording:
         """The recording; which column is the input is settled by a fit where their names do not say it."""
@@ -83,7 +97,7 @@ class Identifying:
 
 
 @dataclass(frozen=True)
-class WithModel:
+class WithModel(Work):
     """``model`` is the place of a model, or of a folder with one NAME.json a recording; ``opening`` are keywords of
     ``Recording.open`` or ``read_reference``."""
 
@@ -99,8 +113,6 @@ class WithModel:
 class Validating(WithModel):
     """Judging a model on a recording that its identification has not seen."""
 
-    made = ""
-
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Figures of the fit, and the offset of the sensor against the session of the identification."""
         _, model, found = self.judged(recording, further[0])
@@ -113,18 +125,14 @@ class Validating(WithModel):
             "output_unit": model.structure.output_unit,
         }
 
-    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
-        """Write the page that validate writes of one recording."""
-        from bench.report import recording_page  # plots take a second to import, and most workers draw none
-
-        recording_page.write(page, recording.name, review(*self.judged(recording, further[0])))
+    def reviewed(self, recording: Path, further: Sequence[Path], made: Path) -> Review:
+        """The fit of the model that is judged."""
+        return review(*self.judged(recording, further[0]))
 
     def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and what it is worth there."""
-        loaded, opened = (
-            HysteresisCreepModel.load(model),
-            check_direction(Recording.open(recording, hold=HELD, **self.opening)),
-        )
+        loaded = HysteresisCreepModel.load(model)
+        opened = check_direction(Recording.open(recording, hold=HELD, **self.opening))
         return opened, loaded, loaded.validate(opened)
 
 

@@ -8,11 +8,11 @@ does not hang on the load of a machine.
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from queue import SimpleQueue
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import qpsolvers
@@ -65,52 +65,49 @@ class Prover(ForkedChild):
         return found
 
 
-class Provers:
-    """One process a core, all looking for proofs at once.
+def proven(function: Callable[[Prover, S], T], items: Iterable[S]) -> Generator[T]:
+    """What a function returns for each item, in their order, with a process a core that looks for proofs; begun are
+    only a few more than are asked for.
 
     Examples
     --------
-    >>> with Provers() as provers:
-    ...     print(list(provers.map(lambda prover, number: number + 1, range(4))))
+    >>> list(proven(lambda prover, number: number + 1, range(4)))
     [1, 2, 3, 4]
     """
+    with ExitStack() as stack:
+        provers = [stack.enter_context(Prover()) for _ in cores.usable()]
+        idle: SimpleQueue[Prover] = SimpleQueue()
+        for prover in provers:
+            idle.put(prover)
 
-    def __enter__(self) -> Self:
-        self._stack = ExitStack()
-        self._all = [self._stack.enter_context(Prover()) for _ in cores.usable()]
-        self._idle: SimpleQueue[Prover] = SimpleQueue()
-        for prover in self._all:
-            self._idle.put(prover)
-        self._threads = ThreadPoolExecutor(len(self._all))
-        self._begun: deque[Future[Any]] = deque()
-        return self
+        def with_prover(item: S) -> T:
+            prover = idle.get()
+            try:
+                return function(prover, item)
+            finally:
+                idle.put(prover)
 
-    def __exit__(self, *_: object) -> None:
-        self._threads.shutdown(wait=False, cancel_futures=True)
-        # a process that is just starting is ended in a later round
-        while not all(future.done() for future in self._begun):
-            for prover in self._all:
-                prover.interrupt()
-            time.sleep(0.02)
-        self._threads.shutdown()
-        self._stack.close()
+        threads, begun = ThreadPoolExecutor(len(provers)), deque[Future[T]]()
 
-    def map(self, function: Callable[[Prover, S], T], items: Iterable[S]) -> Iterator[T]:
-        """What a function returns for each item, in their order; begun are only a few more than are asked for."""
-        begun = self._begun
-        for item in items:
-            begun.append(self._threads.submit(self._with_prover, function, item))
-            if len(begun) > 2 * len(self._all):
-                yield begun.popleft().result()
-        while begun:
-            yield begun.popleft().result()
+        def first() -> T:
+            found = begun[0].result()
+            begun.popleft()  # and not before: what is waited for is ended, too, where the wait is interrupted
+            return found
 
-    def _with_prover(self, function: Callable[[Prover, S], T], item: S) -> T:
-        prover = self._idle.get()
         try:
-            return function(prover, item)
+            for item in items:
+                begun.append(threads.submit(with_prover, item))
+                if len(begun) > 2 * len(provers):
+                    yield first()
+            while begun:
+                yield first()
         finally:
-            self._idle.put(prover)
+            threads.shutdown(wait=False, cancel_futures=True)
+            while not all(future.done() for future in begun):
+                for prover in provers:
+                    prover.interrupt()  # a process that is just starting is ended in a later round
+                time.sleep(0.02)
+            threads.shutdown()
 
 
 def _imported() -> None:

@@ -40,7 +40,6 @@ class Drift(ProblemSet):
         plant, x, y, basis = experiment.measured(
             BUILD_S + COUNT * EVERY_S + UNSEEN_S, math.exp(-SAMPLE_TIME / TIME_CONSTANT_S)
         )
-        noise_um = experiment.noise * (plant.y_range[1] - plant.y_range[0])
         first, step, ahead = (round(seconds / SAMPLE_TIME) for seconds in (BUILD_S, EVERY_S, UNSEEN_S))
         basis.update(x[:first], y[:first])
         start = basis.problem()
@@ -48,7 +47,7 @@ class Drift(ProblemSet):
         for end in range(first + step, first + COUNT * step + 1, step):
             basis.update(x[end - step : end], y[end - step : end])
             unseen = slice(end, end + ahead)
-            validation = Validation(basis.structure, basis.state.copy(), x[unseen], y[unseen], noise_um)
+            validation = Validation(basis.structure, basis.state.copy(), x[unseen], y[unseen], plant.noise_um)
             now = basis.problem()
             problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", now, validation, before, earlier[-3:])
             before = problem.optimal_weights

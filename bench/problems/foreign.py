@@ -10,6 +10,7 @@ recognised, and their own proofs are replayed.
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +22,7 @@ from scipy.sparse import csc_matrix, diags, identity
 from bench.problem_files import READERS, ProblemFileError, ReadProgram, read
 from bench.problem_files.npz import opened
 from bench.problems import proof_cache
-from bench.problems.certifying import Prover, ProverLost, Provers, both_proofs, require_size
+from bench.problems.certifying import Prover, ProverLost, both_proofs, proven, require_size
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
 from solvers.certificate import WORK, NotCertified, verify
@@ -53,8 +54,8 @@ class ForeignPrograms(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Read, scale and certify, several at once; whatever fails is left out with the reason."""
         sources = self.sources()
-        with Provers() as provers:
-            for (name, _), found in zip(sources, provers.map(self._made, sources), strict=True):
+        with closing(proven(self._made, sources)) as made:
+            for (name, _), found in zip(sources, made, strict=True):
                 if isinstance(found, str):
                     self.left_out[name] = found
                 else:

@@ -92,7 +92,7 @@ class Validation:
     x: Vector
     y: Vector
     noise_um: float = float("nan")
-    """Standard deviation of the sensor's noise."""
+    """Standard deviation of the sensor's noise; what the stage notices is known where it is above zero."""
 
     def error_percent(self, w: Vector) -> float:
         """RMS error of the model with weights w, as a share of the output's range; NaN where w is not a valid model."""
@@ -124,11 +124,6 @@ class RaceProblem:
     def d(self) -> int:
         """Number of variables."""
         return int(next(iter(self.forms.values())).qp.q.shape[0])
-
-    @property
-    def has_noise(self) -> bool:
-        """Whether the noise of the sensor is known, by which it is told what the stage notices."""
-        return self.validation is not None and self.validation.noise_um > 0.0
 
     @cached_property
     def optimal_weights(self) -> Vector:
@@ -281,7 +276,7 @@ class ProblemSet(ABC):
     Raises
     ------
     ProblemSetError
-        An option is missing or unknown, or does not make a set.
+        An option is missing, or does not make a set.
     """
 
     name: ClassVar[str]
@@ -298,9 +293,6 @@ class ProblemSet(ABC):
         for option, what in self.needs.items():
             if option not in options:
                 raise ProblemSetError(f"the problem set {self.name!r} needs --{option.replace('_', '-')}, {what}")
-        for option in options:
-            if option not in {**self.needs, **self.takes}:
-                raise ProblemSetError(f"the problem set {self.name!r} takes no option {option!r}")
         self.seed = seed
         self.options = options
         self.left_out: dict[str, str] = {}

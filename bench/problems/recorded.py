@@ -85,7 +85,7 @@ class Recorded(ProblemSet):
             m=ORDERS[0][1],
             creep_rates=choose_creep_rates(fitted.sample_time, fitted.duration_s),
         )
-        return model, unseen_error(model, unseen)
+        return model, model.validate(unseen).fit.rms_percent
 
     def problems(self) -> Iterator[RaceProblem]:
         """Accumulate each window at each order and certify it; windows that are too short are left out."""
@@ -108,11 +108,6 @@ class Recorded(ProblemSet):
                 basis.update(x[middle:], y[middle:])
                 validation = Validation(s, basis.state.copy(), x_unseen, y_unseen, noise)
                 yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation, neighbours=[first_half])
-
-
-def unseen_error(model: HysteresisCreepModel, unseen: Recording) -> float:
-    """RMS error of a model on what was kept back, per cent of the output's range."""
-    return model.validate(unseen).fit.rms_percent
 
 
 def kept_back(problem: RaceProblem) -> Recording:

@@ -45,35 +45,21 @@ class Experiment:
     """As of ``IdentificationProblem``."""
     seed: int = 0
 
-    def sensor(self) -> plants.Sensor:
-        """The actuator with its sensor, at rest."""
+    def measured(self, duration_s: float, forgetting: float = 1.0) -> tuple[plants.Sensor, Vector, Vector, DataBasis]:
+        """Actuator with its sensor, input and output after so long under the drive from rest, and a data basis, still
+        empty, for a structure with thresholds spread over the full input range and the output of the building phase."""
         actuator = plants.get(self.plant, sample_time=SAMPLE_TIME)
-        noise_um = self.noise * (actuator.y_range[1] - actuator.y_range[0])
-        return plants.Sensor(
+        (low, high), noise_um = actuator.x_range, self.noise * (actuator.y_range[1] - actuator.y_range[0])
+        plant = plants.Sensor(
             actuator, noise_um=noise_um, quantum_um=noise_um / 2.0, gain_drift_per_s=self.drift_per_s, seed=self.seed
         )
-
-    def reference(self, drive: str, duration_s: float, plant: plants.Plant) -> Vector:
-        """A signal by name over the part of the input range that is covered, V."""
-        low, high = plant.x_range
-        options = {"seed": self.seed} if drive in SEEDED else {}
-        return SIGNALS[drive](
+        options = {"seed": self.seed} if self.drive in SEEDED else {}
+        x = SIGNALS[self.drive](
             duration_s=duration_s, sample_time=SAMPLE_TIME, low=low, high=low + self.reach * (high - low), **options
         )
-
-    def structure(self, plant: plants.Plant, x: Vector, y: Vector) -> ModelStructure:
-        """The model's structure, its thresholds spread over the full input range and the measured output."""
-        return ModelStructure.equidistant(
-            self.n, self.m, plant.x_range, centred_range(x, y, self.reach), CREEP_RATES, SAMPLE_TIME
-        )
-
-    def measured(self, duration_s: float, forgetting: float = 1.0) -> tuple[plants.Sensor, Vector, Vector, DataBasis]:
-        """Actuator, input and output after so long under the drive, and a data basis for the structure of the building
-        phase, still empty."""
-        plant, built = self.sensor(), round(self.build_s / SAMPLE_TIME)
-        x = self.reference(self.drive, duration_s, plant)
-        y = plant.run(x)
-        structure = self.structure(plant, x[:built], y[:built])
+        y, built = plant.run(x), round(self.build_s / SAMPLE_TIME)
+        y_range = centred_range(x[:built], y[:built], self.reach)
+        structure = ModelStructure.equidistant(self.n, self.m, plant.x_range, y_range, CREEP_RATES, SAMPLE_TIME)
         return plant, x, y, DataBasis(structure, OperatorState.at_rest(structure, -1.0, branch=1.0), forgetting)
 
     def problem(self, set_name: str, name: str) -> RaceProblem:
@@ -86,8 +72,7 @@ class Experiment:
             done = end
         *neighbours, problem = neighbours
         unseen = decaying_triangle(duration_s=VALIDATION_S, sample_time=SAMPLE_TIME, low=x.min(), high=x.max())
-        span = plant.y_range[1] - plant.y_range[0]
-        validation = Validation(basis.structure, basis.state.copy(), unseen, plant.run(unseen), self.noise * span)
+        validation = Validation(basis.structure, basis.state.copy(), unseen, plant.run(unseen), plant.noise_um)
         return certified(set_name, name, problem, validation, neighbours=neighbours)
 
 

@@ -93,7 +93,7 @@ def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:
 def stage_excess(problem: RaceProblem, error_percent: float) -> float:
     """How much more a model errs than that of the optimum, in units of the sensor's noise."""
     v = problem.validation
-    if v is None or not problem.has_noise:
+    if v is None or not v.noise_um > 0.0:
         return math.nan
     return (error_percent - problem.optimum_error_percent) / 100.0 * v.span_um / v.noise_um
 

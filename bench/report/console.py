@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -113,22 +112,18 @@ def print_json(value: Any) -> None:
 
 
 def plain_json(value: Any) -> Any:
-    """A value as JSON can hold it.
+    """A value as JSON can hold it: null stands for a number that is not finite, text for what is none of JSON's.
 
     Examples
     --------
     >>> plain_json({"a": (1.0, float("nan")), "b": "x"})
     {'a': [1.0, None], 'b': 'x'}
     """
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, dict):
-        return {str(key): plain_json(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain_json(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+    return json.loads(json.dumps(value, default=_plain), parse_constant=lambda _: None)
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else str(value)
 
 
 def records(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, str]]:

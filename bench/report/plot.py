@@ -82,12 +82,11 @@ class Plot:
     height: int = HEIGHT
     where: str = ""
     """Rows of the table that are drawn, in pandas' words."""
-    search: bool = False
-    """Whether the page offers to find a line by its name."""
 
 
 def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, along: str = "") -> tuple[Mark, ...]:
-    """Lines of a crowd: the best in colours with names, the others grey, and whichever is sought for."""
+    """Lines of a crowd: the best in colours with names, the others grey, and whichever is sought for by its name on the
+    page."""
     sought = "sought != '' && indexof(lower(datum.name), lower(sought)) >= 0"
     dots = (
         (Mark("point", colour=GREY, size=12.0, opacity=0.35), Mark("point", "name", where="datum.front", size=40.0))

@@ -14,11 +14,11 @@ from importlib.metadata import version
 from itertools import groupby
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import vl_convert
 
 from bench.messages import user_cache
+from bench.report.console import plain_json
 from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
 from piezo_model.atomic_file import write_text
 
@@ -90,14 +90,14 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
             {"name": "view", "value": first_view(shown), "bind": {"input": "select", "options": views, "name": "Show "}}
         )
     if any("sought" in mark.where for mark in plot.marks):
-        bind = {"bind": {"input": "search", "name": "Find a line ", "placeholder": "name"}} if plot.search else {}
-        params.append({"name": "sought", "value": "", **bind})
+        bind = {"input": "search", "name": "Find a line ", "placeholder": "name"}
+        params.append({"name": "sought", "value": "", "bind": bind})
     rules = [
         {"mark": {"type": "rule", "strokeDash": [5, 4]}, "data": {"values": [{}]}, "encoding": {axis: {"datum": value}}}
         for axis, value in plot.rules.items()
     ]
     return {
-        "data": {"values": plain_rows(shown)},
+        "data": {"values": plain_json(shown.to_dict("records"))},
         "params": params,
         "width": "container",
         "height": plot.height,
@@ -108,15 +108,6 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
             *(_layers(shown, plot, where, [*marks]) for where, marks in groupby(plot.marks, partial(_filter, plot))),
         ],
     }
-
-
-def plain_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """The rows as JSON can hold them; what is not finite is null."""
-    plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
-    return [
-        {str(name): value.item() if isinstance(value, np.generic) else value for name, value in row.items()}
-        for row in plain.to_dict("records")
-    ]
 
 
 def _filter(plot: Plot, mark: Mark) -> str:

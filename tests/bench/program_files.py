@@ -7,8 +7,10 @@ import numpy as np
 import scipy.sparse as sp
 from qpsolvers import Problem
 from scipy.io import savemat
+from scipy.sparse import issparse
 
-from bench.problem_files.program import QP_FIELDS
+from bench.problem_files.program import QP_FIELDS, fields_of
+from bench.problems import RaceProblem
 
 INF = 1e20
 
@@ -120,3 +122,21 @@ def dense(matrix: object) -> np.ndarray:
 def same(a: Problem, b: Problem) -> bool:
     pairs = [(getattr(a, name), getattr(b, name)) for name in QP_FIELDS]
     return all((x is None and y is None) or np.array_equal(dense(x), dense(y)) for x, y in pairs)
+
+
+def same_problem(a: RaceProblem, b: RaceProblem) -> bool:
+    """Whether two problems are the same to the last bit, with their proofs and unseen data."""
+
+    def parts(problem: RaceProblem) -> list[object]:
+        found: list[object] = [problem.name, problem.d, [*problem.forms]]
+        for form in problem.forms.values():
+            found += [*fields_of(form.qp).values(), form.to_weights, form.warm_start]
+            found += [form.certificate, form.c, form.cost_unit]
+        v = problem.validation
+        return found + ([] if v is None else [v.state.play, v.state.creep, v.x, v.y, v.noise_um])
+
+    def plain(value: object) -> object:
+        found = dense(value) if issparse(value) else value
+        return (issparse(value), found.tobytes()) if isinstance(found, np.ndarray) else found
+
+    return [*map(plain, parts(a))] == [*map(plain, parts(b))]

@@ -3,23 +3,20 @@ iterations."""
 
 import json
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine
+from conftest import Race, raced
 from measured_rows import measured, row
 
 import solvers
 from bench.derived.anytime import BUDGETS, anytime, sentences
-from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE
-from bench.derived.table import ONESHOT
 from bench.races.kind import kinds
 from bench.races.oneshot.settings import AnytimeSettings
-from bench.store import Run
 from solvers.certificate import exact_cost_gap
 from solvers.descent import trajectory
 
@@ -142,72 +139,40 @@ def test_limits_are_no_settings_that_could_stand_for_a_tier() -> None:
     assert set(found.settings.setting) == {""}
 
 
-@dataclass(frozen=True)
-class Raced:
-    run: Run
-    said: str
-    rows: pd.DataFrame
-
-    def limited(self, solver: str, lane: str = "direct") -> pd.DataFrame:
-        """The rows of limits, by limit."""
-        name = {"projected_difference": "steps", "piqp": "max_iter", "osqp": "max_iter"}[solver]
-        rows = self.rows[
-            (self.rows.solver == solver) & (self.rows.lane == lane) & (self.rows.rung < 0) & ~self.rows.is_default
-        ]
-        return rows.assign(limit=[json.loads(text)[name] for text in rows.settings]).sort_values("limit")
+def limited(race: Race, solver: str, lane: str = "direct") -> pd.DataFrame:
+    """The rows of limits, by limit."""
+    name = "steps" if solver == "projected_difference" else "max_iter"
+    rows = race.rows[(race.rows.solver == solver) & (race.rows.lane == lane)]
+    rows = rows[(rows.rung < 0) & ~rows.is_default]
+    return rows.assign(limit=[json.loads(text)[name] for text in rows.settings]).sort_values("limit")
 
 
 @pytest.fixture(scope="module")
-def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Raced:
-    folder = tmp_path_factory.mktemp("anytime")
-    words = [word for solver in ("daqp", "osqp", "piqp", "projected_difference") for word in ("--solver", solver)]
-    call = piezobench(
-        "race",
-        "--race",
-        "anytime",
-        "--set",
-        "paper",
-        "--limit",
-        1,
-        "--budget",
-        0.001,
-        "--rounds",
-        0,
-        "--lane",
-        "kernel",
-        "--lane",
-        "direct",
-        *words,
-        "--out",
-        folder,
-        "--name",
-        "run",
-    )
-    assert call.status == 0, call.stderr
-    run = Run.open(folder / "run")
-    return Raced(run, call.stdout, run.rows(ONESHOT))
+def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    words = ("--race", "anytime", "--lane", "kernel", "--solver", "piqp", "--solver", "projected_difference")
+    return raced(piezobench, tmp_path_factory.mktemp("anytime"), "run", *words, "--rounds", 0)
 
 
-def test_a_race_measures_settings_and_limits_on_scaled_data(raced: Raced) -> None:
-    assert set(raced.rows.scaling) == {"scaled"}
-    assert set(raced.rows[raced.rows.rung >= 0].solver) == {"daqp", "osqp", "piqp", "projected_difference"}
+def test_a_race_measures_settings_and_limits_on_scaled_data(race: Race) -> None:
+    assert set(race.rows.scaling) == {"scaled"}
+    assert set(race.rows[race.rows.rung >= 0].solver) == {"daqp", "osqp", "piqp", "projected_difference"}
     for solver in ("osqp", "piqp"):
-        points = raced.limited(solver)
+        points = limited(race, solver)
         assert len(points) >= 4
         assert points.limit.tolist() == list(AnytimeSettings().iteration_limits[: len(points)])
         assert (points.status == "ok").all()
 
 
-def test_limits_grow_until_the_solver_is_done(raced: Raced) -> None:
-    points = raced.limited("piqp")
+def test_limits_grow_until_the_solver_is_done(race: Race) -> None:
+    points = limited(race, "piqp")
     assert (points.iterations[:-1] == points.limit[:-1]).all()
     assert points.iterations.iloc[-1] < points.limit.iloc[-1]
     assert points.cost_gap.iloc[-1] < 1e-6 < points.cost_gap.iloc[0]
 
 
-def test_points_of_the_projected_steps_are_exact_gaps_of_its_iterates(raced: Raced) -> None:
-    points = raced.limited("projected_difference", "kernel")
-    problem = raced.run.problem(points.problem_set.iloc[0], points.problem.iloc[0])
+def test_points_of_the_projected_steps_are_exact_gaps_of_its_iterates(race: Race) -> None:
+    points = limited(race, "projected_difference", "kernel")
+    problem = race.run.problem(points.problem_set.iloc[0], points.problem.iloc[0])
     form = problem.forms["scaled"]
     qp, eta = form.qp, 1.0 / np.linalg.eigvalsh(form.qp.P)[-1]
     for limit, gap in zip(points.limit[:5], points.cost_gap[:5], strict=True):
@@ -216,24 +181,20 @@ def test_points_of_the_projected_steps_are_exact_gaps_of_its_iterates(raced: Rac
 
 
 @pytest.mark.slow
-def test_the_report_begins_with_the_picture_and_a_one_shot_race_has_it_too(raced: Raced, browser: Browser) -> None:
-    assert raced.said.startswith("Within one sampling period")
-    page = raced.run.path / "report.html"
+def test_the_report_begins_with_the_picture_and_a_one_shot_race_has_it_too(race: Race, browser: Browser) -> None:
+    assert race.call.stdout.startswith("Within one sampling period")
+    page = race.run.path / "report.html"
     assert browser.sections(page)[0] == "anytime"
-    assert (raced.run.path / "anytime.svg").is_file()
-    names = [figure.name for figure in kinds()["oneshot"].report(raced.run).drawn]
+    assert (race.run.path / "anytime.svg").is_file()
+    names = [figure.name for figure in kinds()["oneshot"].report(race.run).drawn]
     assert (names[0], "anytime" in names) == ("work_precision", True)
-    table = anytime(Measurements(raced.rows, raced.run.times()))
+    table = anytime(race.found)
     assert set(table.lane) == {"kernel", "direct"}
 
 
-def test_a_limit_of_iterations_is_put_on_the_tightest_setting(raced: Raced) -> None:
-    tightest = solvers.find("osqp", "direct").load().ladder(1.0)[-1]
-    texts = raced.limited("osqp").setting
+def test_a_limit_of_iterations_is_put_on_the_tightest_setting(race: Race) -> None:
+    osqp = solvers.find("osqp", "direct").load()
+    texts = limited(race, "osqp").setting
     assert len(texts) > 1
-    for text in texts:
-        assert {name: value for name, value in json.loads(text).items() if name != "max_iter"} == {
-            name: value
-            for name, value in {**solvers.find("osqp", "direct").load().always, **tightest}.items()
-            if name != "max_iter"
-        }
+    for settings in map(json.loads, texts):
+        assert settings == osqp.always | osqp.ladder(1.0)[-1] | {"max_iter": settings["max_iter"]}

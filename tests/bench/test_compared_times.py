@@ -35,18 +35,13 @@ def test_a_change_that_matters_is_found_on_a_quiet_machine_and_never_missed_in_s
     assert SAME not in found
 
 
-def test_what_all_lanes_share_on_a_problem_is_the_machines_and_is_divided_out() -> None:
-    found, field = compare_times(pair(quiet(), {"s5": 1.5}), 1.2)
-    assert found.set_index("solver").finding.to_dict() == {f"s{i}": SLOWER if i == 5 else SAME for i in range(8)}
-    assert found.ratio[found.solver == "s5"].item() == pytest.approx(1.5, rel=0.01)
+def test_what_all_lanes_share_on_a_problem_is_divided_out_and_changes_of_either_sign_have_their_ratios() -> None:
+    found, field = compare_times(pair(quiet(), {"s5": 1.5, "s2": 0.6}), 1.2)
+    found = found.set_index("solver")
+    changed = {"s2": FASTER, "s5": SLOWER}
+    assert found.finding.to_dict() == {f"s{i}": SAME for i in range(8)} | changed
+    assert found.ratio[[*changed]].tolist() == pytest.approx([0.6, 1.5], rel=0.02)
     assert field.factor["in turns"] == pytest.approx(np.exp(0.75), rel=0.02)
-
-
-def test_several_changes_of_either_sign_are_found_with_their_ratios() -> None:
-    changed = {"s1": 1.5, "s2": 0.6, "s3": 2.0}
-    found = times(ratios(np.random.default_rng(4), 40, 18), **changed)
-    assert found.ratio[list(changed)].tolist() == pytest.approx(list(changed.values()), rel=0.12)
-    assert found.finding[list(changed)].tolist() == [SLOWER, FASTER, SLOWER]
 
 
 def test_intervals_are_wider_by_five_normalised_median_absolute_deviations_of_the_lanes() -> None:
@@ -75,15 +70,6 @@ def test_a_field_that_deviates_by_more_than_three_per_cent_cannot_tell_of_any_la
     assert (finding == SAME) or set(found.finding) == {CANNOT_TELL}
 
 
-def test_the_interval_of_a_lane_holds_its_ratio_and_is_wider_for_problems_that_disagree() -> None:
-    lanes = quiet()
-    lanes[0] = lanes[0] + np.linspace(-0.2, 0.2, 6)
-    found = times(lanes)
-    assert ((found.ratio_low < found.ratio) & (found.ratio < found.ratio_high)).all()
-    widths = found.ratio_high / found.ratio_low
-    assert widths["s0"] > widths.drop("s0").max()
-
-
 @pytest.mark.parametrize("shape", [(4, 6), (8, 2)])
 def test_fewer_than_five_lanes_or_three_problems_cannot_tell(shape: tuple[int, int]) -> None:
     found = times(quiet(*shape), s0=3.0)
@@ -97,14 +83,6 @@ def test_times_in_turns_come_before_hot_ones_unless_there_are_too_few() -> None:
     found = compare_times(pd.concat([hot, few]), 1.2)[0].set_index("solver")
     assert found.timed.to_dict() == {f"s{i}": "hot" if i == 1 else "in turns" for i in range(8)}
     assert set(found.finding) == {SAME}
-
-
-def test_a_lane_that_answers_and_was_timed_too_seldom_cannot_tell() -> None:
-    table = pair(quiet())
-    table.loc[table.solver == "s2", "level_b"] = np.nan
-    found = compare_times(table, 1.2)[0].set_index("solver")
-    assert (found.finding["s2"], found.problems["s2"]) == (CANNOT_TELL, 0)
-    assert set(found.finding.drop("s2")) == {SAME}
 
 
 def test_runs_without_any_times_in_common_have_no_lanes() -> None:

@@ -2,11 +2,8 @@
 
 import json
 import os
-import random
 import signal
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import fsspec
@@ -17,10 +14,9 @@ from browser import Browser
 from command_line import CommandLine, Finished, wait_until_gone
 from conftest import TWO_CORES
 
-from bench.cli import fleet as fleet_verb
 from bench.cli.fleet import process
 from bench.fleet.fleet import done, parts_of
-from bench.fleet.report import DISTANT, table_of
+from bench.fleet.report import DISTANT, report, table_of
 from bench.fleet.works import Compensating, Identifying, Validating
 from bench.messages.progress import silent
 from bench.processes.engine import Workers
@@ -138,51 +134,29 @@ def test_what_is_made_and_then_cut_short_or_changed_is_made_again(recordings: li
             assert made.read_bytes() == whole
 
 
-@pytest.mark.slow
 @TWO_CORES
-def test_a_fleet_that_was_killed_is_resumed_without_loss_or_repetition(
-    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_fleet_that_was_ended_by_a_signal_is_resumed_without_loss_or_repetition(
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished], how: signal.Signals
 ) -> None:
     words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
     call = piezobench.start(*words, "--workers", 2)
-    call.kill_once(lambda: len(list(tmp_path.glob("rows/[!.]*.json"))) >= 3)
+    while call.running() and len(list(tmp_path.glob("rows/[!.]*.json"))) < 3:
+        time.sleep(0.002)
+    os.kill(call.pid, how)
+    ended = call.wait()
+    wait_until_gone(call.pid)
+    assert ended.status in (-how, 128 + how), ended.stderr
+    assert "Traceback" not in ended.stderr
     assert not (tmp_path / "fleet.csv").exists()
     kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
     assert 3 <= len(kept) < COUNT
-    for path in kept:
-        HysteresisCreepModel.load(tmp_path / path.name)
     for path in tmp_path.rglob(".*"):  # what a killed process leaves beside its target is nobody's
         path.unlink()
     assert piezobench(*words).status == 2
     assert {path: path.stat().st_ino for path in kept} == kept
     same_as(serial[0], tmp_path)
-
-
-@TWO_CORES
-@pytest.mark.nightly
-def test_a_fleet_ended_at_any_moment_by_any_signal_is_resumed_without_loss_or_repetition(
-    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
-) -> None:
-    chance, took = random.Random("fleet"), 0.0
-    for number in range(21):
-        out = tmp_path / str(number)
-        words = ("identify", *recordings, "--out-dir", out, *ORDERS)
-        begin = time.monotonic()
-        call = piezobench.start(*words, "--workers", 2)
-        if number:  # the first is left alone
-            time.sleep(chance.uniform(0.0, took))
-            os.kill(call.pid, (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)[number % 3])
-        ended = call.wait()
-        took = took or time.monotonic() - begin
-        wait_until_gone(call.pid)
-        assert ended.status in (2, 130, 143, -signal.SIGKILL, -signal.SIGTERM), ended.stderr
-        assert "Traceback" not in ended.stderr, ended.stderr
-        kept = {path: path.stat().st_ino for path in out.glob("rows/[!.]*.json")}
-        for path in out.rglob(".*"):  # what a killed process leaves beside its target is nobody's
-            path.unlink()
-        assert f"1 of {COUNT + 1} recordings are refused" in piezobench(*words).refusal
-        assert {path: path.stat().st_ino for path in kept} == kept
-        same_as(serial[0], out)
 
 
 @TWO_CORES
@@ -328,7 +302,7 @@ def test_what_cannot_be_meant_is_refused_before_the_work(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_fleet_of_stages_that_all_differ_a_little_has_no_outliers_but_the_one_that_is(recordings: list[Path]) -> None:
+def test_stages_that_all_differ_a_little_are_no_outliers_and_where_only_some_outliers_have_pages_that_is_said() -> None:
     """Twenty weights a model, some of them at their bound in most models and anywhere in the others."""
     chance = np.random.default_rng(1)
     rows = [
@@ -345,48 +319,8 @@ def test_a_fleet_of_stages_that_all_differ_a_little_has_no_outliers_but_the_one_
     table = table_of(rows)
     assert set(table.name[table.distance > DISTANT]) == {"4", "9"}
     assert dict(zip(table.name[:2], table.unlike[:2], strict=True)) == {"9": "error", "4": "weights"}
-
-
-def test_asked_again_the_page_shows_the_refused_rows_again(
-    piezobench: CommandLine, recordings: list[Path], serial: tuple[Path, Finished]
-) -> None:
-    page = serial[0] / "fleet.html"
-    first = page.read_text()
-    assert (
-        f"1 of {COUNT + 1} recordings" in piezobench("identify", *recordings, "--out-dir", page.parent, *ORDERS).refusal
-    )
-    assert all("Refused" in text and BAD in text for text in (first, page.read_text()))
-
-
-@dataclass(frozen=True)
-class Told:
-    """Work that takes the error from the file itself and draws at once."""
-
-    made = ""
-
-    def reads(self, name: str) -> Sequence[str]:
-        return ()
-
-    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, float]:
-        return {"rms_percent": float(recording.read_text())}
-
-    def draw(self, recording: Path, further: Sequence[Path], made: Path, page: Path) -> None:
-        page.write_text(recording.name)
-
-
-@pytest.mark.parametrize("most", [100, 12])
-def test_every_outlier_has_its_page_and_where_they_are_too_many_that_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int
-) -> None:
-    monkeypatch.setattr(fleet_verb, "PAGES", most)
-    count, outliers = 60, 28
-    for k in range(count):
-        (tmp_path / f"{k}.txt").write_text(str((30.0 + k) if k < outliers else 1.0 + 1e-3 * k))
-    process(Told(), [str(tmp_path / "*.txt")], str(tmp_path / "out"), Workers(), "Fleet", "gave a model", as_json=True)
-    table = table_in(tmp_path / "out")
-    assert int((table.distance > DISTANT).sum()) == outliers
-    drawn = sorted((tmp_path / "out" / "pages").glob("*.html"))
-    assert {page.stem for page in drawn} == {str(name) for name in table.name[: min(most, outliers)]}
-    page = (tmp_path / "out" / "fleet.html").read_text()
-    assert page.count('href="pages/') == len(drawn)
-    assert ("The 12 most unlike have pages" in page) == (most < outliers)
+    links = {name: {"page": "pages/9.html" if name == "9" else ""} for name in table.name}
+    shown = report("Fleet", table, "gave a model", links).table
+    assert shown is not None
+    assert shown.note.endswith("The 1 most unlike have pages.")
+    assert [row[-1] for row in shown.rows[:2]] == ['<a href="pages/9.html">page</a>', ""]

@@ -100,18 +100,14 @@ def test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest(
     assert 0.3 < share < 1.0
 
 
-def test_the_error_is_a_curve_through_its_largest_values(browser: Browser, tmp_path: Path) -> None:
+def test_the_error_is_a_curve_through_its_largest_values() -> None:
     x, y = signals()
     y[4000] += 5.0
     measured = recording(x, y)
     found = review(measured, identify(measured, n=3, m=1, creep_rates=()))
-    browser.open(recording_page.write(tmp_path / "page.html", "stage.csv", found))
-    assert browser.run("return document.querySelectorAll('#error .mark-rule.role-mark line').length") == 0
-    assert browser.run("return document.querySelectorAll('#error .mark-line.role-mark path').length") >= 1
-    drawn = pd.read_csv(tmp_path / "page-figures" / "error.csv")
+    drawn = next(figure.data for figure in recording_page.report("stage", found).figures if figure.name == "error")
     assert drawn.time_s.is_monotonic_increasing
-    counted = found.error[found.skipped :]
-    shown = drawn.error[drawn.counted == "counted"]
+    shown, counted = drawn.error[drawn.counted == "counted"], found.error[found.skipped :]
     assert (shown.min(), shown.max()) == pytest.approx((counted.min(), counted.max()), rel=1e-4)
 
 
@@ -148,13 +144,10 @@ def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_p
 
 
 @pytest.mark.usefixtures("said")
-def test_every_plot_has_its_data_as_csv(desk: Path) -> None:
-    x, _ = signals()
-    for name in ("loops", "error", "weights", "spectrum"):
-        assert len(pd.read_csv(desk / "stage page-figures" / f"{name}.csv"))
+def test_the_data_of_a_plot_are_those_of_the_recording(desk: Path) -> None:
     loops = pd.read_csv(desk / "stage page-figures" / "loops.csv")
     measured = loops[loops.name == "measured"]
-    assert measured.x.to_numpy() == pytest.approx(x[measured["sample"]], abs=1e-6)
+    assert measured.x.to_numpy() == pytest.approx(signals()[0][measured["sample"]], abs=1e-6)
 
 
 def test_the_review_repeats_the_fit_that_the_report_speaks_of() -> None:

@@ -70,22 +70,20 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: 
     made_from("stage", tmp_path / "stage.csv", tmp_path)
     found = [read(tmp_path / "stage.npz", seed) for seed in range(PROGRAMS)]
     unseen = found[0][1]
-    whole = [programs[-1] for programs, _ in found]
     fitted = 2800
     np.testing.assert_allclose(unseen.x, x[fitted:], rtol=1e-6, atol=1e-5)
     np.testing.assert_allclose(unseen.y, y[fitted:], rtol=1e-6, atol=1e-5)
     # Together the programs of the longest window count every sample once.
-    mean_P = sum(problem.P for problem in whole) / PROGRAMS
-    mean_q = sum(problem.q for problem in whole) / PROGRAMS
+    P, q, c = (np.mean([getattr(programs[-1], name) for programs, _ in found], axis=0) for name in "Pqc")
     reference = DataBasis(unseen.structure)
     reference.update(x[:fitted], y[:fitted])
     # of y alone, whatever the states were
     settled = np.arange(unseen.structure.n, unseen.structure.n + unseen.structure.dead_zones)
     np.testing.assert_allclose(
-        mean_P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12
+        P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12
     )
-    np.testing.assert_allclose(mean_q[settled], reference.q[settled], rtol=1e-9, atol=1e-12)
-    assert sum(problem.c for problem in whole) / PROGRAMS == pytest.approx(reference.c)
+    np.testing.assert_allclose(q[settled], reference.q[settled], rtol=1e-9, atol=1e-12)
+    assert c == pytest.approx(reference.c)
 
 
 def test_make_bench_races_on_a_recording_of_ones_own_where_one_is_given() -> None:

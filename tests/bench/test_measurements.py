@@ -1,7 +1,6 @@
 """What a run holds: one row for all repeats, times of the host with most rows, and the rows of the settings that stand
 for tiers."""
 
-import numpy as np
 import pandas as pd
 import pytest
 from measured_rows import ladder, measured, row, table
@@ -124,16 +123,6 @@ def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_a
     assert found.settings.set_index("tier").setting[Tier.MID] == "s1"
 
 
-def test_the_floor_is_a_row_and_none_of_the_field_and_has_no_setting() -> None:
-    found = measured([row(), row(solver="null", status="solver_failed", solve_us_p50=0.1)])
-    assert set(found.rows.solver) == {"daqp", "null"}
-    assert set(found.field.solver) == set(found.settings.solver) == set(found.tiers.solver) == {"daqp"}
-
-
-def test_problems_are_counted_by_set_and_name() -> None:
-    assert measured([row(), row(setting="s1", rung=1), row(problem="p2"), row(problem_set="orders")]).problems == 3
-
-
 @pytest.mark.parametrize(
     ("scalings", "told"),
     [
@@ -169,12 +158,6 @@ def test_a_tier_has_the_rows_of_its_setting_once_and_the_default_is_judged_like_
     assert by_tier[Tier.MID].right.all()
 
 
-def test_a_default_that_is_in_the_ladder_stands_for_its_tiers_and_for_itself() -> None:
-    found = measured(ladder({"p1": [1e-14]}, is_default=True))
-    assert sorted(found.tiers.tier) == sorted([Tier.DEFAULT, Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT])
-    assert (found.tiers.setting == "s0").all()
-
-
 def test_a_tier_that_is_not_reached_has_rows_of_the_furthest_setting_only_where_they_are_asked_for() -> None:
     rows = table(ladder({"p1": [1e-5, 1e-12], "p2": [1e-5, 1e-5]}))
     settings = tier_settings(rows)
@@ -188,36 +171,7 @@ def test_a_tier_that_is_not_reached_has_rows_of_the_furthest_setting_only_where_
     )
 
 
-def test_the_stage_has_rows_only_of_problems_whose_noise_is_known() -> None:
-    found = measured([row(noise_um=0.01, stage_excess=0.0, cost_gap=0.5), row(problem="p2", noise_um=0.0)])
-    assert found.tiers[found.tiers.tier == Tier.STAGE].problem.tolist() == ["p1"]
-
-
 def test_warm_rows_come_with_the_setting_of_the_tier_and_are_judged_by_themselves() -> None:
     found = measured([*ladder({"p1": [1e-12]}), *ladder({"p1": [1e-8]}, start="warm")])
     high = found.tiers[found.tiers.tier == Tier.HIGH].set_index("start")
     assert high.right.to_dict() == {"cold": True, "warm": False}
-
-
-def test_a_cheat_at_one_setting_is_right_at_no_other_not_even_by_default_or_elsewhere_caught() -> None:
-    rows = [
-        *ladder({"p1": [1e-14, 1e-14], "p2": [1e-14, 1e-14]}),
-        row(setting="d", rung=-1, is_default=True),
-        row(problem="p2", setting="d", rung=-1, is_default=True),
-        row(problem="p2", setting="s1", rung=1, host="there", status="cached"),
-    ]
-    found = measured(rows)
-    assert (found.settings.setting == "").all()
-    default = found.tiers.set_index("problem")
-    assert set(found.tiers.tier) == {Tier.DEFAULT}
-    assert default.right.to_dict() == {"p1": True, "p2": False}
-    assert default.status.to_dict() == {"p1": "ok", "p2": "cached"}
-
-
-def test_a_setting_that_was_not_run_stays_so_in_every_table() -> None:
-    rows = ladder({"p1": [1e-5, 1e-12], "p2": [1e-5, NAN]})
-    rows[3]["status"] = "not_run"
-    found = measured(rows)
-    furthest = at_tiers(found.field, found.settings, "furthest")
-    assert furthest[(furthest.tier == Tier.HIGH) & (furthest.problem == "p2")].status.tolist() == ["not_run"]
-    assert not np.isnan(found.settings.set_index("tier").right[Tier.HIGH])

@@ -13,8 +13,6 @@ from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, PAPER
 from bench.derived.summary import summary
 from bench.messages.task import Row
-from bench.races.oneshot import figures
-from bench.report import vega
 
 NAN = float("nan")
 SPEED = {"box_active_set": 1.0, "recursive_active_set": 2.0, "a": 3.0, "b": 4.0, "c": 5.0, "d": 6.0, "e": 7.0, "f": 8.0}
@@ -205,11 +203,6 @@ def test_a_picture_of_what_it_cannot_compare_is_empty(
     picture_of: Callable[[Measurements], pd.DataFrame], rows: list[Row]
 ) -> None:
     assert picture_of(measured(rows)).empty
-
-
-def test_the_same_table_draws_the_same_picture() -> None:
-    figure = figures.sizes(measured(sized()))
-    assert vega.svg(figure.data, figure.plots) == vega.svg(figure.data, figure.plots)
 
 
 def test_the_parts_of_an_answer_are_those_of_the_most_exact_tier_that_a_lane_reaches_preferring_a_billionth() -> None:

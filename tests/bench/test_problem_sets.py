@@ -9,7 +9,7 @@ import pytest
 from command_line import CommandLine
 
 from bench.messages.task import Outcome
-from bench.problems import ProblemSetError, RaceProblem, all_sets, make, sets
+from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
 from bench.races.metrics import judge
@@ -122,14 +122,6 @@ def test_the_optimum_moves_with_the_gain_and_a_warm_start_is_nearer_to_it_than_t
     assert 0.0 < np.median(steps) < np.median(moved)
 
 
-def test_a_warm_start_survives_saving_to_the_last_bit(drift: list[RaceProblem], tmp_path: Path) -> None:
-    drift[3].save(tmp_path / "problem.npz")
-    loaded = RaceProblem.load(tmp_path / "problem.npz")
-    for scaling in SCALINGS:
-        assert loaded.forms[scaling].warm_start.tobytes() == drift[3].forms[scaling].warm_start.tobytes()
-        verify(loaded.forms[scaling].qp, loaded.forms[scaling].certificate)
-
-
 def test_a_recording_gives_problems_of_every_order_over_every_window(recorded: list[RaceProblem]) -> None:
     assert len(recorded) == len(ORDERS) * len(WINDOWS) == len({problem.name for problem in recorded})
     assert sorted({problem.d for problem in recorded}) == [9, 19, 27, 39, 61]
@@ -138,26 +130,18 @@ def test_a_recording_gives_problems_of_every_order_over_every_window(recorded: l
             verify(form.qp, form.certificate)
 
 
-def test_the_offset_of_a_recording_is_a_free_variable_and_found(recorded: list[RaceProblem]) -> None:
-    for problem in recorded:
-        assert problem.validation is not None
-        assert problem.validation.structure.offset
-        assert [np.isneginf(form.qp.lb).nonzero()[0].tolist() for form in problem.forms.values()] == [
-            [problem.d - 1]
-        ] * 2
-
-
-def test_the_last_fifth_of_a_recording_is_what_the_model_is_judged_with(
+def test_the_last_fifth_of_a_recording_is_what_a_model_with_a_free_offset_is_judged_with(
     recorded: list[RaceProblem], recording: Path
 ) -> None:
     x, y = np.loadtxt(recording, delimiter=",", skiprows=1, unpack=True)[1:]
     for problem in recorded:
-        assert problem.validation is not None
-        np.testing.assert_array_equal(problem.validation.x, x[4800:])
-        np.testing.assert_array_equal(problem.validation.y, y[4800:])
-    best = next(problem for problem in recorded if problem.name == "n12-m6-whole")
-    assert best.validation is not None
-    assert best.validation.error_percent(best.optimal_weights) < 2.0
+        v = problem.validation
+        assert v is not None
+        assert v.structure.offset
+        assert all(np.isneginf(form.qp.lb).nonzero()[0] == [problem.d - 1] for form in problem.forms.values())
+        np.testing.assert_array_equal([v.x, v.y], [x[4800:], y[4800:]])
+        if problem.name == "n12-m6-whole":
+            assert v.error_percent(problem.optimal_weights) < 2.0
 
 
 @pytest.mark.slow
@@ -222,24 +206,18 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
     assert made.left_out["n5-m3-tenth"] == "16 samples are too few for 19 weights"
 
 
-def test_sets_that_need_a_file_are_listed_apart_and_say_what_is_missing() -> None:
+def test_sets_that_need_a_file_are_listed_apart() -> None:
     assert set(all_sets()) - set(sets()) == {"recorded", "foreign", "test_set"}
-    with pytest.raises(ProblemSetError, match="'recorded' needs --recording, a recording in any known format"):
-        make("recorded")
-    with pytest.raises(ProblemSetError, match="takes no option 'recording'"):
-        all_sets()["drift"](recording="stage.csv")
-    with pytest.raises(ProblemSetError, match="no problem set 'drfit'; known are"):
-        make("drfit")
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--set", "recorded"), "needs --recording"),
+        (("--set", "recorded"), "'recorded' needs --recording, a recording in any known format"),
         (("--set", "foreign"), "needs --folder"),
         (("--set", "recorded", "--recording", "none.csv"), "none.csv: no such file"),
         (("--set", "foreign", "--folder", "nowhere"), "nowhere: is not a folder"),
-        (("--set", "unheard"), "there is no problem set 'unheard'"),
+        (("--set", "unheard"), "there is no problem set 'unheard'; known are drift, "),
         (("--from", "nowhere"), "nowhere: is not a folder"),
         (("--verify",), "needs problems; name a --set"),
     ],
@@ -254,5 +232,4 @@ def test_the_verb_lists_every_set_and_the_problems_of_one(piezobench: CommandLin
     listed = piezobench("problems")
     assert all(name in listed.stdout for name in all_sets())
     one = piezobench("problems", "--set", "recorded", "--recording", recording, "--input", "voltage_V", "--limit", 2)
-    assert one.status == 0, one.stderr
     assert [line.split()[0] for line in one.stdout.splitlines()[1:]] == ["n5-m3-whole", "n5-m3-half"]

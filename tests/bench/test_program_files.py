@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from program_files import INF, Drawn, dense, draw, same, write_mat, write_qps
+from program_files import INF, dense, draw, same, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
 from scipy.io import savemat
 
 from bench.problem_files import ProblemFileError, read
+from bench.problem_files.program import two_sided
 
 SMALL = """NAME          SMALL
 ROWS
@@ -161,19 +162,11 @@ def test_highs_reads_the_same_program_from_the_same_file(tmp_path: Path, seed: i
     engine.readModel(str(path))
     lp, hessian = engine.getLp(), engine.getModel().hessian_
     d, m = lp.num_col_, lp.num_row_
-    C = sp.csc_matrix((lp.a_matrix_.value_, lp.a_matrix_.index_, lp.a_matrix_.start_), shape=(m, d)).toarray()
-    L = sp.csc_matrix((hessian.value_, hessian.index_, hessian.start_), shape=(d, d)).toarray()
-    P, low, high = L + np.tril(L, -1).T, np.array(lp.row_lower_), np.array(lp.row_upper_)
+    C = sp.csc_matrix((lp.a_matrix_.value_, lp.a_matrix_.index_, lp.a_matrix_.start_), shape=(m, d))
+    L = sp.csc_matrix((hessian.value_, hessian.index_, hessian.start_), shape=(d, d))
+    sides = map(np.array, (lp.row_lower_, lp.row_upper_, lp.col_lower_, lp.col_upper_))
     found = read(path)
-    np.testing.assert_array_equal(dense(found.qp.P), P)
-    np.testing.assert_array_equal(found.qp.q, lp.col_cost_)
-    np.testing.assert_array_equal(found.qp.lb, lp.col_lower_)
-    np.testing.assert_array_equal(found.qp.ub, lp.col_upper_)
-    equal = low == high
-    np.testing.assert_array_equal(dense(found.qp.A), C[equal])
-    np.testing.assert_array_equal(
-        dense(found.qp.G), np.vstack([C[~equal & np.isfinite(high)], -C[~equal & np.isfinite(low)]])
-    )
+    assert same(found.qp, two_sided(L + sp.tril(L, -1).T, np.array(lp.col_cost_), C, *sides))
     assert found.constant == lp.offset_
 
 
@@ -298,13 +291,3 @@ def test_files_that_qpsolvers_saved_are_read(tmp_path: Path) -> None:
     qp = Problem(np.eye(2), np.ones(2), np.ones((1, 2)), np.ones(1), lb=np.zeros(2))
     qp.save(str(tmp_path / "theirs.npz"))
     assert same(read(tmp_path / "theirs.npz").qp, qp)
-
-
-def test_the_programs_drawn_here_have_what_a_reader_must_take() -> None:
-    p: Drawn = draw(0)
-    assert np.any(p.l == p.u)
-    assert np.any((p.l > -INF) & (p.u < INF) & (p.l < p.u))
-    assert np.any((p.lb == -INF) & (p.ub == INF))
-    assert np.any(p.lb == p.ub)
-    assert p.P.nnz < p.q.size**2
-    assert np.linalg.matrix_rank(dense(p.P)) < p.q.size

@@ -16,7 +16,6 @@ from command_line import CommandLine
 from exported_loops import a_model
 from programs import program
 
-from bench.export.c_source import render
 from bench.rendering import c_templates, markdown_templates
 from bench.report.console import PlainConsole, print_table
 from piezo_model.signals import multi_sine
@@ -116,11 +115,6 @@ def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(
     assert not {0x1B, 0x9B} & set((done.stdout + done.stderr).encode(encoding))
     assert "[red]drive " in done.stdout
     assert model.is_file()
-
-
-def test_a_title_cannot_break_out_of_its_comment() -> None:
-    text = render(a_model(), title="*/ int main; /* \\ µ ??/")["piezo_parameters.h"]
-    assert text.startswith("/* _/ int main; /_ _ _ _?/\n")
 
 
 def test_text_that_reaches_c_without_a_filter_is_refused() -> None:

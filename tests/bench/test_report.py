@@ -2,7 +2,6 @@
 
 import re
 from html import unescape
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -10,10 +9,7 @@ from conftest import Race
 from faulty_solvers import MARKUP
 
 from bench import rendering
-from bench.derived.summary import summary
-from bench.derived.verdict import verdict
 from bench.races.kind import kind_of
-from bench.store import Run
 from solvers import Status
 
 
@@ -71,38 +67,11 @@ def test_the_csv_holds_every_tier_of_the_race_and_the_floor(faulty_race: Race) -
     assert any("</script>" in message for message in messages)
 
 
-def test_right_answers_come_first_and_the_fastest_of_them_first(clean_race: Race) -> None:
-    for _, part in summary(clean_race.found).groupby("scaling"):
-        assert part.all_right.is_monotonic_decreasing
-        assert part.total_us[part.all_right].is_monotonic_increasing
-
-
-def test_the_verdict_counts_who_is_right(clean_race: Race) -> None:
-    settings = clean_race.found.settings
-    asked = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
-    assert len(asked) == 3
-    assert verdict(clean_race.found)[0].startswith(
-        f"{(asked.setting != '').sum()} of 3 solver lanes reach 1e-9 on the problem"
-    )
-
-
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
     names = ("report.md", "report.html", "summary.csv", "work_precision.svg")
     before = [(clean_race.run.path / name).read_bytes() for name in names]
     kind_of(clean_race.run).write(clean_race.run)
     assert [(clean_race.run.path / name).read_bytes() for name in names] == before
-
-
-def test_a_race_in_which_nobody_answers_is_reported(faulty_race: Race, tmp_path: Path) -> None:
-    run = Run.create(tmp_path, faulty_race.run.settings, "run")
-    lost = faulty_race.rows[
-        faulty_race.rows.solver.isin(["segfaults", "raises"]) & (faulty_race.rows.scaling == "scaled")
-    ]
-    lost.to_parquet(run.path / "rows.parquet")
-    faulty_race.run.times().to_parquet(run.path / "times.parquet")
-    report, path = kind_of(run).write(run)
-    assert report.verdict == ["No solver reaches 1e-3 on the problem with one setting."]
-    assert report.verdict[0] in path.read_text()
 
 
 @pytest.mark.parametrize("text", [MARKUP, "a\r\nb", "|", "\\|", "`|`", "<!--", "&#124;", "~~x~~ *y*"])

@@ -71,6 +71,7 @@ def test_each_solver_lane_and_scaling_has_a_setting_of_its_own_and_tiers_that_do
 
 
 DEFAULT = row(setting="d", rung=-1, is_default=True)
+CAUGHT = {"setting": "s2", "rung": 2, "status": "cached"}
 NOT_RUN = {"setting": "s1", "rung": 1, "status": "not_run", "cost_gap": NAN}
 NOISY = ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.02, 0.001])
 SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
@@ -108,6 +109,25 @@ SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
         pytest.param(
             [*ladder({"p1": [1e-5, 1e-8]}), *ladder({"p1": [1e-8, 1.0]}, start="warm")], Tier.MID, "s1", 1, 1, id="warm"
         ),
+        pytest.param(
+            [*ladder({"p1": [1e-5], "p2": [1e-5, 1e-12]}), row(**NOT_RUN)], Tier.HIGH, "", 1, 2, id="not run on one"
+        ),
+        pytest.param(ladder({"p1": [1e-5], "p2": [1e-5, 1e-12]}), Tier.HIGH, "", 1, 2, id="not there on one"),
+        *(
+            pytest.param(
+                [
+                    *ladder({"p1": [1e-14] * 3, "p2": [1e-14] * 3}),
+                    row(**CAUGHT | where),
+                ],
+                tier,
+                "",
+                1,
+                2,
+                id=f"caught at {where}, {tier}",
+            )
+            for where in ({"rung": -1, "setting": "d", "is_default": True}, {"start": "warm"}, {"host": "there"}, {})
+            for tier in (Tier.LOW, Tier.EXACT)
+        ),
     ],
 )
 def test_what_stands_for_a_tier_is_judged_by_all_cold_rows_of_the_ladder_on_all_problems_to_which_the_tier_applies(
@@ -121,24 +141,6 @@ def test_what_stands_for_a_tier_is_judged_by_all_cold_rows_of_the_ladder_on_all_
 @pytest.mark.parametrize("rows", [[], [DEFAULT]])
 def test_without_a_ladder_there_are_no_settings(rows: list[Row]) -> None:
     assert tier_settings(table(rows)).empty
-
-
-def test_a_setting_that_was_not_run_or_is_not_there_on_one_problem_is_not_right_there() -> None:
-    rows = ladder({"p1": [1e-5, 1e-12, 1e-12], "p2": [1e-5, 1e-12, 1e-12]})
-    rows[2]["status"] = "not_run"
-    del rows[4]
-    found = settings(rows).loc[Tier.HIGH]
-    assert (found.setting, found.right, found.problems) == ("", 1, 2)
-
-
-@pytest.mark.parametrize(
-    "where", [{"rung": -1, "setting": "d", "is_default": True}, {"start": "warm"}, {"host": "there"}, {}]
-)
-def test_a_solver_that_was_caught_at_whatever_setting_reaches_no_tier(where: dict[str, object]) -> None:
-    caught = row(**{"setting": "s2", "rung": 2, **where, "status": "cached"})
-    found = settings([*ladder({"p1": [1e-14] * 3, "p2": [1e-14] * 3}), caught])
-    assert (found.setting == "").all()
-    assert (found.right == 1).all()
 
 
 def test_the_share_that_stays_right_leaves_out_each_problem_in_turn() -> None:

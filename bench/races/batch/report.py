@@ -76,7 +76,6 @@ def report(run: Run) -> Report:
                         Axis("core_rate", "programs a second and core", log=True),
                         best_lines(points=True),
                         ("name", "batch", "core_rate", "rate", "share_high", "gb_s"),
-                        search=True,
                     )
                 ],
             )

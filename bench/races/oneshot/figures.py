@@ -38,7 +38,6 @@ def work_precision(found: Measurements) -> Figure:
                 ("name", "lane", "settings", "worst_cost_gap", "total_us", "problems"),
                 rules={"x": PERIOD_US},
                 height=460,
-                search=True,
             )
         ],
     )
@@ -81,7 +80,6 @@ def sizes(found: Measurements) -> Figure:
                 best_lines(points=True, along="d"),
                 ("name", "d", "time_us", "problems"),
                 rules={"y": PERIOD_US},
-                search=True,
             )
         ],
     )
@@ -128,7 +126,6 @@ def within_periods(found: Measurements) -> Figure:
                 Axis("budget", f"sampling periods of {PERIOD_US:g} µs", log=True),
                 Axis("drawn", "relative cost gap within them, median over the problems", log=True, powers_of_ten=True),
                 best_lines("step"),
-                search=True,
             )
         ],
     )

@@ -78,7 +78,6 @@ def report(run: Run) -> Report:
                     Axis("us", "response time, µs (compiled loops: service time)", log=True),
                     best_lines(),
                     rules={"y": PERIOD_US},
-                    search=True,
                 )
             ],
         ),
@@ -92,7 +91,6 @@ def report(run: Run) -> Report:
                     Axis("periods", f"k: periods of {PERIOD_US:g} µs after the due time", log=True),
                     Axis("share", "share of samples answered within k periods", percent=True, domain=(0.0, 1.0)),
                     best_lines("step"),
-                    search=True,
                 )
             ],
         ),

@@ -1,6 +1,6 @@
 """How often a comparison is right, by simulated pairs of runs: some minutes, so no test runs it all.
 
-    python tests/bench/power_of_comparison.py [--pairs 200] [RUN_A RUN_B]
+    python examples/comparison/power.py [--pairs 200] [RUN_A RUN_B]
 
 In each pair nothing changed, or one solver lane by 1.2 times, slower or faster. The noise is made up, for fields from
 small to that of a default race and machines from quiet to noisy, or that of two real runs between which nothing
