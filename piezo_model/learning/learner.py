@@ -111,17 +111,19 @@ class Learner:
         return self.core["guard"][-4:]
 
     def samples_until_change(self) -> int:
-        """Samples for which the weights in use cannot change."""
-        return int(bindings.learner_quiet(self.core.block))
+        """Samples for which neither the weights in use nor the ranges can change."""
+        weights = int(bindings.learner_quiet(self.core.block))
+        # Weights are taken over a block after the samples that they come from, and other ranges at once.
+        return weights - self.block if self._settings.follow_range and weights > self.block else weights
 
     def step(self, y_ref: float, y: float | None) -> float:
         """Observe the output of the last drive, None where there was none, then the drive for a reference."""
         with self.core.alone():
-            core, compensator = self.core.block, self._compensator.block
-            x, events = bindings.learner_step(core, compensator, y_ref, math.nan if y is None else y, y is not None)
+            measured = math.nan if y is None else y, y is not None
+            x, events = bindings.learner_step(self.core.block, self._compensator.block, y_ref, *measured)
             if events:
-                self._follow(BlockEvent(events))
-                x, _ = bindings.learner_step(core, compensator, y_ref, math.nan, False)
+                self._follow(BlockEvent(events))  # after which the compensator may be another one
+                x, _ = bindings.learner_step(self.core.block, self._compensator.block, y_ref, math.nan, False)
             return float(x)
 
     def drive(self, y_ref: Vector) -> Vector:
