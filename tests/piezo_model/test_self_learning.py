@@ -5,7 +5,7 @@ import math
 import pickle
 import re
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -167,7 +167,7 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
     other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").memory()["learning"]["core"]
     for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
         memory["learning"]["core"] = core
-        compensator_file.write(path, learner.settings.to_dict(), memory)
+        compensator_file.write(path, asdict(learner.settings), memory)
         with pytest.raises(
             ModelError, match="does not hold a whole compensator: the state of the core is that of another structure"
         ):
@@ -218,7 +218,7 @@ def test_options_that_the_solver_does_not_have_are_refused_before_anything_runs(
     solver: str, options: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:
     learner, path = fresh("cyclic", solver), tmp_path / "learner.json"
-    compensator_file.write(path, {**learner.settings.to_dict(), "solver_options": options}, learner.memory())
+    compensator_file.write(path, {**asdict(learner.settings), "solver_options": options}, learner.memory())
     with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{re.escape(sentence)}[^\n]*$"):
         SelfLearningCompensator.load(path)
 
