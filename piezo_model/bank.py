@@ -12,7 +12,6 @@ import json
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
@@ -22,13 +21,13 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
-from piezo_model.compensator import DriveLimits, drive_settings
-from piezo_model.core import State, aligned, bindings
-from piezo_model.json_file import Number, convert, decoded
+from piezo_model.compensator import drive_memory, drive_settings, fade_factor
+from piezo_model.core import State, bindings
+from piezo_model.json_file import Number, Versioned, decoded
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
 from piezo_model.learning.settings import require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
-from piezo_model.regressors import RegressorArrays
+from piezo_model.regressors import write_slope_regressors
 from piezo_model.structure import ModelStructure
 from solvers.core import block
 
@@ -43,7 +42,6 @@ GOLDEN = 0.6180339887498949
 whole ones, so that checkpoints are spread, too."""
 LANE_BY_LANE = ("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "memory", "in_use", "candidate", "gram")
 """Parts of a tile that have a number for each of its actuators."""
-FORMAT, VERSION = "piezobench-bank", 3
 MOST_TILES = 2**24
 
 
@@ -58,11 +56,12 @@ class Options(TypedDict):
     rate_limit: Number | None
 
 
-class About(TypedDict):
+class BankFile(Versioned):
     """What a file says beside the arrays of the memory."""
 
-    format: str
-    version: int
+    FORMAT = "piezobench-bank"
+    VERSION = 3
+    AGAIN = "load it with the program that wrote it, and take its models over"
     structure: ModelStructure
     tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]
     options: Options
@@ -113,16 +112,22 @@ class CompensatorBank:
     ) -> None:
         if count < 1 or threads < 1:
             raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
-        self.options = {
+        for name, value in (
+            ("memory_s", memory_s),
+            ("hand_over_s", hand_over_s),
+            ("reset_s", reset_s),
+            ("fade_s", fade_s),
+        ):
+            require_seconds(name, value)
+        self.options: Options = {
             "memory_s": memory_s,
             "hand_over_s": hand_over_s,
             "reset_s": reset_s,
             "fade_s": fade_s,
             "integral_gain": integral_gain,
+            "rate_limit": rate_limit,
         }
-        _require_times(self.options)
         self.structure, self.threads = structure, threads
-        self.rate_limit = rate_limit
         self.block, self._numbers = continuous_numbers(structure, hand_over_s, memory_s, reset_s)
         """Samples of a block."""
         self.interval = int(self._numbers["interval"])
@@ -143,10 +148,12 @@ class CompensatorBank:
             lambda block: bindings.bank_setup(block, *shape, tiles, self.block),
         )
         self._core = core
-        limits = DriveLimits.of(s, None, self.rate_limit)
-        core["drive_settings"][:] = drive_settings(s, limits, self.options["fade_s"], self.options["integral_gain"])
+        options = self.options
+        core["drive_settings"][:] = drive_settings(
+            s, options["rate_limit"], fade_factor(s, options["fade_s"]), options["integral_gain"]
+        )
         write_settings(self._numbers, core["settings"])
-        RegressorArrays.of(s, "slope").write(core)
+        write_slope_regressors(core, s)
         places = core.places
         self._views, self._tables = {}, []
         for part in ("driver", "learner", "note"):
@@ -189,43 +196,18 @@ class CompensatorBank:
         """Add actuators behind those that are there; all of them are at rest in the middle of the range, on the
         straight line through the ranges."""
         s = self.structure
-        if x_limits is None:
-            x_limits = s.x_centre - s.x_scale, s.x_centre + s.x_scale
-        low, high = (np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in x_limits)
+        low, high = (np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in x_limits or s.x_range)
         if not np.all(low < high):
             raise ValueError(f"x_limits[{int(np.argmin(low < high))}] must be two numbers in ascending order")
         taken = self._slots
-        capacity = self._tiles * LANES
-        free = np.setdiff1d(np.arange(capacity), taken)
-        if free.size < count:
-            tiles = -(-(taken.size + count) // LANES)
-            self._allocate(tiles)
-            free = np.setdiff1d(np.arange(tiles * LANES), taken)
-        new = free[:count]
+        if taken.size + count > self._tiles * LANES:
+            self._allocate(-(-(taken.size + count) // LANES))
+        new = np.setdiff1d(np.arange(self._tiles * LANES), taken)[:count]
         self._place(np.concatenate([taken, new]))
         for name in self._views:
             self._set(name, new, 0.0)
-        nothing = np.zeros(count)
-        self._set(
-            "drive_memory",
-            new,
-            np.column_stack(
-                [
-                    low,
-                    high,
-                    (low - s.x_centre) / s.x_scale,
-                    (high - s.x_centre) / s.x_scale,
-                    nothing,
-                    nothing + s.y_centre,
-                    nothing,
-                    nothing + math.nan,
-                    nothing,
-                    nothing,
-                ]
-            ),
-        )
-        straight = HysteresisCreepModel.from_weights(s, s.straight_line)
-        self._take(new, [straight] * count)
+        self._set("drive_memory", new, drive_memory(s, low, high).T)
+        self._take(new, HysteresisCreepModel.from_weights(s, s.straight_line))
         learning = self.learning
         learning[taken.size :] = learn
         self.learning = learning
@@ -245,22 +227,17 @@ class CompensatorBank:
         """Give an actuator a model of the bank's structure, from which it learns on; the drive jumps."""
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
-        self._take(self._slots[[actuator]], [model])
+        self._take(self._slots[[actuator]], model)
 
-    def _take(self, slots: Index, models: Sequence[HysteresisCreepModel]) -> None:
-        back = self.structure.inverse_slope_map
-        seen: dict[int, tuple[Vector, ...]] = {}
-        for slot, model in zip(slots, models, strict=True):
-            if id(model) not in seen:
-                seen[id(model)] = (
-                    model.w_H,
-                    model.w_S_inverse,
-                    model.w_K,
-                    np.array([model.offset]),
-                    back @ model.weights,
-                )
-            for name, values in zip(("w_H", "w_S", "w_K", "offset", "in_use"), seen[id(model)], strict=True):
-                self._views[name][slot // LANES, :, slot % LANES] = values
+    def _take(self, slots: Index, model: HysteresisCreepModel) -> None:
+        for name, values in (
+            ("w_H", model.w_H),
+            ("w_S", model.w_S_inverse),
+            ("w_K", model.w_K),
+            ("offset", model.offset),
+            ("in_use", self.structure.inverse_slope_map @ model.weights),
+        ):
+            self._set(name, slots, values)
         for tile in np.unique(slots // LANES):
             lanes = np.zeros(LANES)
             lanes[slots[slots // LANES == tile] % LANES] = 1.0
@@ -363,19 +340,17 @@ class CompensatorBank:
             and np.unique(slots).size == slots.size
         ):
             raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
-        if memory["core"].dtype != np.uint8 or memory["core"].size != self._core.block.size:
-            raise ValueError("the memory is that of another structure or number of tiles")
-        bindings.bank_restore(self._core.block, aligned(memory["core"]))
+        self._core.restore(memory["core"], bindings.bank_restore)
         self._place(slots.copy())
 
     def save(self, path: str | Path) -> None:
         """Write everything as NPZ; the file is there whole or not at all."""
         about = {
-            "format": FORMAT,
-            "version": VERSION,
+            "format": BankFile.FORMAT,
+            "version": BankFile.VERSION,
             "structure": self.structure.to_dict(),
             "tiles": self._tiles,
-            "options": {**self.options, "rate_limit": self.rate_limit},
+            "options": self.options,
         }
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, about=np.array(json.dumps(about)), **self.memory())
@@ -385,30 +360,14 @@ class CompensatorBank:
         """Go on, to the last bit, from a file of :meth:`save`; ModelError says what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about = decoded(str(file["about"]), dict[str, Any])
-                if (about["format"], about["version"]) != (FORMAT, VERSION):
-                    raise ValueError(
-                        f"it is none of version {VERSION}; load an older one with the program that wrote "
-                        "it, and take its models over"
-                    )
-                found, memory = convert(about, About), {"core": file["core"], "slots": file["slots"]}
-                options = found["options"]
-                _require_times(options)  # before a size follows from them
-                samples, _ = continuous_numbers(
-                    found["structure"], options["hand_over_s"], options["memory_s"], options["reset_s"]
+                about, memory = decoded(str(file["about"]), BankFile), {name: file[name] for name in ("core", "slots")}
+            bank = cls(about.structure, 1, threads=threads, **about.options)
+            if memory["core"].size != bindings.bank_bytes(*about.structure.shape, about.tiles, bank.block):
+                raise ValueError(
+                    f"the field 'tiles' is {about.tiles}, and the memory is of another number or of another structure"
                 )
-                if memory["core"].size != bindings.bank_bytes(*found["structure"].shape, found["tiles"], samples):
-                    raise ValueError(
-                        f"the field 'tiles' is {found['tiles']}, and the memory is of another number or "
-                        "of another structure"
-                    )
-                bank = cls(found["structure"], found["tiles"] * LANES, threads=threads, **options)
-                bank.restore(memory)
+            bank._allocate(about.tiles)
+            bank.restore(memory)
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise ModelError(f"{path}: does not hold a whole bank: {error}") from None
         return bank
-
-
-def _require_times(options: Mapping[str, Any]) -> None:
-    for name in ("memory_s", "hand_over_s", "reset_s", "fade_s"):
-        require_seconds(name, options[name])

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_model import json_file
 from piezo_model.core import State, bindings
 from piezo_model.model import HysteresisCreepModel, ModelFile
-from piezo_model.operator_state import OperatorArrays, OperatorState, SuperpositionArrays
+from piezo_model.operator_state import OperatorState, write_operators
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Vector
+from solvers.arrays import Matrix, Vector
 
 LIMITS = slice(0, 4)
 """Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and in unit
@@ -29,9 +29,8 @@ BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD, TURN = range(4, 10)
 """Its other entries: what is still added to the drive since the last change of weights; the last finite reference and
 what integral action has added to it; the last reference as it was given, and 1 or -1 where the limits held the drive
 for it; which creep states are looked through next."""
-DECAY, GAIN = 5, 6
-"""Entries of the drive's settings (``DriveSettings``): the factor by which a bump decays a sample, and that of integral
-action."""
+DECAY = 5
+"""Entry of the drive's settings (``DriveSettings``): the factor by which a bump decays a sample."""
 
 
 def integral_share(gain: float, sample_time: float) -> float:
@@ -52,41 +51,28 @@ class CompensatorMemory(TypedDict):
     decay: float
 
 
-class DriveLimits(NamedTuple):
-    """Limits of the drive in the input unit and, with its largest change a sample, in unit amplitudes."""
-
-    low: float
-    high: float
-    unit_low: float
-    unit_high: float
-    max_step: float
-
-    @classmethod
-    def of(cls, s: ModelStructure, x_limits: tuple[float, float] | None, rate_limit: float | None) -> DriveLimits:
-        """Limits of a structure; ValueError where they make no sense."""
-        low, high = (-math.inf, math.inf) if x_limits is None else (float(x_limits[0]), float(x_limits[1]))
-        if not low < high:
-            raise ValueError(f"x_limits must be two numbers in ascending order, not {(low, high)}")
-        if rate_limit is not None and not rate_limit > 0.0:
-            raise ValueError(f"rate_limit must be positive, not {rate_limit}")
-        max_step = math.inf if rate_limit is None else float(rate_limit) * s.sample_time / s.x_scale
-        return cls(low, high, (low - s.x_centre) / s.x_scale, (high - s.x_centre) / s.x_scale, max_step)
+def fade_factor(s: ModelStructure, fade_s: float) -> float:
+    """Factor by which a bump decays a sample, of its time constant; with 0 it is not there at all."""
+    return math.exp(-s.sample_time / fade_s) if fade_s > 0.0 else 0.0
 
 
-def drive_settings(s: ModelStructure, limits: DriveLimits, fade_s: float = 0.0, integral_gain: float = 0.0) -> Vector:
-    """The settings (7,) of the core's ``DriveSettings``."""
-    decay = math.exp(-s.sample_time / fade_s) if fade_s > 0.0 else 0.0
-    return np.array(
-        [
-            s.x_centre,
-            s.x_scale,
-            s.y_centre,
-            s.y_scale,
-            limits.max_step,
-            decay,
-            integral_share(integral_gain, s.sample_time),
-        ]
-    )
+def drive_settings(s: ModelStructure, rate_limit: float | None, decay: float, integral_gain: float) -> Vector:
+    """The settings (7,) of the core's ``DriveSettings``; ValueError where they make no sense."""
+    if rate_limit is not None and not rate_limit > 0.0:
+        raise ValueError(f"rate_limit must be positive, not {rate_limit}")
+    max_step = math.inf if rate_limit is None else float(rate_limit) * s.sample_time / s.x_scale
+    share = integral_share(integral_gain, s.sample_time)
+    return np.array([s.x_centre, s.x_scale, s.y_centre, s.y_scale, max_step, decay, share])
+
+
+def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:
+    """The core's ``DriveMemory`` of a drive that begins, inside these limits: (10,), or (10, count) where these are
+    arrays (count,)."""
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    memory = np.zeros((10, *low.shape))
+    memory[LIMITS] = low, high, s.unit_input(low), s.unit_input(high)
+    memory[LAST_Y_REF], memory[GIVEN] = s.y_centre, math.nan
+    return memory
 
 
 class Compensator:
@@ -128,34 +114,24 @@ class Compensator:
         integral_gain: float = 0.0,
     ) -> None:
         s = model.structure
-        self._x_limits, self._rate_limit, self._integral_gain = x_limits, rate_limit, integral_gain
+        low, high = (-math.inf, math.inf) if x_limits is None else (float(x_limits[0]), float(x_limits[1]))
+        if not low < high:
+            raise ValueError(f"x_limits must be two numbers in ascending order, not {(low, high)}")
+        self._x_limits, self._rate_limit, self._integral_gain = (low, high), rate_limit, integral_gain
         state = OperatorState.at_rest(s) if state is None else state
         state.require(s)
-        self._use(model, state, np.array([0.0, s.y_centre, 0.0, math.nan, 0.0, 0.0]), 0.0)
+        self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
         s, self._model = model.structure, model
-        self.limits = DriveLimits.of(s, self._x_limits, self._rate_limit)
-        settings = drive_settings(s, self.limits, integral_gain=self._integral_gain)
-        settings[DECAY] = decay
-        zones, operators = (
-            SuperpositionArrays.of(model.w_S_inverse, np.array(s.dead_zone_thresholds)),
-            OperatorArrays.of(s),
-        )
         self._core = State(
             bindings.compensator_bytes(*s.shape), lambda block: bindings.compensator_setup(block, *s.shape)
         )
-        for name, values in (
-            ("r", operators.r),
-            ("a", operators.a),
-            ("low", zones.low),
-            ("high", zones.high),
-            ("settings", settings),
-            ("play", state.play),
-            ("creep", state.creep),
-        ):
-            self._core[name][:] = values
-        self.drive[LIMITS], self.drive[BUMP:] = self.limits[:4], drive
+        write_operators(self._core, s, s.dead_zone_thresholds)
+        self._core["settings"][:] = drive_settings(s, self._rate_limit, decay, self._integral_gain)
+        self._core["play"][:], self._core["creep"][:] = state.play, state.creep
+        self.drive[:] = drive_memory(s, *self._x_limits)
+        self.drive[BUMP:] = drive
         bindings.compensator_take(self._core.block, model.all_weights)
 
     @property
@@ -180,7 +156,7 @@ class Compensator:
 
     def fade_over(self, fade_s: float) -> None:
         """Let what a hand-over of weights adds to the drive decay with the time constant ``fade_s``."""
-        self._core["settings"][DECAY] = math.exp(-self._model.structure.sample_time / fade_s)
+        self._core["settings"][DECAY] = fade_factor(self._model.structure, fade_s)
 
     @property
     def model(self) -> HysteresisCreepModel:
@@ -220,12 +196,12 @@ class Compensator:
             if getattr(old, name) != getattr(new, name):
                 raise ValueError(f"the new model has other {name}, so the states of the actuator do not fit it")
         before, state = bindings.compensator_now(self._core.block), self.state
-        drive, decay = self.drive[BUMP:].copy(), math.exp(-new.sample_time / fade_s) if fade_s > 0.0 else 0.0
+        drive = self.drive[BUMP:].copy()
         if (old.x_centre, old.x_scale) != (new.x_centre, new.x_scale):
             state = state.on(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             drive[0] *= old.x_scale / new.x_scale
-        self._use(model, state, drive, decay)
+        self._use(model, state, drive, fade_factor(new, fade_s))
         self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if fade_s > 0.0 else 0.0
 
     def memory(self) -> dict[str, Any]:

@@ -6,29 +6,25 @@ V(w) = ½ wᵀP w + qᵀw + c with
     P = Σ λ^(N−k) Ξ Ξᵀ / W,   q = Σ λ^(N−k) Ξ x / W,   c = ½ Σ λ^(N−k) x² / W,   W = Σ λ^(N−k)
 
 where λ ≤ 1 forgets (λ = 1: W = N, plain means). Memory does not grow with the recording. Rows are gathered in blocks
-of fixed size counted from the last ``clear``, so that the same samples give the same bits in whatever chunks they come.
+of fixed size, so that the same samples give the same bits in whatever chunks they come.
 
 Source: the paper's equations (3) to (6); K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.core import bindings
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
-from piezo_model.regressors import RegressorArrays
+from piezo_model.regressors import new_basis, row_stride
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector
 from solvers.core import padded
 
 BLOCK = 64
 """BASIS_BLOCK of ``core/data_basis.h``."""
-
-MEMORY = ("play", "creep", "start_play", "start_creep", "rows", "gram", "span", "counts")
 
 
 class DataBasis:
@@ -60,8 +56,7 @@ class DataBasis:
         if not 0.0 < forgetting <= 1.0:
             raise ValueError(f"forgetting must be above 0 and at most 1, not {forgetting}")
         self.structure, self.forgetting = structure, forgetting
-        self._regressors = RegressorArrays.of(structure)
-        self._core = self._regressors.new_core(forgetting)
+        self._core = new_basis(structure, forgetting)
         state = OperatorState.at_rest(structure) if state is None else state
         state.require(structure)
         self.state.play[:], self.state.creep[:] = state.play, state.creep
@@ -71,14 +66,9 @@ class DataBasis:
         """The operators' states before the coming sample; what is written to its arrays is taken."""
         return OperatorState(self._core["play"], self._core["creep"])
 
-    def clear(self) -> None:
-        """Forget P, q and c; the operator states stay, since they follow the actuator for as long as it is powered."""
-        with self._core.alone():
-            bindings.basis_clear(self._core.block)
-
     @property
     def samples(self) -> int:
-        """Samples counted since the last ``clear``."""
+        """Samples counted so far."""
         return int(self._core.whole("counts")[1])
 
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
@@ -97,12 +87,8 @@ class DataBasis:
             For arrays of different length and for values that are not finite; nothing is taken then.
         """
         s = self.structure
-        x, y = np.atleast_1d(np.asarray(x, dtype=np.float64)), np.atleast_1d(np.asarray(y, dtype=np.float64))
-        if x.ndim != 1 or x.shape != y.shape:
-            raise ValueError(f"x and y must be vectors of the same length, not of shapes {x.shape} and {y.shape}")
-        for name, values in (("x", x), ("y", y)):
-            if not np.all(np.isfinite(values)):
-                raise ValueError(f"{name}[{int(np.argmin(np.isfinite(values)))}] is not a finite number")
+        x, y = checks.vectors(x=np.atleast_1d(x), y=np.atleast_1d(y))
+        checks.finite_arrays(x=x, y=y)
         if x.size == 0:
             return
         with self._core.alone():
@@ -111,22 +97,17 @@ class DataBasis:
             else:
                 bindings.basis_advance(self._core.block, s.unit_input(x))
 
-    @property
-    def total_weight(self) -> float:
-        """W: the number of samples, or the sum of their weights with forgetting."""
-        if self.forgetting == 1.0:
-            return float(self.samples)
-        return float(-np.expm1(self.samples * np.log(self.forgetting)) / (1.0 - self.forgetting))
-
     def _mean_gram(self) -> Matrix:
         if self.samples == 0:
             raise ValueError("the data basis is empty: no sample was counted")
-        width, stride = self._regressors.width, self._regressors.stride
+        width, total_weight = self.structure.d + 1, float(self.samples)
         gram = np.empty((width, padded(width)))
         with self._core.alone():
-            bindings.basis_gram(self._core.block, np.empty((BLOCK, stride)), gram)
+            bindings.basis_gram(self._core.block, np.empty((BLOCK, row_stride(self.structure))), gram)
+        if self.forgetting < 1.0:
+            total_weight = float(-np.expm1(self.samples * np.log(self.forgetting)) / (1.0 - self.forgetting))
         upper = np.triu(gram[:width, :width])
-        full: Matrix = (upper + np.triu(upper, 1).T) / self.total_weight
+        full: Matrix = (upper + np.triu(upper, 1).T) / total_weight
         return full
 
     @property
@@ -162,32 +143,3 @@ class DataBasis:
             reference,
             **options,
         )
-
-    def memory(self) -> dict[str, NDArray[Any]]:
-        """Copies of everything that changes while samples stream by, waiting rows included."""
-        return {name: self._core[name].copy() for name in MEMORY}
-
-    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Go on, to the last bit, from what :meth:`memory` gave.
-
-        Raises
-        ------
-        ValueError
-            Where an array is missing, of another size, or holds what cannot be; nothing is changed then.
-        """
-        for name in MEMORY:
-            if name not in memory or memory[name].shape != self._core[name].shape:
-                raise ValueError(
-                    f"the memory of the data basis has no array {name!r} of the size that this structure needs"
-                )
-        filled, samples = np.ascontiguousarray(memory["counts"]).view(np.int64)
-        if not 0 <= filled < BLOCK or samples < filled:
-            raise ValueError(
-                f"the memory of the data basis counts {filled} rows that wait and {samples} samples, which cannot be"
-            )
-        for name in set(MEMORY) - {"counts", "span"}:
-            if not np.all(np.isfinite(memory[name])):
-                raise ValueError(f"the memory of the data basis has a number in {name!r} that is not finite")
-        with self._core.alone():
-            for name in MEMORY:
-                self._core[name][:] = memory[name]

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeGuard, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeGuard, get_args
 
 import msgspec
 import numpy as np
@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
 from piezo_model.core import State, bindings
-from piezo_model.inverse import invert_play, invert_superposition
+from piezo_model.inverse import invert_superposition
 from piezo_model.json_file import Number
-from piezo_model.operator_state import OperatorArrays, OperatorState, States, SuperpositionArrays, pad
+from piezo_model.operator_state import OperatorState, States, pad, write_operators
 from piezo_model.structure import SMALLEST, ModelStructure
 from solvers.arrays import Vector
 
@@ -40,25 +40,6 @@ StartChoice = Literal["identified", "rest"]
 
 class ModelError(ValueError):
     """A model that is not valid, or a file that is not a model; the message is one sentence that says why."""
-
-
-class ModelArrays(NamedTuple):
-    """The parameters of a model as the core takes them: unit amplitudes, padded to whole blocks of eight.
-
-    Padding has threshold zero and weight zero, so padded operators run along and do nothing.
-    """
-
-    operators: OperatorArrays
-    w_H: Vector
-    W_H: Vector
-    """Partial sums of w_H, the slopes of H."""
-    w_K: Vector
-    """For every creep state, rate by rate."""
-    S: SuperpositionArrays
-    r_H_inverse: Vector
-    w_H_inverse: Vector
-    S_inverse: SuperpositionArrays
-    offset: float
 
 
 class ModelFile(json_file.Versioned):
@@ -186,44 +167,17 @@ class HysteresisCreepModel:
         return slopes
 
     @cached_property
-    def arrays(self) -> ModelArrays:
-        """Parameters in unit amplitudes, those of the inverse too."""
-        s = self.structure
-        operators = OperatorArrays.of(s)
-        r_H, r_S_inverse = np.array((0.0, *s.play_thresholds)), np.array(s.dead_zone_thresholds)
-        w_S, r_S = invert_superposition(self.w_S_inverse, r_S_inverse)
-        w_H_inverse, r_H_inverse = invert_play(self.w_H, r_H)
-        w_K = pad(self.w_K, s.lanes) if s.creep_rates else np.zeros(0)
-        return ModelArrays(
-            operators,
-            pad(self.w_H, s.lanes),
-            pad(np.cumsum(self.w_H), s.lanes),
-            np.tile(w_K, len(s.creep_rates)),
-            SuperpositionArrays.of(w_S, r_S),
-            pad(r_H_inverse, s.lanes),
-            pad(w_H_inverse, s.lanes),
-            SuperpositionArrays.of(self.w_S_inverse, r_S_inverse),
-            self.offset,
-        )
-
-    @cached_property
     def _core(self) -> State:
         """The model of ``core/model.h``."""
-        p = self.arrays
+        s = self.structure
         core = State(
-            bindings.model_bytes(*self.structure.shape),
-            lambda block: bindings.model_setup(block, *self.structure.shape, float(self.offset)),
+            bindings.model_bytes(*s.shape),
+            lambda block: bindings.model_setup(block, *s.shape, float(self.offset)),
         )
-        for name, values in (
-            ("r", p.operators.r),
-            ("a", p.operators.a),
-            ("low", p.S.low),
-            ("high", p.S.high),
-            ("w_S", p.S.w),
-            ("w_H", p.w_H),
-            ("w_K", p.w_K),
-        ):
-            core[name][:] = values
+        w_S, r_S = invert_superposition(self.w_S_inverse, np.array(s.dead_zone_thresholds))
+        write_operators(core, s, r_S)
+        core["w_S"][: w_S.size], core["w_H"][: s.n + 1] = w_S, self.w_H
+        core["w_K"][:] = np.tile(pad(self.w_K, s.lanes), len(s.creep_rates))  # for every state, rate by rate
         return core
 
     def simulate(self, x: ArrayLike | Recording, state: OperatorState | None = None) -> Vector:

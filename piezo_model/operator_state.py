@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model.core import State
 from piezo_model.json_file import Number
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.structure import ModelStructure
@@ -59,7 +60,7 @@ class OperatorState:
         ``branch`` says how it came there: +1 down from far above, −1 up from far below, 0 without any hysteresis; play
         and creep then rest at x + branch · r.
         """
-        r = OperatorArrays.of(structure).r
+        r = padded_thresholds(structure)
         return cls(x + branch * r, np.tile(x + branch * r, len(structure.creep_rates)))
 
     def require(self, structure: ModelStructure) -> None:
@@ -98,7 +99,7 @@ class OperatorState:
         wrong with it.
         """
         scale, shift = other.x_scale / structure.x_scale, (other.x_centre - structure.x_centre) / structure.x_scale
-        r, wanted = np.array((0.0, *structure.play_thresholds)), scale * np.array((0.0, *other.play_thresholds))
+        r, wanted = structure.thresholds, scale * other.thresholds
 
         def read(states: Vector) -> Vector:
             return (np.interp(wanted, r, states[: structure.n + 1]) - shift) / scale
@@ -110,33 +111,19 @@ class OperatorState:
         return OperatorState(self.play.copy(), self.creep.copy())
 
 
-class OperatorArrays(NamedTuple):
-    """Thresholds r (lanes,) of play and creep, and gains a = 1 − e^(−rate·Ts) (rates,) of creep."""
-
-    r: Vector
-    a: Vector
-    rates: int
-
-    @classmethod
-    def of(cls, structure: ModelStructure) -> OperatorArrays:
-        """Arrays of a structure."""
-        r = pad(np.array((0.0, *structure.play_thresholds)), structure.lanes)
-        return cls(r, creep_gain(structure.creep_rates, structure.sample_time), len(structure.creep_rates))
+def write_operators(core: State, structure: ModelStructure, dead_zones: ArrayLike) -> None:
+    """Write thresholds and gains of play and creep, and the limits of dead zones of these thresholds, to a state of the
+    core."""
+    low, high = dead_zone_limits(dead_zones)
+    core["r"][:] = padded_thresholds(structure)
+    core["a"][:] = creep_gain(structure.creep_rates, structure.sample_time)
+    core["low"][:] = pad(low, padded(low.size), -np.inf)
+    core["high"][:] = pad(high, padded(high.size), np.inf)
 
 
-class SuperpositionArrays(NamedTuple):
-    """Limits and weights of the dead zones of a superposition operator, padded."""
-
-    low: Vector
-    high: Vector
-    w: Vector
-
-    @classmethod
-    def of(cls, weights: Vector, thresholds: Vector) -> SuperpositionArrays:
-        """Arrays of Σ w_i S_ri; padding is zero everywhere."""
-        low, high = dead_zone_limits(thresholds)
-        size = padded(weights.size)
-        return cls(pad(low, size, -np.inf), pad(high, size, np.inf), pad(weights, size))
+def padded_thresholds(structure: ModelStructure) -> Vector:
+    """Thresholds (lanes,) of play and creep."""
+    return pad(structure.thresholds, structure.lanes)
 
 
 def pad(values: Vector, size: int, filling: float = 0.0) -> Vector:

@@ -10,7 +10,6 @@ drive is finite and inside its limits whatever comes in, learning pauses at a fa
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -19,15 +18,16 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model import compensator_file, json_file
+from piezo_model import checks, compensator_file, json_file
 from piezo_model.compensator import Compensator, CompensatorMemory
 from piezo_model.compensator_file import LearnerFile
+from piezo_model.core import bindings
 from piezo_model.deployment import Deployment
-from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.json_file import Number
-from piezo_model.learning.events import LOG_LENGTH, Event, Log, Phase
+from piezo_model.learning.driven_range import DrivenRange, RangeMemory
+from piezo_model.learning.events import LEARN, PHASES, RESET, BlockEvent, Event, Phase, Verdict
 from piezo_model.learning.learner import Learner
-from piezo_model.learning.sensor_guard import Verdict
+from piezo_model.learning.program import gathered
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
@@ -35,22 +35,26 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 
-def with_constant(model: HysteresisCreepModel) -> HysteresisCreepModel:
-    """Return the same model in a structure that has a constant, which is zero so far."""
-    return replace(model, structure=replace(model.structure, offset=True))
+class LearnerMemory(TypedDict):
+    """What changes while the learner runs."""
+
+    core: np.ndarray
+    driven: RangeMemory
 
 
 class Memory(TypedDict):
-    """What changes while one runs."""
+    """What changes while a compensator runs."""
 
-    compensator: dict[str, Any]
-    learning: dict[str, Any]
+    compensator: CompensatorMemory
+    learning: LearnerMemory
     last_x: Number | None
     log: list[Event]
 
 
-class SelfLearningCompensator:
+class SelfLearningCompensator(Learner):
     """A compensator that identifies its own model while it runs.
+
+    One thread at a time may use it; another one gets a RuntimeError.
 
     Parameters
     ----------
@@ -93,6 +97,17 @@ class SelfLearningCompensator:
     state : OperatorState, optional
         What the actuator has seen before.
 
+    Attributes
+    ----------
+    compensator : Compensator
+        Whose weights it changes.
+    settings : LearningSettings
+        The parameters above.
+    log : deque of Event
+        What changes how learning goes on, the last thousand events.
+    problem : IdentificationProblem or None
+        What the last building phase has gathered, with what is recalled of the cycles before; None in continuous mode.
+
     Examples
     --------
     >>> from piezo_model import plants
@@ -127,18 +142,16 @@ class SelfLearningCompensator:
         model: HysteresisCreepModel | None = None,
         state: OperatorState | None = None,
     ) -> None:
-        if x_limits is None:
-            x_limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         if find_centre is None:
             find_centre = model is None and not structure.offset
         if follow_range is None:
             follow_range = model is None and (structure.offset or find_centre)
-        self.settings = LearningSettings(
+        settings = LearningSettings(
             reset_s,
             build_s,
             learn_s,
             solver,
-            x_limits,
+            structure.x_range if x_limits is None else x_limits,
             mode,
             memory_s,
             hand_over_s,
@@ -156,11 +169,11 @@ class SelfLearningCompensator:
         elif model.structure != structure:
             raise ValueError("the model has another structure than the one given")
         if find_centre and not structure.offset:
-            model = with_constant(model)
-        self.compensator = Compensator(model, x_limits, rate_limit, state, integral_gain=integral_gain)
-        self.log: Log = deque(maxlen=LOG_LENGTH)
+            model = replace(model, structure=replace(structure, offset=True))  # with a constant, which is zero so far
+        super().__init__(
+            Compensator(model, settings.x_limits, rate_limit, state, integral_gain=integral_gain), settings
+        )
         self._last_x: float | None = None
-        self._learning = Learner(self.compensator, self.settings, self.log)
 
     @property
     def model(self) -> HysteresisCreepModel:
@@ -170,7 +183,7 @@ class SelfLearningCompensator:
     @property
     def learned_weights(self) -> Vector:
         """The weights (d,) that were learned last; the drive takes them over a block later."""
-        return self.structure.slope_map @ self._learning.core["in_use"]
+        return self.structure.slope_map @ self._core["in_use"]
 
     @property
     def structure(self) -> ModelStructure:
@@ -185,33 +198,31 @@ class SelfLearningCompensator:
     @property
     def phase(self) -> Phase:
         """The phase of the machine."""
-        return self._learning.phase
-
-    @property
-    def problem(self) -> IdentificationProblem | None:
-        """What the last building phase has gathered, with what is recalled of the cycles before; None in continuous
-        mode."""
-        return self._learning.problem
+        return PHASES[self._clock("phase") if self._cyclic else RESET if self._count("left") > 0 else LEARN]
 
     @property
     def samples(self) -> int:
         """Samples observed so far."""
-        return self._learning.count("sample")
+        return int(self._core.whole("samples")[0])
 
     @property
     def counts(self) -> dict[str, int]:
         """How often what happened: verdicts on samples, hand-overs, refusals of new weights."""
-        learning = self._learning
+        verdicts = self._core["guard"][-len(Verdict) :]
         return {
-            **{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, learning.verdicts, strict=True)},
-            "hand_overs": learning.count("hand_overs"),
-            "refusals": learning.count("refusals"),
+            **{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, verdicts, strict=True)},
+            "hand_overs": self._count("hand_overs"),
+            "refusals": self._count("refusals"),
         }
 
     def samples_until_change(self) -> int:
-        """Samples for which neither the weights in use nor the integral action can change, so that their drive can be
-        computed in one go."""
-        return 1 if self.settings.integral_gain > 0.0 else self._learning.samples_until_change()
+        """Samples for which neither the weights in use nor the ranges nor the integral action can change, so that their
+        drive can be computed in one go."""
+        if self.settings.integral_gain > 0.0:
+            return 1
+        weights = int(bindings.learner_quiet(self._core.block))
+        # Weights are taken over a block after the samples that they come from, and other ranges at once.
+        return weights - self._block if self.settings.follow_range and weights > self._block else weights
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
         """One sample.
@@ -228,7 +239,15 @@ class SelfLearningCompensator:
         float
             Drive in the input unit.
         """
-        self._last_x = self._learning.step(float(y_ref), None if self._last_x is None else float(y_measured_before))
+        observes = self._last_x is not None
+        with self._core.alone():
+            x, events = bindings.learner_step(
+                self._core.block, self.compensator.block, float(y_ref), float(y_measured_before), observes
+            )
+            if events:
+                self._follow(BlockEvent(events))  # after which the compensator may have another state
+                x, _ = bindings.learner_step(self._core.block, self.compensator.block, float(y_ref), np.nan, False)
+        self._last_x = float(x)
         return self._last_x
 
     def run(self, y_ref: ArrayLike, actuator: Callable[[Vector], Vector]) -> tuple[Vector, Vector]:
@@ -243,7 +262,7 @@ class SelfLearningCompensator:
             Drive and measured output.
         """
         y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
-        self._forget_last_x()
+        self._observe_last(np.nan)
         x, y = np.empty(y_ref.size), np.empty(y_ref.size)
         done = 0
         while done < y_ref.size:
@@ -257,17 +276,27 @@ class SelfLearningCompensator:
     def drive(self, y_ref: ArrayLike) -> Vector:
         """Drives (N,) for references (N,), at most `samples_until_change` of them; their outputs are to be observed
         next."""
-        return self._learning.drive(np.ascontiguousarray(y_ref, dtype=np.float64))
+        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
+        x = np.empty_like(y_ref)
+        with self._core.alone():
+            bindings.learner_drive(self._core.block, self.compensator.block, y_ref, x)
+        return x
 
     def observe(self, x: ArrayLike, y: ArrayLike) -> None:
         """Learn from drive samples (N,) of the compensator and the outputs (N,) that they produced, NaN where
         unknown."""
-        x, y = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
-        if x.ndim != 1 or x.shape != y.shape:
-            raise ValueError(f"x and y must be vectors of the same length, not of shapes {x.shape} and {y.shape}")
-        if not np.all(np.isfinite(x)):
-            raise ValueError(f"x[{int(np.argmin(np.isfinite(x)))}] is not a finite number")
-        self._learning.observe(x, y)
+        x, y = checks.vectors(x=x, y=y)
+        checks.finite_arrays(x=x)
+        self._until_done(
+            x.size,
+            lambda done, events: bindings.learner_observe(self._core.block, self.compensator.block, y, x, done, events),
+        )
+
+    def _observe_last(self, y: float) -> None:
+        """Observe the output that the drive of the last ``step`` has produced, if it is not known yet."""
+        if self._last_x is not None:
+            self.observe([self._last_x], [y])
+            self._last_x = None
 
     def replay(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
         """Return what ``step`` returns for each pair of samples, to the last bit, in compiled code from end to end.
@@ -282,47 +311,47 @@ class SelfLearningCompensator:
         array (N,)
             Drive.
         """
-        y_ref, y = (np.ascontiguousarray(v, dtype=np.float64) for v in (y_ref, y_measured_before))
-        if y_ref.ndim != 1 or y_ref.shape != y.shape:
-            raise ValueError(
-                f"y_ref and y_measured_before must be vectors of the same length, not of shapes {y_ref.shape} "
-                f"and {y.shape}"
+        y_ref, y = checks.vectors(y_ref=y_ref, y_measured_before=y_measured_before)
+        x = np.empty_like(y_ref)
+        if x.size:
+            self._observe_last(float(y[0]))
+            # The output of the last drive comes with the next call.
+            before, after, x_before = y_ref[:-1], y[1:], x[:-1]
+            self._until_done(
+                x.size - 1,
+                lambda done, events: bindings.learner_replay(
+                    self._core.block, self.compensator.block, after, before, x_before, done, events
+                ),
             )
-        if not y_ref.size:
-            return np.empty(0)
-        if self._last_x is not None:
-            self._learning.observe(np.array([self._last_x]), y[:1])
-        # The output of the last drive comes with the next call.
-        x = np.append(self._learning.replay(y_ref[:-1], y[1:]), self._learning.step(float(y_ref[-1]), None))
-        self._last_x = float(x[-1])
+            x[-1] = self.step(float(y_ref[-1]), np.nan)
         return x
-
-    def _forget_last_x(self) -> None:
-        if self._last_x is not None:
-            self._learning.observe(np.array([self._last_x]), np.array([np.nan]))
-            self._last_x = None
 
     def memory(self) -> dict[str, Any]:
         """Everything that changes while it runs, copied; settings are not part of it."""
-        return {
-            "compensator": self.compensator.memory(),
-            "learning": self._learning.memory(),
-            "last_x": self._last_x,
-            "log": [asdict(event) for event in self.log],
-        }
+        with self._core.alone():
+            return {
+                "compensator": self.compensator.memory(),
+                "learning": {"core": self._core.block.copy(), "driven": self._driven.memory()},
+                "last_x": self._last_x,
+                "log": [asdict(event) for event in self.log],
+            }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Go on, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
         found = json_file.convert(memory, Memory)
-        self.compensator.restore(found["compensator"])
-        self._learning.restore(found["learning"])
-        self._last_x = found["last_x"]
-        self.log.clear()
-        self.log.extend(found["log"])
+        with self._core.alone():
+            self.compensator.restore(found["compensator"])
+            self._core.restore(found["learning"]["core"], bindings.learner_restore)
+            self._driven = DrivenRange(self._driven.looks, **found["learning"]["driven"])
+            stepping = self._cyclic and self.phase is Phase.LEARN
+            self.problem = gathered(self._core, self.structure, self.settings.proximal) if stepping else None
+            self._last_x = found["last_x"]
+            self.log.clear()
+            self.log.extend(found["log"])
 
     def save(self, path: str | Path) -> None:
         """Write everything as JSON, in the middle of a cycle too; the file is there whole or not at all."""
-        compensator_file.write(path, self.settings.to_dict(), self.memory())
+        compensator_file.write(path, asdict(self.settings), self.memory())
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SelfLearningCompensator:
@@ -367,9 +396,8 @@ class SelfLearningCompensator:
         try:
             found = json_file.convert(memory, Memory)
             settings = json_file.convert(fields, LearningSettings)
-            model = HysteresisCreepModel.from_file(json_file.convert(found["compensator"], CompensatorMemory)["model"])
-            learner = cls(model.structure, **{**asdict(settings), "find_centre": False}, model=model)
-            learner.settings = settings
+            model = HysteresisCreepModel.from_file(found["compensator"]["model"])
+            learner = cls(model.structure, **asdict(settings), model=model)
             learner.restore(memory)
         except ValueError as error:
             raise ModelError(f"{path}: does not hold a whole compensator: {json_file.brief(error)}") from None

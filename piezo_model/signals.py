@@ -14,25 +14,19 @@ from typing import Literal
 
 import numpy as np
 
+from piezo_model import checks
 from solvers.arrays import Vector
 
 
 def times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:
     """Check what all signals share and return the times of the samples, s, shape (N,)."""
-    positive(duration_s=duration_s, sample_time=sample_time)
+    checks.positive(duration_s=duration_s, sample_time=sample_time)
     if not -math.inf < low < high < math.inf:
         raise ValueError(f"low and high must be finite with low below high, not {low} and {high}")
     count = round(duration_s / sample_time)
     if count < 1:
         raise ValueError(f"duration_s = {duration_s} is shorter than one sample_time = {sample_time}")
     return np.arange(count, dtype=np.float64) * sample_time
-
-
-def positive(**options: float) -> None:
-    """Refuse (ValueError, by its name) an option that is not a positive number."""
-    for option, value in options.items():
-        if not 0.0 < value < math.inf:
-            raise ValueError(f"{option} must be a positive number, not {value}")
 
 
 def share_between(**options: float) -> None:
@@ -70,7 +64,7 @@ def staircase(
     [0.0, 5.0, 10.0, 5.0, 0.0, 5.0]
     """
     t = times(duration_s, sample_time, low, high)
-    positive(hold_s=hold_s)
+    checks.positive(hold_s=hold_s)
     if levels < 2:
         raise ValueError(f"levels must be at least 2, not {levels}")
     # Counted in whole samples, so that rounding of k Ts / hold_s never shifts a step.
@@ -202,7 +196,7 @@ def random_walk(
         Standard deviation of the free path after one second, over high - low.
     """
     t = times(duration_s, sample_time, low, high)
-    positive(bandwidth_Hz=bandwidth_Hz, spread_per_root_s=spread_per_root_s)
+    checks.positive(bandwidth_Hz=bandwidth_Hz, spread_per_root_s=spread_per_root_s)
     increments = np.random.default_rng(seed).standard_normal(t.size) * spread_per_root_s * math.sqrt(sample_time)
     increments[0] = 0.0
     path = _triangle(0.5 * (0.5 + np.cumsum(increments)))

@@ -148,37 +148,6 @@ class ModelStructure:
             output_unit,
         )
 
-    @classmethod
-    def from_thresholds(
-        cls,
-        play: Sequence[float],
-        dead_zone: Sequence[float],
-        x_range: tuple[float, float],
-        y_range: tuple[float, float],
-        creep_rates: Sequence[float],
-        sample_time: float,
-        *,
-        offset: bool = False,
-        input_unit: str = "V",
-        output_unit: str = "um",
-    ) -> ModelStructure:
-        """Thresholds of the user's own in units of input and output, measured from the centres of the ranges."""
-        x_centre, x_scale = _centre_and_scale("x_range", x_range)
-        y_centre, y_scale = _centre_and_scale("y_range", y_range)
-        return cls(
-            tuple(r / x_scale for r in play),
-            tuple(r / y_scale for r in dead_zone),
-            tuple(creep_rates),
-            sample_time,
-            x_centre,
-            x_scale,
-            y_centre,
-            y_scale,
-            offset,
-            input_unit,
-            output_unit,
-        )
-
     @property
     def falling(self) -> bool:
         """Whether the output falls as the input rises."""
@@ -189,7 +158,7 @@ class ModelStructure:
 
         Examples
         --------
-        >>> structure = ModelStructure.from_thresholds((), (-1, 0, 3), (0, 1), (0, 8), (), 1e-3)
+        >>> structure = ModelStructure((), (-0.25, 0.0, 0.75), (), 1e-3, 0.5, 0.5, 4.0, 4.0)
         >>> structure.turned().falling, structure.turned().dead_zone_thresholds
         (True, (-0.75, 0.0, 0.25))
         """
@@ -198,6 +167,11 @@ class ModelStructure:
             y_scale=-self.y_scale,
             dead_zone_thresholds=tuple(0.0 - r for r in reversed(self.dead_zone_thresholds)),
         )
+
+    @property
+    def x_range(self) -> tuple[float, float]:
+        """Range of the input, in its unit."""
+        return self.x_centre - self.x_scale, self.x_centre + self.x_scale
 
     @property
     def n(self) -> int:
@@ -233,6 +207,11 @@ class ModelStructure:
     def d(self) -> int:
         """Number of unknowns."""
         return self.n + self.dead_zones + self.creep_weights + self.offset
+
+    @cached_property
+    def thresholds(self) -> Vector:
+        """The thresholds 0 = r_0 < r_1 < … < r_n of play and creep, shape (n + 1,)."""
+        return np.array((0.0, *self.play_thresholds))
 
     @property
     def slices(self) -> tuple[slice, slice, slice]:

@@ -14,7 +14,7 @@ CONTINUOUS = "recursive_active_set"
 def deployment(decision: Decision, found: ChosenModel) -> Deployment[HysteresisCreepModel]:
     """The file's content."""
     evidence = decision.evidence() | found.evidence()
-    s, chosen = found.model.structure, decision.chosen
+    chosen = decision.chosen
     continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND
     return Deployment(
         model=found.model,
@@ -23,6 +23,6 @@ def deployment(decision: Decision, found: ChosenModel) -> Deployment[HysteresisC
         tier=chosen.tier,
         settings=chosen.settings,
         mode="continuous" if continuous else "cyclic",
-        x_limits=(s.x_centre - s.x_scale, s.x_centre + s.x_scale),
+        x_limits=found.model.structure.x_range,
         evidence=evidence,
     )

@@ -12,8 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import piezo_model.core
 from bench.export.settings import BLOCKS, LEARNS, SOLVERS, ExportError, ExportSettings, Precision, initialiser, literal
 from bench.rendering import c_templates
@@ -21,7 +19,7 @@ from piezo_model import HysteresisCreepModel
 from piezo_model.core import bindings
 from piezo_model.learning.layout import CONTINUOUS, CYCLIC
 from piezo_model.operators import creep_gain, dead_zone_limits
-from piezo_model.regressors import RegressorArrays
+from piezo_model.regressors import outer_limits
 from piezo_model.structure import ModelStructure
 from solvers.core import bindings as solvers_bindings
 from solvers.core.compile_core import folders as core_folders
@@ -152,7 +150,7 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
     """What every template may refer to."""
     s, precision = model.structure, settings.precision
     low, high = dead_zone_limits(s.dead_zone_thresholds)
-    outer = RegressorArrays.of(s, "slope").outer
+    outer_low, outer_high = outer_limits(s)
     kind = SOLVERS.index(settings.solver) if settings.learning else 0
     return {
         "title": f"{title}. {model.warning}" if model.warning else title,
@@ -169,12 +167,12 @@ def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> 
         "double": literal,
         "list": partial(initialiser, precision=precision),
         "weights": model.all_weights,
-        "r_H": np.array((0.0, *s.play_thresholds)),
+        "r_H": s.thresholds,
         "gains": creep_gain(s.creep_rates, s.sample_time),
         "zone_low": low,
         "zone_high": high,
-        "outer_low": outer.low[: s.dead_zones],
-        "outer_high": outer.high[: s.dead_zones],
+        "outer_low": outer_low,
+        "outer_high": outer_high,
         "period": _period(s.sample_time),
         "float_bound": f"{FLOAT_BOUND:g}",
         "memory": memory_figures(s, settings),

@@ -6,6 +6,7 @@ identified anew from what that gave: the best of a few rounds.
 """
 
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -59,10 +60,10 @@ class Case:
         )
         y_ref, errors = steps(sensor, setup), []
         for cycle in np.split(y_ref, setup.cycles):
-            state, before = learner.compensator.state.copy(), sensor.state()
+            state, before = learner.compensator.state.copy(), deepcopy(sensor)
             x, y = learner.run(cycle, sensor.run)
             errors.append(rms_percent(y - cycle, sensor))
-        hindsight = floor(learner.model, state, sensor, before, x, y, cycle) * 100.0 / float(np.ptp(sensor.y_range))
+        hindsight = floor(learner.model, state, before, x, y, cycle) * 100.0 / float(np.ptp(sensor.y_range))
         straight, best = straight_lines(sensor_of(self.plant, setup), y_ref[-setup.cycle :])
         return {
             **asdict(self),

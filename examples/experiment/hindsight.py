@@ -5,12 +5,13 @@ A model is identified from the piece, drives it again from the same states, and 
 the best of a few rounds counts.
 """
 
+from copy import deepcopy
+
 import numpy as np
 
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState
 from piezo_model.identification.fitting import optimum
 from piezo_model.plants import Plant
-from piezo_model.plants.protocol import Memory
 from solvers.arrays import Vector
 
 ROUNDS = 4
@@ -23,7 +24,7 @@ def tracking_error(y: Vector, y_ref: Vector) -> float:
 
 
 def floor(
-    model: HysteresisCreepModel, state: OperatorState, plant: Plant, before: Memory, x: Vector, y: Vector, y_ref: Vector
+    model: HysteresisCreepModel, state: OperatorState, plant: Plant, x: Vector, y: Vector, y_ref: Vector
 ) -> float:
     """Tracking error over a piece, in the output's unit, by the best model of the same structure.
 
@@ -31,8 +32,8 @@ def floor(
     ----------
     model : HysteresisCreepModel
         Whose weights stay where the piece says nothing.
-    state, before : OperatorState, dict
-        Of the model and of the plant at the beginning of the piece; the plant is left where the last round brings it.
+    state, plant : OperatorState, Plant
+        States of the model, and the plant, as they were at the beginning of the piece; neither is moved on.
     x, y, y_ref : array (N,)
         Drive, output and reference of the piece.
     """
@@ -42,8 +43,7 @@ def floor(
         for part in np.split(np.arange(y.size), np.flatnonzero(np.diff(measured)) + 1):
             basis.update(x[part], np.where(measured[part], y[part], 0.0), count=bool(measured[part[0]]))
         model = HysteresisCreepModel.from_weights(model.structure, optimum(basis.problem(model.weights), SOLVER))
-        plant.restore(before)
         x = Compensator(model, plant.x_range, state=state).run(y_ref)
-        y = plant.run(x)
+        y = deepcopy(plant).run(x)
         errors.append(tracking_error(y, y_ref))
     return min(errors)

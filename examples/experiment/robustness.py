@@ -6,6 +6,7 @@ cycle.
 """
 
 from collections.abc import Iterator
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -65,13 +66,13 @@ def rows(seed: int, ways: tuple[str, ...] = tuple(WAYS), reference: str | None =
     for way in ways:
         sensor, learner, errors = situation.sensor(), learner_of(situation, way), []
         for y_ref in np.split(situation.y_ref, CYCLES):
-            state, before, structure = learner.compensator.state.copy(), sensor.state(), learner.structure
+            state, before, structure = learner.compensator.state.copy(), deepcopy(sensor), learner.structure
             x, y = learner.run(y_ref, sensor.run)
             errors.append(tracking_error(y, y_ref))
             if not (x.min() >= situation.x_limits[0] and x.max() <= situation.x_limits[1]):
                 raise AssertionError(f"seed {seed}, {way}: the drive left its limits")
         model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-        least = floor(model, state, sensor, before, x, y, y_ref)
+        least = floor(model, state, before, x, y, y_ref)
         found.append(
             {
                 "seed": seed,

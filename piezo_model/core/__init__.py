@@ -17,13 +17,6 @@ import solvers.core
 bindings: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.bindings.processor_level())
 
 
-def aligned(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A copy of bytes from a cache line on, as the core wants them."""
-    copied = solvers.core.block(data.size)
-    copied[:] = data
-    return copied
-
-
 class State:
     """A state of the core with views of its vectors, ``state["play"]``; a copy, deep or pickled, is independent.
 
@@ -58,6 +51,14 @@ class State:
             yield
         finally:
             self._in_use.release()
+
+    def restore(self, data: NDArray[np.uint8], take: Callable[[NDArray[np.uint8], NDArray[np.uint8]], None]) -> None:
+        """Become the state of these bytes, by the core's function that refuses (ValueError) what cannot be."""
+        if data.dtype != np.uint8 or data.size != self.block.size:
+            raise ValueError("the state of the core is that of another structure or size")
+        aligned = solvers.core.block(data.size)
+        aligned[:] = data
+        take(self.block, aligned)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _copied, (self.block.tobytes(), self.places)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_model.identification.fitting import skipping
-from piezo_model.operator_state import OperatorArrays, OperatorState
+from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
@@ -65,14 +65,14 @@ class Start:
     @classmethod
     def rested(cls, s: ModelStructure, first: float, at: float, branch: float = 0.0, *, creep: bool) -> Start:
         """At rest at ``at`` on a branch, as of ``OperatorState.at_rest``, and driven to the first input from there."""
-        r = np.array((0.0, *s.play_thresholds))
+        r = s.thresholds
         z = np.clip(at + branch * r, first - r, first + r)
         return cls(first, tuple((np.diff(z) / np.diff(r)).tolist()), at if creep else None, branch)
 
     def state(self, s: ModelStructure, centre: float, half: float) -> OperatorState:
         """States of the operators; plays that a drive of that centre and half range can never tell rest in the
         middle."""
-        r, state = OperatorArrays.of(s).r, OperatorState.at_rest(s, self.first)
+        r, state = padded_thresholds(s), OperatorState.at_rest(s, self.first)
         steps = np.diff((0.0, *s.play_thresholds)) * np.array(self.slopes)
         state.play[1 : s.n + 1] = self.first + np.cumsum(steps)
         settled = state.play if self.level is None else self.level + self.branch * r

@@ -11,16 +11,16 @@ threshold r/g, so that the weights follow from the virgin curve φ(r) = Σ w_i m
 creep likewise, and S⁻¹ has the mean slopes of the old one between the new thresholds. The shifts go into the constant.
 """
 
-from collections import deque
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from msgspec import Meta
 
-from piezo_model.json_file import Number, convert
+from piezo_model.json_file import Number
 from piezo_model.model import HysteresisCreepModel
+from piezo_model.operators import dead_zone
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -41,13 +41,14 @@ class RangeMemory(TypedDict):
     looked: Annotated[int, Meta(ge=0, le=2**53)]
 
 
+@dataclass
 class DrivenRange:
-    """What was driven lately; so many looks make a piece."""
+    """What was driven lately; ``looks`` of them make a piece."""
 
-    def __init__(self, looks: int = 1) -> None:
-        self.looks, self.looked = looks, 0
-        self.spans: deque[Span] = deque(maxlen=MEMORY)
-        """Of each piece, the last one perhaps not whole."""
+    looks: int = 1
+    spans: list[Span] = field(default_factory=list)
+    """Of each piece, the last one perhaps not whole."""
+    looked: int = 0
 
     def look(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
         """Take what was driven since the last look; returns a structure of other ranges, where they should change."""
@@ -56,7 +57,7 @@ class DrivenRange:
             before = self.spans.pop()
             x_low, x_high = min(x_low, before[0]), max(x_high, before[1])
             y_low, y_high = min(y_low, before[2]), max(y_high, before[3])
-        self.spans.append((x_low, x_high, y_low, y_high))
+        self.spans = [*self.spans, (x_low, x_high, y_low, y_high)][-MEMORY:]
         self.looked += 1
         spans, whole = np.array(self.spans), self.looked % self.looks == 0
         ranges: dict[str, Any] = {}
@@ -85,16 +86,9 @@ class DrivenRange:
             self.spans.pop()
             self.looked -= self.looked % self.looks
 
-    def memory(self) -> dict[str, Any]:
+    def memory(self) -> RangeMemory:
         """What changes while it runs."""
         return {"spans": list(self.spans), "looked": self.looked}
-
-    def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`memory` gave."""
-        found = convert(memory, RangeMemory)
-        self.spans.clear()
-        self.spans.extend(found["spans"])
-        self.looked = found["looked"]
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:
@@ -110,9 +104,9 @@ def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> Hysteresis
     >>> carried_over(model, replace(structure, x_scale=2.0)).w_H.round(12).tolist()
     [1.0, 0.4, 0.0, 0.0]
     """
-    old, S = model.structure, model.arrays.S_inverse
+    old = model.structure
     g, h = new.x_scale / old.x_scale, (new.x_centre - old.x_centre) / old.x_scale
-    r = np.array((0.0, *old.play_thresholds))
+    r = old.thresholds
     ends = g * np.append(r, 2.0 * r[-1] - r[-2] if r.size > 1 else 1.0)
 
     def at_new_thresholds(w: Vector) -> Vector:
@@ -120,7 +114,7 @@ def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> Hysteresis
         return np.maximum(np.diff(np.diff(virgin) / np.diff(ends), prepend=0.0), 0.0)  # φ is convex but for rounding
 
     def inverse_superposition(y: Vector) -> Vector:
-        return (np.maximum(0.0, y[:, None] - S.high) + np.minimum(0.0, y[:, None] - S.low)) @ S.w
+        return dead_zone(y, old.dead_zone_thresholds) @ model.w_S_inverse
 
     thresholds = np.array(new.dead_zone_thresholds)
     edges = np.array([min(-1.0, 2.0 * thresholds[0]), *thresholds[thresholds != 0.0], max(1.0, 2.0 * thresholds[-1])])

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from dataclasses import dataclass
-from enum import IntFlag, StrEnum
+from enum import IntEnum, IntFlag, StrEnum
 from typing import Literal
 
 LOG_LENGTH = 1000
@@ -37,6 +37,15 @@ class BlockEvent(IntFlag):
     LOOK = 256
     OTHER_SENSOR = 512
     NO_OPTIMUM = 1024
+
+
+class Verdict(IntEnum):
+    """What the guard of the sensor (``core/sensor_guard.h``) says of one sample."""
+
+    GOOD = 0
+    MISSING = 1
+    REFUSED = 2
+    JUMPED = 3
 
 
 @dataclass(frozen=True)

@@ -6,25 +6,26 @@ continuous operation are settings.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any, TypedDict
+from collections import deque
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_model.compensator import Compensator
-from piezo_model.core import State, aligned, bindings
+from piezo_model.core import State, bindings
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.json_file import convert
-from piezo_model.learning import layout, program
+from piezo_model.learning import layout
 from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
-from piezo_model.learning.events import LEARN, PHASES, RESET, BlockEvent, Event, Log, Phase
+from piezo_model.learning.events import LOG_LENGTH, RESET, BlockEvent, Event, Log
 from piezo_model.learning.layout import ANSWERED, CLOCK, CONTINUOUS, CYCLIC, MEMORY, STEPS
+from piezo_model.learning.program import gathered
 from piezo_model.learning.settings import EXACT_SOLVERS, MIN_SLOPE, LearningSettings
-from piezo_model.learning.solving import STEPPED, step_ratio
+from piezo_model.learning.solving import STEPPED, solved, step_ratio
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
-from piezo_model.regressors import RegressorArrays
-from solvers.arrays import Vector
+from piezo_model.regressors import write_slope_regressors
 from solvers.core import padded
 
 MESSAGES = {
@@ -35,46 +36,37 @@ MESSAGES = {
 """Of continuous operation, where further hand-overs and refusals are counted only."""
 
 
-class LearningMemory(TypedDict):
-    """What changes while a learner runs."""
-
-    core: np.ndarray
-    driven: dict[str, Any]
-
-
 class Learner:
-    """The learner of a compensator, whose weights it changes.
+    """What a :class:`piezo_model.self_learning.SelfLearningCompensator` is besides its methods."""
 
-    The log gets what changes how learning goes on. One thread at a time may use it; another one gets a RuntimeError.
-    """
-
-    def __init__(self, compensator: Compensator, settings: LearningSettings, log: Log) -> None:
-        self._compensator, self._settings, self._log = compensator, settings, log
+    def __init__(self, compensator: Compensator, settings: LearningSettings) -> None:
+        self.compensator, self.settings = compensator, settings
+        self.log: Log = deque(maxlen=LOG_LENGTH)
+        self.problem: IdentificationProblem | None = None
         s = compensator.model.structure
-        self.cyclic = settings.mode == "cyclic"
-        self._problem: IdentificationProblem | None = None
-        self.block, numbers = (
+        self._cyclic = settings.mode == "cyclic"
+        self._block, numbers = (
             self._cyclic_numbers()
-            if self.cyclic
+            if self._cyclic
             else layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s, settings.reset_s)
         )
         """Samples of a block."""
-        if not self.cyclic and settings.solver not in EXACT_SOLVERS:
+        if not self._cyclic and settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
-        sizes = *s.shape, self.block, 1, CYCLIC if self.cyclic else CONTINUOUS
-        self.core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
-        layout.write_settings(numbers, self.core["settings"])
-        self.core.whole("delay")[:] = self.block
-        RegressorArrays.of(s, "slope").write(self.core)
-        self._driven = DrivenRange() if self.cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
+        sizes = *s.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
+        self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
+        layout.write_settings(numbers, self._core["settings"])
+        self._core.whole("delay")[:] = self._block
+        write_slope_regressors(self._core, s)
+        self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.fade_over(settings.fade_s)
-        self.core["in_use"][:] = s.inverse_slope_map @ compensator.model.weights
+        self._core["in_use"][:] = s.inverse_slope_map @ compensator.model.weights
         bindings.learner_begin(
-            self.core.block, compensator.block, compensator.state.play, compensator.state.creep, True
+            self._core.block, compensator.block, compensator.state.play, compensator.state.creep, True
         )
 
     def _cyclic_numbers(self) -> tuple[int, dict[str, float]]:
-        s, settings = self._compensator.model.structure, self._settings
+        s, settings = self.compensator.model.structure, self.settings
         lasts = {f"{name}_lasts": s.samples(getattr(settings, f"{name}_s")) for name in ("reset", "build", "learn")}
         stepped = settings.solver == STEPPED
         return layout.block_samples(tuple(lasts.values())), {
@@ -90,65 +82,22 @@ class Learner:
             "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5,
         }
 
-    @property
-    def problem(self) -> IdentificationProblem | None:
-        """Of cyclic operation, what the last building phase has gathered, with what is recalled of the cycles
-        before."""
-        return self._problem
+    def _count(self, name: str) -> int:
+        """A number of the core's memory (``MEMORY`` of `layout`)."""
+        return int(self._core["memory"][MEMORY.index(name)])
 
-    @property
-    def phase(self) -> Phase:
-        """The phase that it is in."""
-        return PHASES[self._clock("phase") if self.cyclic else RESET if self.count("left") > 0 else LEARN]
+    def _clock(self, name: str) -> int:
+        return int(self._core.whole("clock")[CLOCK.index(name)])
 
-    def count(self, name: str) -> int:
-        """A number of the core's memory (``MEMORY`` of `layout`), or "sample"."""
-        return int(self.core.whole("samples")[0]) if name == "sample" else int(self.core["memory"][MEMORY.index(name)])
-
-    @property
-    def verdicts(self) -> Vector:
-        """How often each verdict was given on a sample."""
-        return self.core["guard"][-4:]
-
-    def samples_until_change(self) -> int:
-        """Samples for which the weights in use cannot change."""
-        return int(bindings.learner_quiet(self.core.block))
-
-    def step(self, y_ref: float, y: float | None) -> float:
-        """Observe the output of the last drive, None where there was none, then the drive for a reference."""
-        with self.core.alone():
-            core, compensator = self.core.block, self._compensator.block
-            x, events = bindings.learner_step(core, compensator, y_ref, math.nan if y is None else y, y is not None)
-            if events:
-                self._follow(BlockEvent(events))
-                x, _ = bindings.learner_step(core, compensator, y_ref, math.nan, False)
-            return float(x)
-
-    def drive(self, y_ref: Vector) -> Vector:
-        """Drives (N,) for references, N at most `samples_until_change`; their outputs are to be observed next."""
-        with self.core.alone():
-            x = np.empty_like(y_ref)
-            bindings.learner_drive(self.core.block, self._compensator.block, y_ref, x)
-            return x
-
-    def observe(self, x: Vector, y: Vector) -> None:
-        """Learn from drive samples and the outputs that they produced."""
-        with self.core.alone():
-            done, events = 0, np.zeros(1, dtype=np.int64)
-            while done < x.size:
-                done = bindings.learner_observe(self.core.block, self._compensator.block, y, x, done, events)
+    def _until_done(self, samples: int, call: Callable[[int, NDArray[np.int64]], int]) -> None:
+        """Go through samples by a function of the core, which takes the first and returns how many are done when there
+        is something to tell."""
+        done, events = 0, np.zeros(1, dtype=np.int64)
+        with self._core.alone():
+            while done < samples:
+                done = call(done, events)
                 if events[0]:
                     self._follow(BlockEvent(int(events[0])))
-
-    def replay(self, y_ref: Vector, y: Vector) -> Vector:
-        """Drive samples (N,), each followed by learning from the output (N,) that it produced."""
-        with self.core.alone():
-            done, events, x = 0, np.zeros(1, dtype=np.int64), np.empty_like(y_ref)
-            while done < x.size:
-                done = bindings.learner_replay(self.core.block, self._compensator.block, y, y_ref, x, done, events)
-                if events[0]:
-                    self._follow(BlockEvent(int(events[0])))
-            return x
 
     def _follow(self, events: BlockEvent) -> None:
         """Note what came of a block, and do what is Python's part."""
@@ -160,42 +109,46 @@ class Learner:
         for one, (what, message) in MESSAGES.items():
             if one in events:
                 self._note(what, message)
-        if self.cyclic:
+        if self._cyclic:
             self._follow_cycle(events)
         if BlockEvent.LOOK in events or BlockEvent.CYCLE_OVER in events:
             self._follow_range()
 
     def _follow_cycle(self, events: BlockEvent) -> None:
         errors = (
-            float(self.core["clock"][CLOCK.index("error_in_use")]),
-            float(self.core["clock"][CLOCK.index("error_found")]),
+            float(self._core["clock"][CLOCK.index("error_in_use")]),
+            float(self._core["clock"][CLOCK.index("error_found")]),
         )
         if BlockEvent.UNEXCITED in events:
-            low, high = self.core["covered"][:2]
+            low, high = self._core["covered"][:2]
             self._note(
                 "refused", f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed"
             )
         elif BlockEvent.NOT_A_NUMBER in events:
-            self._note("refused", f"the solver {self._settings.solver} found no finite weights")
+            self._note("refused", f"the solver {self.settings.solver} found no finite weights")
         elif BlockEvent.WORSE in events:
             self._note("refused", "the new weights explain the data worse than the old ones", *errors)
         elif BlockEvent.CYCLE_OVER in events:
             self._note("hand-over", "new weights", *errors)
 
-    def _clock(self, name: str) -> int:
-        return int(self.core.whole("clock")[CLOCK.index(name)])
-
     def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
-        self._log.append(
-            Event(self.count("sample"), what, message, old, new, self._clock("learning_since") if self.cyclic else 0)
+        self.log.append(
+            Event(
+                int(self._core.whole("samples")[0]),
+                what,
+                message,
+                old,
+                new,
+                self._clock("learning_since") if self._cyclic else 0,
+            )
         )
 
     def _solve(self) -> None:
         """Have the program of the core solved."""
-        core, s = self.core, self._compensator.model.structure
-        if self.cyclic:
-            self._problem = program.gathered(core, s, self._settings.proximal)
-            if self._settings.solver == STEPPED:
+        core, s = self._core, self.compensator.model.structure
+        if self._cyclic:
+            self.problem = gathered(core, s, self.settings.proximal)
+            if self.settings.solver == STEPPED:
                 return
             P, q, lower = core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), core["lower"].copy()
             start, c = core["start"].copy(), 0.5 * float(core["data"][0])
@@ -203,25 +156,28 @@ class Learner:
             P, q, lower = np.empty((s.d, s.d)), np.empty(s.d), np.empty(s.d)
             bindings.learner_program(core.block, P, q, lower)
             start, c = np.maximum(core["candidate"], lower), 0.5 * float(core["gram"][s.d * padded(s.d + 1) + s.d])
+        from qpsolvers import Problem  # which imports every solver that is installed
+
+        program = Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
         try:
-            found = program.answer(self._settings, P, q, lower, start, c)
+            found = solved(self.settings.solver, self.settings.solver_options, program, start, c)
         except Exception as error:  # whatever a library does, the drive goes on
             core["memory"][MEMORY.index("refusals")] += 1
-            if self.cyclic:
+            if self._cyclic:
                 bindings.cyclic_enter(core.block, RESET)
-            self._note("refused", f"the solver {self._settings.solver} failed: {error}")
+            self._note("refused", f"the solver {self.settings.solver} failed: {error}")
             return
-        if self.cyclic:
+        if self._cyclic:
             core["answer"][:] = found
         elif np.all(np.isfinite(found)):
             core["candidate"][:] = np.maximum(found, lower)
 
     def _follow_range(self) -> None:
         """Go on in other ranges, where those that were driven are others."""
-        core, old = self.core, self._compensator.model.structure
-        span = core["covered"] if self.cyclic else core["memory"][MEMORY.index("span") :]
-        new = self._driven.look(span, old) if self._settings.follow_range and np.all(np.isfinite(span)) else None
-        if not self.cyclic:
+        core, old = self._core, self.compensator.model.structure
+        span = core["covered"] if self._cyclic else core["memory"][MEMORY.index("span") :]
+        new = self._driven.look(span, old) if self.settings.follow_range and np.all(np.isfinite(span)) else None
+        if not self._cyclic:
             span[:] = math.inf, -math.inf, math.inf, -math.inf
         if new is None:
             return
@@ -229,31 +185,10 @@ class Learner:
         level = core["memory"][MEMORY.index("level")] * (old.x_scale / new.x_scale) ** 2
         # perhaps offered and not yet taken
         learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
-        self._compensator.change_model(carried_over(learned, new), self._settings.fade_s)
-        core["in_use"][:] = new.inverse_slope_map @ self._compensator.model.weights
+        self.compensator.change_model(carried_over(learned, new), self.settings.fade_s)
+        core["in_use"][:] = new.inverse_slope_map @ self.compensator.model.weights
         core["memory"][MEMORY.index("level")] = level
-        bindings.learner_begin(core.block, self._compensator.block, state.play, state.creep, False)
-        if self.cyclic:
+        bindings.learner_begin(core.block, self.compensator.block, state.play, state.creep, False)
+        if self._cyclic:
             core["clock"][CLOCK.index("past_share")] = 0.0
         self._note("range", "the thresholds follow the range that was driven")
-
-    def memory(self) -> dict[str, Any]:
-        """Everything that changes while it runs, copied."""
-        with self.core.alone():
-            return {"core": self.core.block.copy(), "driven": self._driven.memory()}
-
-    def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on, to the last bit, from what :meth:`memory` gave; the compensator has been restored before. ValueError
-        says why not."""
-        with self.core.alone():
-            found = convert(memory, LearningMemory)
-            if found["core"].dtype != np.uint8 or found["core"].size != self.core.block.size:
-                raise ValueError("the state of the core is that of another structure")
-            self._driven.restore(found["driven"])
-            bindings.learner_restore(self.core.block, aligned(found["core"]))
-            stepping = self.cyclic and self._clock("phase") == LEARN
-            self._problem = (
-                program.gathered(self.core, self._compensator.model.structure, self._settings.proximal)
-                if stepping
-                else None
-            )

@@ -1,27 +1,15 @@
-"""The program of a learner that somebody solves beside the core: what the data of a cycle make, and any registered
-solver's answer."""
+"""The program that the data of a cycle make, which the core has in slopes."""
 
 import numpy as np
 
 from piezo_model.core import State
 from piezo_model.identification_problem import Excitation, IdentificationProblem
-from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
-from piezo_model.learning.solving import solved
+from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Matrix, Vector
-
-
-def answer(settings: LearningSettings, P: Matrix, q: Vector, lower: Vector, start: Vector, c: float) -> Vector:
-    """The solver's minimiser (d,) of ½ vᵀP v + qᵀv over v ≥ lower, warm from ``start``; NaN where it found none."""
-    from qpsolvers import Problem
-
-    return solved(
-        settings.solver, settings.solver_options, Problem(P, q, lb=lower, ub=np.full(q.size, np.inf)), start, c
-    )
 
 
 def gathered(core: State, s: ModelStructure, proximal: float) -> IdentificationProblem:
-    """The problem of a cycle's data, which the core has in slopes."""
+    """The problem of a cycle's data."""
     products, S = np.zeros((s.d + 1, s.d + 1)), s.inverse_slope_map
     products[np.triu_indices(s.d + 1)] = core["data"]
     products = products + np.triu(products, 1).T

@@ -1,7 +1,7 @@
 """Settings of a self-learning compensator: everything about it that is neither model nor memory."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import solvers
@@ -64,7 +64,3 @@ class LearningSettings:
         except KeyError as error:
             raise ValueError(error.args[0]) from None
         require_setting(options.get("setting"), self.solver, options.get("lane"))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Fields as JSON can hold them."""
-        return asdict(self)

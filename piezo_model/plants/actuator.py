@@ -15,17 +15,20 @@ systems", Control and Intelligent Systems 29 (2001), 74-83, with threshold 0).
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model import checks
 from piezo_model.core import bindings
 from piezo_model.operators import creep_gain
-from piezo_model.plants.protocol import Memory, Plant, replace
+from piezo_model.plants.protocol import Plant
 from solvers.arrays import Vector
+
+Memory = dict[str, NDArray[np.float64]]
+"""States of hysteresis and creep by name, in the coordinate u."""
 
 
 def curved(v: Vector, saturation: float, asymmetry: float) -> Vector:
@@ -71,12 +74,8 @@ class Actuator(Plant):
 
     def __post_init__(self) -> None:
         """Check the options, build the fixed arrays and go to rest."""
-        for option in ("x_range", "y_range"):
-            low, high = getattr(self, option)
-            if not -np.inf < low < high < np.inf:
-                raise ValueError(f"{option} must be two finite numbers, the low one first, not ({low}, {high})")
-        if not 0.0 < self.sample_time < np.inf:
-            raise ValueError(f"sample_time must be a positive number of seconds, not {self.sample_time}")
+        checks.ascending(x_range=self.x_range, y_range=self.y_range)
+        checks.positive(sample_time=self.sample_time)
         if not 0.0 <= self.creep_share < 1.0:
             raise ValueError(f"creep_share must be at least 0 and below 1, not {self.creep_share}")
         rates = np.array(self.creep_rates_per_s, dtype=np.float64)
@@ -128,11 +127,3 @@ class Actuator(Plant):
     def reset(self) -> None:
         """Go to rest at the low end of the drive."""
         self._memory = self._rest()
-
-    def state(self) -> Memory:
-        """Return a copy of the hysteresis and creep states, in the coordinates u."""
-        return {name: array.copy() for name, array in self._memory.items()}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Put back what :meth:`state` gave."""
-        replace(self._memory, state, type(self).__name__)

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator
-from piezo_model.plants.protocol import Memory
+from piezo_model.plants.actuator import Actuator, Memory
 from solvers.arrays import Vector
 
 
@@ -56,10 +56,7 @@ class BoucWen(Actuator):
 
     def _build(self) -> None:
         A, beta, gamma = self.loading_slope, self.beta, self.gamma
-        if not 0.0 < A < np.inf:
-            raise ValueError(f"loading_slope must be a positive number, not {A}")
-        if not 0.0 < beta < np.inf:
-            raise ValueError(f"beta must be a positive number, not {beta}")
+        checks.positive(loading_slope=A, beta=beta)
         if not -beta < gamma <= beta:
             raise ValueError(f"gamma must be above -beta and at most beta = {beta}, not {gamma}")
         if not 1.0 <= self.exponent < np.inf:

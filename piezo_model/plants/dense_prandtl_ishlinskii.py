@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, curved
-from piezo_model.plants.protocol import Memory
+from piezo_model.plants.actuator import Actuator, Memory, curved
 from solvers.arrays import Vector
 
 
@@ -52,12 +52,9 @@ class DensePrandtlIshlinskii(Actuator):
     asymmetry: float = -0.06
 
     def _build(self) -> None:
-        if self.thresholds < 2:
-            raise ValueError(f"thresholds must be at least 2, not {self.thresholds}")
-        if not 0.0 < self.reversible_share < 1.0:
-            raise ValueError(f"reversible_share must be above 0 and below 1, not {self.reversible_share}")
-        if not 0.0 < self.threshold_scale < np.inf:
-            raise ValueError(f"threshold_scale must be a positive number, not {self.threshold_scale}")
+        checks.whole(2, thresholds=self.thresholds)
+        checks.between(0.0, 1.0, reversible_share=self.reversible_share)
+        checks.positive(threshold_scale=self.threshold_scale)
         curved(np.zeros(1), self.saturation, self.asymmetry)
         r = np.arange(self.thresholds) / self.thresholds
         weight = np.exp(-r / self.threshold_scale)

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, curved
-from piezo_model.plants.protocol import Memory
+from piezo_model.plants.actuator import Actuator, Memory, curved
 from solvers.arrays import Vector
 
 
@@ -49,10 +49,8 @@ class Duhem(Actuator):
     asymmetry: float = 0.05
 
     def _build(self) -> None:
-        if not 0.0 < self.alpha < np.inf:
-            raise ValueError(f"alpha must be a positive number, not {self.alpha}")
-        if not 0.5 < self.slope_after_turn < 1.0:
-            raise ValueError(f"slope_after_turn must be above 0.5 and below 1, not {self.slope_after_turn}")
+        checks.positive(alpha=self.alpha)
+        checks.between(0.5, 1.0, slope_after_turn=self.slope_after_turn)
         curved(np.zeros(1), self.saturation, self.asymmetry)
         # Nothing that the drive can do brings |e| above its limits or |v| above 1 plus them.
         self._half = 1.0 + (1.0 - self.slope_after_turn) / self.alpha

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, curved
-from piezo_model.plants.protocol import Memory
+from piezo_model.plants.actuator import Actuator, Memory, curved
 from solvers.arrays import Vector
 
 
@@ -50,10 +50,8 @@ class MaxwellSlip(Actuator):
     asymmetry: float = 0.05
 
     def _build(self) -> None:
-        if self.sliders < 1:
-            raise ValueError(f"sliders must be at least 1, not {self.sliders}")
-        if not 0.0 < self.slip_share < 1.0:
-            raise ValueError(f"slip_share must be above 0 and below 1, not {self.slip_share}")
+        checks.whole(1, sliders=self.sliders)
+        checks.between(0.0, 1.0, slip_share=self.slip_share)
         if not 0.0 < self.reach <= 2.0:
             raise ValueError(f"reach must be above 0 and at most 2, not {self.reach}")
         curved(np.zeros(1), self.saturation, self.asymmetry)

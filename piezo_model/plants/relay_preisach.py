@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator
-from piezo_model.plants.protocol import Memory
+from piezo_model.plants.actuator import Actuator, Memory
 from solvers.arrays import Vector
 
 
@@ -66,13 +66,10 @@ class RelayPreisach(Actuator):
     hill_breadth_slope: float = 0.6
 
     def _build(self) -> None:
-        if self.lines < 1:
-            raise ValueError(f"lines must be at least 1, not {self.lines}")
+        checks.whole(1, lines=self.lines)
         if not 0.0 <= self.reversible_share < 1.0:
             raise ValueError(f"reversible_share must be at least 0 and below 1, not {self.reversible_share}")
-        for option in ("half_width_scale", "hill_breadth"):
-            if not 0.0 < getattr(self, option) < np.inf:
-                raise ValueError(f"{option} must be a positive number, not {getattr(self, option)}")
+        checks.positive(half_width_scale=self.half_width_scale, hill_breadth=self.hill_breadth)
         if not self.hill_breadth_slope < self.hill_breadth:
             raise ValueError(f"hill_breadth_slope must be below hill_breadth, not {self.hill_breadth_slope}")
         r = (np.arange(self.lines) + 0.5) / self.lines

@@ -9,14 +9,13 @@ gain belongs to the actuator (temperature, ageing), the rest to the sensor and i
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from piezo_model.plants.protocol import Memory, Plant, replace
+from piezo_model import checks
+from piezo_model.plants.protocol import Plant
 from solvers.arrays import Vector
 
 
@@ -87,17 +86,10 @@ class Sensor(Plant):
 
     def __post_init__(self) -> None:
         """Check the options and start at time zero."""
-        for option in ("noise_um", "quantum_um", "lag_s"):
-            if not 0.0 <= getattr(self, option) < math.inf:
-                raise ValueError(f"{option} must be a finite number of at least 0, not {getattr(self, option)}")
-        for option in ("gain_drift_per_s", "gain_swing", "offset_um"):
-            if not math.isfinite(getattr(self, option)):
-                raise ValueError(f"{option} must be a finite number, not {getattr(self, option)}")
-        if not 0.0 < self.gain_swing_period_s < math.inf:
-            raise ValueError(f"gain_swing_period_s must be a positive number, not {self.gain_swing_period_s}")
-        for option in ("delay_samples", "gap_samples", "seed"):
-            if not (isinstance(getattr(self, option), int | np.integer) and getattr(self, option) >= 0):
-                raise ValueError(f"{option} must be a whole number of at least 0, not {getattr(self, option)}")
+        checks.not_negative(noise_um=self.noise_um, quantum_um=self.quantum_um, lag_s=self.lag_s)
+        checks.finite(gain_drift_per_s=self.gain_drift_per_s, gain_swing=self.gain_swing, offset_um=self.offset_um)
+        checks.positive(gain_swing_period_s=self.gain_swing_period_s)
+        checks.whole(0, delay_samples=self.delay_samples, gap_samples=self.gap_samples, seed=self.seed)
         if not self.gap_samples < self.gap_period_samples:
             raise ValueError(
                 f"gap_samples must be below gap_period_samples = {self.gap_period_samples}, not {self.gap_samples}"
@@ -106,7 +98,6 @@ class Sensor(Plant):
         self._begin()
 
     def _begin(self) -> None:
-        # SFC64 because its whole state is one array of four words.
         self._generator = np.random.Generator(np.random.SFC64(self.seed))
         self._samples = 0
         self._line, self._lagging = np.zeros(self.delay_samples), np.zeros(1)
@@ -147,25 +138,3 @@ class Sensor(Plant):
         """Put the plant at rest, the time to zero and the noise to its beginning."""
         self.plant.reset()
         self._begin()
-
-    def _own(self) -> Memory:
-        words = self._generator.bit_generator.state["state"]["state"]
-        return {
-            "generator": np.array(words, dtype=np.uint64),
-            "samples": np.array([self._samples], dtype=np.int64),
-            "delay_line": self._line.copy(),
-            "lagging": self._lagging.copy(),
-        }
-
-    def state(self) -> Memory:
-        """Return a copy of the delay line, the time, the generator and, under ``plant.``, the plant's own state."""
-        return {**self._own(), **{f"plant.{name}": array for name, array in self.plant.state().items()}}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Put back what :meth:`state` gave."""
-        own = self._own()
-        replace(own, {name: array for name, array in state.items() if not name.startswith("plant.")}, "Sensor")
-        self.plant.restore({name.removeprefix("plant."): array for name, array in state.items() if name not in own})
-        self._line, self._lagging, self._samples = own["delay_line"], own["lagging"], int(own["samples"][0])
-        generator = self._generator.bit_generator
-        generator.state = {**generator.state, "state": {"state": own["generator"]}}

@@ -15,19 +15,19 @@ from rest obeys ds/dt = ω A s, A = ((0, 1), (−1, −2ζ)), so that
 end of the period in which its drive was held, so p(k) is the answer to x[0..k].
 """
 
+import copy
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import expm
 
+from piezo_model import checks
 from piezo_model.core import bindings
 from piezo_model.plants.actuator import Actuator
-from piezo_model.plants.protocol import Memory, Plant, replace
+from piezo_model.plants.protocol import Plant
 from piezo_model.plants.sensor import gain_from
 from solvers.arrays import Vector
 
@@ -90,14 +90,13 @@ class Axis(Plant):
                 raise ValueError(
                     f"the actuators in push-pull must have the same {option}, not {values[0]} and {values[1]}"
                 )
-        for option in ("lever", "natural_frequency_Hz", "gain_swing_period_s"):
-            if not 0.0 < getattr(self, option) < math.inf:
-                raise ValueError(f"{option} must be a positive number, not {getattr(self, option)}")
-        if not 0.0 <= self.damping_ratio < math.inf:
-            raise ValueError(f"damping_ratio must be a finite number of at least 0, not {self.damping_ratio}")
-        for option in ("gain_drift_per_s", "gain_swing"):
-            if not math.isfinite(getattr(self, option)):
-                raise ValueError(f"{option} must be a finite number, not {getattr(self, option)}")
+        checks.positive(
+            lever=self.lever,
+            natural_frequency_Hz=self.natural_frequency_Hz,
+            gain_swing_period_s=self.gain_swing_period_s,
+        )
+        checks.not_negative(damping_ratio=self.damping_ratio)
+        checks.finite(gain_drift_per_s=self.gain_drift_per_s, gain_swing=self.gain_swing)
         self.x_range, self.sample_time = first.x_range, first.sample_time
         low, high = first.y_range
         self._centre = 0.0 if self.push_pull else 0.5 * (low + high)
@@ -116,19 +115,12 @@ class Axis(Plant):
         """Drive the axis on from where it stands; see :meth:`Plant.run`."""
         x = np.asarray(x, dtype=np.float64)
         force = self._force(x)
-        samples = self._memory["samples"]
-        gain = gain_from(
-            int(samples[0]),
-            force.size,
-            self.sample_time,
-            self.gain_drift_per_s,
-            self.gain_swing,
-            self.gain_swing_period_s,
-        )
-        samples += force.size
+        drift = self.gain_drift_per_s, self.gain_swing, self.gain_swing_period_s
+        gain = gain_from(self._samples, force.size, self.sample_time, *drift)
+        self._samples += force.size
         p = np.empty_like(force)
         bindings.structure_response(
-            self.lever * (self._centre + gain * (force - self._centre)), self._F, self._memory["structure"], p
+            self.lever * (self._centre + gain * (force - self._centre)), self._F, self._structure, p
         )
         return p
 
@@ -142,35 +134,8 @@ class Axis(Plant):
         for actuator in self.actuators:
             actuator.reset()
         if self.push_pull:
-            opposing = self.actuators[1]
-            settled = dataclasses.replace(opposing, sample_time=FOREVER_S)
+            settled = dataclasses.replace(self.actuators[1], sample_time=FOREVER_S)
             settled.run(np.full(3, self.x_range[1]))
-            opposing.restore(settled.state())
-        self._memory: Memory = {"structure": np.zeros(2), "samples": np.zeros(1, dtype=np.int64)}
-        states = [actuator.state() for actuator in self.actuators]
-        at_rest = self._force(np.full(1, self.x_range[0]))[0]
-        for actuator, state in zip(self.actuators, states, strict=True):
-            actuator.restore(state)
-        self._memory["structure"][0] = self.lever * at_rest
-
-    def state(self) -> Memory:
-        """Return a copy of the structure's state, the time and, under ``0.`` and ``1.``, those of the actuators."""
-        return {
-            **{name: array.copy() for name, array in self._memory.items()},
-            **{
-                f"{i}.{name}": array
-                for i, actuator in enumerate(self.actuators)
-                for name, array in actuator.state().items()
-            },
-        }
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Put back what :meth:`state` gave."""
-        parts = [
-            {name.removeprefix(f"{i}."): array for name, array in state.items() if name.startswith(f"{i}.")}
-            for i in range(len(self.actuators))
-        ]
-        prefixes = tuple(f"{i}." for i in range(len(self.actuators)))
-        replace(self._memory, {name: array for name, array in state.items() if not name.startswith(prefixes)}, "Axis")
-        for actuator, part in zip(self.actuators, parts, strict=True):
-            actuator.restore(part)
+            self.actuators[1]._memory = settled._memory
+        at_rest = copy.deepcopy(self)._force(np.full(1, self.x_range[0]))[0]
+        self._samples, self._structure = 0, np.array([self.lever * at_rest, 0.0])

@@ -7,15 +7,12 @@ at right angles, sensors not in line with the actuators. Therefore neither direc
 decoupling matrix D = C⁻¹ both are, and `decoupling` finds D and closes one self-learning loop for each.
 """
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from piezo_model.plants.protocol import Memory, replace
+from piezo_model import checks
 from piezo_model.stage.axis import Axis
 from solvers.arrays import Matrix
 
@@ -73,16 +70,10 @@ class Stage:
         self.C: Matrix = np.array(self.coupling, dtype=np.float64)
         if self.C.shape != (2, 2) or not np.isfinite(self.C).all() or np.linalg.cond(self.C) > 1e6:
             raise ValueError(f"coupling must be a regular matrix of 2 by 2 numbers, not {self.C.tolist()}")
-        for option in ("noise_um", "quantum_um"):
-            if not 0.0 <= getattr(self, option) < math.inf:
-                raise ValueError(f"{option} must be a finite number of at least 0, not {getattr(self, option)}")
-        if not (isinstance(self.seed, int | np.integer) and self.seed >= 0):
-            raise ValueError(f"seed must be a whole number of at least 0, not {self.seed}")
+        checks.not_negative(noise_um=self.noise_um, quantum_um=self.quantum_um)
+        checks.whole(0, seed=self.seed)
         self.sample_time = self.axes[0].sample_time
-        self._begin()
-
-    def _begin(self) -> None:
-        self._generator = np.random.Generator(np.random.SFC64(self.seed))  # its whole state is one array of four words
+        self._generator = np.random.Generator(np.random.SFC64(self.seed))
 
     def run(self, x: ArrayLike) -> Matrix:
         """Drive the stage on from where it stands.
@@ -117,30 +108,3 @@ class Stage:
         """Drive the stage one sample on: x (2,) in V, the answer (2,) in µm, the same bits as :meth:`run` gives."""
         row: Matrix = self.run(np.asarray(x, dtype=np.float64)[None])[0]
         return row
-
-    def reset(self) -> None:
-        """Put the stage at rest at the low ends of the drives, the time to zero and the noise to its beginning."""
-        for axis in self.axes:
-            axis.reset()
-        self._begin()
-
-    def state(self) -> Memory:
-        """Return a copy of everything that the stage remembers, by name."""
-        words = self._generator.bit_generator.state["state"]["state"]
-        return {
-            "generator": np.array(words, dtype=np.uint64),
-            **{f"axis{i}.{name}": array for i, axis in enumerate(self.axes) for name, array in axis.state().items()},
-        }
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Put back what :meth:`state` gave; ValueError where it is the state of another stage."""
-        own: Memory = {"generator": np.zeros(4, dtype=np.uint64)}
-        replace(
-            own, {name: array for name, array in state.items() if not name.startswith(("axis0.", "axis1."))}, "Stage"
-        )
-        for i, axis in enumerate(self.axes):
-            axis.restore(
-                {name.removeprefix(f"axis{i}."): array for name, array in state.items() if name.startswith(f"axis{i}.")}
-            )
-        generator = self._generator.bit_generator
-        generator.state = {**generator.state, "state": {"state": own["generator"]}}

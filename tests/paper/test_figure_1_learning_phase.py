@@ -29,7 +29,7 @@ def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
     """Cost of the weights in use after so many more samples, on what they were learned from; the drive takes them a
     block later."""
     learner.observe(np.zeros(samples), np.full(samples, math.nan))
-    learner.run(np.zeros(2 * learner._learning.block), lambda x: np.full_like(x, math.nan))
+    learner.run(np.zeros(2 * learner._block), lambda x: np.full_like(x, math.nan))
     problem = learner.problem
     assert isinstance(problem, IdentificationProblem)
     return problem.cost(learner.model.weights)
@@ -37,7 +37,7 @@ def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
 
 def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> None:
     learner = learning("box_active_set", samples_to_solve=17)
-    wait = -(-17 // learner._learning.block) * learner._learning.block  # a phase ends with a block
+    wait = -(-17 // learner._block) * learner._block  # a phase ends with a block
     learner.observe(np.zeros(wait - 1), np.full(wait - 1, math.nan))
     assert learner.phase is Phase.LEARN
     problem, weights = learner.problem, learner.model.weights
@@ -57,11 +57,11 @@ def test_a_solver_of_steps_takes_one_a_sample_and_comes_to_the_exact_answer() ->
 
 def test_the_steps_are_those_of_the_difference_equation() -> None:
     learner = learning("projected_difference", 0.3)
-    core = learner._learning.core
+    core = learner._core
     d = core["q"].size
     P, q, lower, z = core["P"].reshape(d, d), core["q"].copy(), core["lower"].copy(), core["start"].copy()
     eta = 1.0 / np.linalg.eigvalsh(P)[-1]
-    steps = -(-300 // learner._learning.block) * learner._learning.block
+    steps = -(-300 // learner._block) * learner._block
     for _ in range(steps):
         z = np.maximum(z - eta * (P @ z + q), lower)
     learner.observe(np.zeros(steps), np.full(steps, math.nan))
@@ -71,7 +71,7 @@ def test_the_steps_are_those_of_the_difference_equation() -> None:
 
 def test_the_program_is_that_of_the_identification_of_the_same_samples() -> None:
     learner = learning("box_active_set", samples_to_solve=100)
-    core, problem = learner._learning.core, learner.problem
+    core, problem = learner._core, learner.problem
     assert problem is not None
     form = problem.form()
     d = core["q"].size

@@ -87,12 +87,9 @@ class Loop:
         return float(np.mean((y - self.y_ref) ** 2))
 
     def counters(self) -> dict[str, tuple[int, int]]:
-        learning = self.learner._learning
-        found = {"sample": (learning.count("sample"), 64)}
-        found |= {
-            name: (learning.count(name), 53) for name in ("hand_overs", "refusals", "faults", "failures", "fault_count")
-        }
-        return found | {f"verdicts[{i}]": (int(value), 53) for i, value in enumerate(learning.verdicts)}
+        found = {"sample": (self.learner.samples, 64)}
+        found |= {name: (self.learner._count(name), 53) for name in ("faults", "failures", "fault_count")}
+        return found | {name: (count, 53) for name, count in self.learner.counts.items()}
 
 
 def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:

@@ -239,7 +239,10 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
         (change("options", "speed", to=1), "there is no field 'options.speed'"),
         (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
         (change("tiles", to=2**70), "the field 'tiles' is wrong"),
-        (change("version", to=99), "it is none of version 3"),
+        (
+            change("version", to=99),
+            "version 99 is not 3, the one this program reads; load it with the program",
+        ),
         (lambda parts: parts.update(slots=np.arange(13) + 4), "slots must be different whole numbers from 0 to 15"),
         (
             lambda parts: parts.update(slots=np.zeros(13, np.int64)),

@@ -93,8 +93,8 @@ def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
     structure, w = model.structure, model.weights
     v = structure.inverse_slope_map @ w
     v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope, as flat as it may be
-    learner._learning.core["candidate"][:] = v
-    learner._learning.core["memory"][MEMORY.index("revert")] = 1.0  # whatever it predicts
+    learner._core["candidate"][:] = v
+    learner._core["memory"][MEMORY.index("revert")] = 1.0  # whatever it predicts
     learner.run(y_ref[:20], plant.run)
     assert error_of(learner, y_ref, plant.run, plant, slice(-5000, None)) < 1.1 * before
 

@@ -1,5 +1,7 @@
 """Settings of a self-learning compensator."""
 
+from dataclasses import asdict
+
 import pytest
 
 from piezo_model.json_file import convert
@@ -25,6 +27,6 @@ def test_settings_that_cannot_be_are_refused_in_one_sentence(options: dict[str, 
 
 def test_settings_survive_their_dictionary_and_unknown_ones_are_named() -> None:
     settings_ = LearningSettings(x_limits=(0.0, 1.0), solver_options={"lane": "kernel"})
-    assert convert(settings_.to_dict(), LearningSettings) == settings_
+    assert convert(asdict(settings_), LearningSettings) == settings_
     with pytest.raises(ValueError, match="there is no field 'speed'"):
         convert({"speed": 1}, LearningSettings)

@@ -67,9 +67,9 @@ def test_preisach_equals_a_plane_of_single_relays():
 
 def test_bouc_wen_solves_its_equation():
     plant = plants.get("bouc_wen", creep_share=0.0, exponent=1.0)
-    (h0,) = plant.state()["h"]
     u = np.linspace(-1.0, 1.0, 1001)
     h = plant.stiffness * (u - plant.run(75.0 + 75.0 * u) / 20.0)
+    h0 = h[0]
     # For n = 1 each side of h = 0 is a linear equation: dh/du = A + (β − γ) |h| below and A − (β + γ) h above.
     A, beta, gamma = plant.loading_slope, plant.beta, plant.gamma
     below = (A + (beta - gamma) * -h0) * np.exp(-(beta - gamma) * (u + 1.0))

@@ -49,7 +49,6 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "singular coupling": (lambda: stage(coupling=[[1.0, 1.0], [1.0, 1.0]]), "regular matrix"),
     "one drive for two axes": (lambda: stage().run(np.zeros(5)), r"shape \(N, 2\), not \(5,\)"),
     "a drive that is not finite": (lambda: stage().run(NOT_FINITE), "axis 1 is not finite at sample 3"),
-    "the state of another stage": (lambda: stage().restore({}), "has the"),
     "axes driven alike": (
         lambda: estimate_decoupling(np.column_stack([WALK, WALK]), mixed(np.column_stack([WALK, WALK]))),
         "drive the two axes independently",

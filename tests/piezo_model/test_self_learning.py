@@ -5,6 +5,7 @@ import math
 import pickle
 import re
 import time
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,24 @@ def test_a_replay_in_any_chunks_equals_single_steps_bit_for_bit(mode: str, solve
         np.testing.assert_array_equal(np.concatenate(parts), x)
         assert replayed.counts == stepped.counts
         assert [event.message for event in replayed.log] == [event.message for event in stepped.log]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_runs_and_replays_equal_single_steps_where_the_thresholds_follow_the_driven_range(mode: str) -> None:
+    one, two = sensor(), sensor()
+    true = structure_for(one)
+    half = replace(true, x_scale=0.5 * true.x_scale, y_scale=0.5 * true.y_scale)
+
+    def narrow() -> SelfLearningCompensator:
+        return SelfLearningCompensator(half, 0.1, 2.0, 0.2, "box_active_set", one.x_range, mode, hand_over_s=0.02)
+
+    y_ref, stepped, before = steps(one, 3.0), narrow(), [math.nan]
+    for y in y_ref.tolist():
+        before.append(two.step(stepped.step(y, before[-1])))
+    x, y = narrow().run(y_ref, one.run)
+    np.testing.assert_array_equal(y, before[1:])
+    np.testing.assert_array_equal(x, narrow().replay(y_ref, np.array(before[:-1])))
+    assert "range" in {event.what for event in stepped.log}
 
 
 def test_learners_made_alike_are_the_same_bytes_whatever_was_computed_before() -> None:
@@ -148,7 +167,7 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
     other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").memory()["learning"]["core"]
     for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
         memory["learning"]["core"] = core
-        compensator_file.write(path, learner.settings.to_dict(), memory)
+        compensator_file.write(path, asdict(learner.settings), memory)
         with pytest.raises(
             ModelError, match="does not hold a whole compensator: the state of the core is that of another structure"
         ):
@@ -199,7 +218,7 @@ def test_options_that_the_solver_does_not_have_are_refused_before_anything_runs(
     solver: str, options: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:
     learner, path = fresh("cyclic", solver), tmp_path / "learner.json"
-    compensator_file.write(path, {**learner.settings.to_dict(), "solver_options": options}, learner.memory())
+    compensator_file.write(path, {**asdict(learner.settings), "solver_options": options}, learner.memory())
     with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{re.escape(sentence)}[^\n]*$"):
         SelfLearningCompensator.load(path)
 

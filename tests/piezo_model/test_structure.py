@@ -36,13 +36,6 @@ def test_ranges_become_the_unit_interval() -> None:
     assert s.unit_output(np.array([-20.0, 0.0, 20.0])).tolist() == [-1.0, 0.0, 1.0]
 
 
-def test_thresholds_in_units_are_measured_from_the_centres() -> None:
-    s = ModelStructure.from_thresholds([15.0, 30.0], [-10.0, 0.0, 5.0], (0, 150), (-20, 20), (), 1e-3)
-    np.testing.assert_allclose(s.play_thresholds, [0.2, 0.4])
-    assert s.dead_zone_thresholds == (-0.5, 0.0, 0.25)
-    assert s.middle == 1
-
-
 def test_bounds_are_zero_for_weights_the_least_slope_for_slopes_and_none_for_the_offset() -> None:
     lb = equidistant(n=1, m=1, offset=True).lower_bounds(0.01)
     assert lb.tolist() == [0.0, 0.01, 0.01, 0.01, 0.0, 0.0, -math.inf]
