@@ -48,11 +48,6 @@ class Source:
     form: str = ""
     """How the file was understood, as a clause: "text, separated by tabs, header in row 3"."""
 
-    @property
-    def guesses(self) -> dict[str, str]:
-        """Those of ``columns`` that nobody named."""
-        return {role: self.columns[role] for role in self.reasons}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Recording(Source):

@@ -82,21 +82,20 @@ def test_parquet_of_zero_rows_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "sentence"),
+    "spoil",
     [
-        *((lambda content, n=n: content[: len(content) // n], "is a truncated Parquet file") for n in (100, 2)),
-        (lambda content: content[:-8], "is a truncated Parquet file"),
-        (lambda content: content[:4] + bytes(1996) + content[2000:], "is a damaged Parquet file"),
-        (lambda content: content.replace(b"time_s", b"\x80ime_s"), "is a damaged Parquet file"),
+        lambda content: content[:16],
+        lambda content: content[: len(content) // 2],
+        lambda content: content[:-8],
+        lambda content: content[:4] + bytes(1996) + content[2000:],
+        lambda content: content.replace(b"time_s", b"\x80ime_s"),
     ],
 )
-def test_a_truncated_or_damaged_parquet_file_is_refused(
-    tmp_path: Path, spoil: Callable[[bytes], bytes], sentence: str
-) -> None:
+def test_a_truncated_or_damaged_parquet_file_is_refused(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
     path = tmp_path / "stage.parquet"
     write_table(path, signals())
     path.write_bytes(spoil(path.read_bytes()))
-    assert sentence in refusal(path)
+    assert "is a damaged Parquet file" in refusal(path)
 
 
 # Cells that are no numbers.

@@ -178,7 +178,7 @@ def test_a_reference_is_read_with_its_unit(tmp_path: Path, suffix: str, column: 
 
 def test_the_column_of_a_reference_may_be_named(stage: Path) -> None:
     reference = read_reference(stage, column="voltage_V")
-    assert (reference.unit, reference.guesses) == ("V", {"time": "time_s"})
+    assert (reference.unit, reference.reasons) == ("V", {"time": "by name"})
     np.testing.assert_array_equal(reference.values, signals()["voltage_V"])
 
 
