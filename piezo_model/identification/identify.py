@@ -298,7 +298,6 @@ def _fitted(
             f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
             f"structure is {structure.sample_time:g} s"
         )
-    recording.require(structure.d + 1)
     if state is None:
         found = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
     else:

@@ -231,11 +231,6 @@ class Recording(Source):
             _pieces=partial(_turned, self._pieces),
         )
 
-    def require(self, samples: int) -> None:
-        """Refuse a recording of fewer samples than, say, the order of a model needs."""
-        if self.length < samples:
-            raise RecordingError(f"{self.name}: has {self.length} samples, and {samples} are needed at least")
-
     def describe(self) -> str:
         """Say in two lines what was recorded, and which columns were guessed and why."""
         first = (
