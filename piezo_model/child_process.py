@@ -79,8 +79,7 @@ class Child:
     def call(self, limit_s: float, function: Callable[..., T], *arguments: Any) -> T:
         """Call a function within the time limit; LateError or LostError where it does not return."""
         self.begin(function, *arguments)
-        found: T = self.wait(limit_s)
-        return found
+        return self.wait(limit_s)
 
     def begin(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Begin a call whose answer is waited for later."""

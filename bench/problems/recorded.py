@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
-from piezo_model import DataBasis, HysteresisCreepModel, ModelStructure, Recording, identify
-from piezo_model.identification.identify import check_direction, choose_creep_rates
+from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
+from piezo_model.identification.identify import check_direction, choose_creep_rates, structure_of
 from piezo_model.identification.preprocessing import Preprocessed, preprocess
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
@@ -155,15 +155,4 @@ def part(whole: Recording, samples: slice) -> Recording:
 
 def counted(recording: Recording, n: int, m: int) -> Preprocessed:
     """A structure over the ranges of the counted part, the first sample of it, and the states at the start."""
-    s = ModelStructure.equidistant(
-        n,
-        m,
-        recording.x_range,
-        recording.y_range,
-        choose_creep_rates(recording.sample_time, recording.duration_s),
-        recording.sample_time,
-        offset=True,
-        input_unit=recording.input_unit,
-        output_unit=recording.output_unit,
-    )
-    return preprocess(recording, s, SOLVER, PROXIMAL, None, fit_range=True)
+    return preprocess(recording, structure_of(recording, n, m), SOLVER, PROXIMAL, None, fit_range=True)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
+from piezo_model.identification.alternative_models import correlation
 from piezo_model.identification.fitting import accumulate
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.validation import Validation
@@ -141,9 +142,8 @@ def _weights(
     P = T.T @ problem.P @ T
     at_bound = v <= lb + 1e-9
     free = problem.reached & ~at_bound
-    e = error - error.mean()
-    rho = float(np.clip(e[1:] @ e[:-1] / max(e @ e, 1e-300), 0.0, 0.9999))
-    effective = max(e.size * (1.0 - rho) / (1.0 + rho), 1.0)
+    rho = min(max(correlation(error), 0.0), 0.9999)
+    effective = max(error.size * (1.0 - rho) / (1.0 + rho), 1.0)
     covariance = np.zeros_like(P)
     if free.any():
         inverse = np.linalg.pinv(P[np.ix_(free, free)], hermitian=True, rcond=1e-13)

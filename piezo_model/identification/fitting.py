@@ -1,8 +1,7 @@
 """From a recording to the quadratic program (6), its answer and the errors of its model, given the structure and the
 states at the start.
 
-The errors are those of the output, of the model and of the best line and cubic beside it, in one pass. Line and cubic
-are fitted by their normal equations in Chebyshev polynomials of the unit input.
+The errors are those of the output, of the model and of the best line and cubic beside it.
 """
 
 from __future__ import annotations
@@ -12,17 +11,17 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
-from numpy.typing import NDArray
 
 import solvers
 from piezo_model.data_basis import DataBasis
+from piezo_model.identification.alternative_models import left_over, polynomials
+from piezo_model.identification.alternative_models import rms as rms_of
 from piezo_model.identification.fit_report import Certificate, Fit
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Vector
 from solvers.certificate import certify, exact_cost_gap
 
 if TYPE_CHECKING:
@@ -108,7 +107,7 @@ def forward_error(
     """
     s, state, counted = model.structure, state.copy(), recording.length - skipped
     skipped_worst, low, high = 0.0, math.inf, -math.inf
-    sums, gram, stride = np.zeros(4), np.zeros((5, 5)), max(1, recording.length // ENOUGH)
+    sums, stride, thinned = np.zeros(4), max(1, recording.length // ENOUGH), []
     for x, y, head in skipping(recording, skipped):
         error = y - model.simulate(x, state)
         skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
@@ -116,14 +115,14 @@ def forward_error(
         low, high = float(np.min(error, initial=low)), float(np.max(error, initial=high))
         known = np.abs(s.unit_input(x)) <= WITHIN
         sums += np.sum(error), np.sum(np.square(error)), np.count_nonzero(known), np.sum(error[known])
-        columns = np.column_stack([chebvander(s.unit_input(x[::stride]), 3), s.unit_output(y[::stride])])
-        gram += columns.T @ columns
+        thinned.append((s.unit_input(x[::stride]), s.unit_output(y[::stride])))
     total, squares, inside, inside_total = sums.tolist()
     shift = inside_total / inside if free_shift and inside > FEWEST_INSIDE * counted else 0.0
     rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
     worst = max(high - shift, shift - low)
-    (line, coefficients), (cubic, _) = (_polynomial(gram / gram[0, 0], degree) for degree in (1, 3))
-    unit = 100.0 * abs(s.y_scale) / span
+    u, v = (np.concatenate(parts) for parts in zip(*thinned, strict=True))
+    constant, slope = np.linalg.lstsq(polynomials(u, 1), v, rcond=None)[0].tolist()
+    line, cubic = (100.0 * abs(s.y_scale) / span * rms_of(left_over(polynomials(u, degree), v)) for degree in (1, 3))
     return Fit(
         counted,
         skipped,
@@ -132,15 +131,8 @@ def forward_error(
         rms,
         worst,
         100.0 * skipped_worst / span,
-        unit * line,
-        unit * cubic,
-        (float(coefficients[0]), float(coefficients[1])),
+        line,
+        cubic,
+        (constant, slope),
         span,
     ), shift
-
-
-def _polynomial(gram: Matrix, degree: int) -> tuple[float, NDArray]:
-    """Root mean square that the best polynomial of a degree leaves of the last column, and its coefficients."""
-    part, right = gram[: degree + 1, : degree + 1], gram[: degree + 1, -1]
-    coefficients = np.linalg.lstsq(part, right, rcond=None)[0]
-    return math.sqrt(max(float(gram[-1, -1] - right @ coefficients), 0.0)), coefficients

@@ -75,6 +75,22 @@ def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ..
     return candidate_rates(sample_time, duration_s, per_decade=1)
 
 
+def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] | None = None) -> ModelStructure:
+    """Structure with a free offset over the ranges of a recording; creep rates of its length by default."""
+    rates = choose_creep_rates(recording.sample_time, recording.duration_s) if creep_rates is None else creep_rates
+    return ModelStructure.equidistant(
+        n,
+        m,
+        recording.x_range,
+        recording.y_range,
+        rates,
+        recording.sample_time,
+        offset=True,
+        input_unit=recording.input_unit,
+        output_unit=recording.output_unit,
+    )
+
+
 def identify(
     x: ArrayLike | Recording,
     y: ArrayLike | None = None,
@@ -280,25 +296,12 @@ def _fitted(
 ) -> HysteresisCreepModel:
     """The model of a recording; InadequateError where it does not describe it."""
     own_structure = structure is None
-    if structure is None:
-        rates = choose_creep_rates(recording.sample_time, recording.duration_s) if creep_rates is None else creep_rates
-        structure = ModelStructure.equidistant(
-            n,
-            m,
-            recording.x_range,
-            recording.y_range,
-            rates,
-            recording.sample_time,
-            offset=True,
-            input_unit=recording.input_unit,
-            output_unit=recording.output_unit,
-        )
+    structure = structure_of(recording, n, m, creep_rates) if structure is None else structure
     if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
         raise IdentificationError(
             f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
             f"structure is {structure.sample_time:g} s"
         )
-    recording.require(structure.d + 1)
     if state is None:
         found = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
     else:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -95,13 +96,11 @@ def find_initial_state(
     low, high = s.unit_input(np.array(recording.x_range))
     centre, half = float(0.5 * (low + high)), float(0.5 * (high - low))
     first = float(s.unit_input(next(recording.chunks(1))[0])[0])
-    costs: dict[Start, float] = {}
     trials = min(TRIALS, WORK // recording.length)
 
+    @cache
     def seen(start: Start) -> float:
-        if start not in costs:
-            costs[start] = cost(start.state(s, centre, half))
-        return costs[start]
+        return cost(start.state(s, centre, half))
 
     def better_of(best: Start, others: list[Start]) -> Start:
         found = min(others, key=seen)
@@ -121,15 +120,15 @@ def find_initial_state(
     free, step, helped = [i for i, r in enumerate(s.play_thresholds) if r < half], COARSEST, True
     while step >= COARSE or (helped and step >= FINEST):
         before, helped = None, False
-        while best != before and len(costs) < trials:
+        while best != before and seen.cache_info().misses < trials:
             before = best
             for change in (step, -step):
                 for i in free:
-                    slope = _clip(best.slopes[i] + change, 1.0)
+                    slope = max(-1.0, min(1.0, best.slopes[i] + change))
                     best = better_of(best, [replace(best, slopes=(*best.slopes[:i], slope, *best.slopes[i + 1 :]))])
                 if best.level is not None:
-                    level = centre + half * _clip((best.level - centre) / half + change, FARTHEST)
-                    branch = _clip(best.branch + change, 1.0)
+                    level = centre + half * max(-FARTHEST, min(FARTHEST, (best.level - centre) / half + change))
+                    branch = max(-1.0, min(1.0, best.branch + change))
                     turned = best.level - 0.5 * half * (branch - best.branch)  # about the middle threshold
                     best = better_of(
                         best,
@@ -142,10 +141,6 @@ def find_initial_state(
             helped |= best != before
         step *= 0.5
     return best.state(s, centre, half), best.level
-
-
-def _clip(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))
 
 
 def head_of(recording: Recording, s: ModelStructure, skip: int = 0) -> Recording:

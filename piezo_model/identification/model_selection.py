@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise, product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -181,8 +181,12 @@ def select(
         otherwise.
     """
     bottoms = excursions(x[skip:]) + skip
-    edges = _edges(bottoms, skip, x.size)
-    if bottoms.size < EXCURSIONS or len(edges) <= FOLDS:
+    if bottoms.size < EXCURSIONS:
+        return None
+    # Folds end at the bottoms nearest to stretches of equal length.
+    wanted = np.linspace(skip, x.size, FOLDS + 1)[1:-1]
+    edges = np.unique([skip, *(bottoms[np.argmin(np.abs(bottoms - at))] for at in wanted), x.size]).tolist()
+    if len(edges) <= FOLDS:
         return None
     usual = structure.n, structure.dead_zones // 2
     grid = (
@@ -191,7 +195,7 @@ def select(
         else tuple(rates)
     )
     grams = _Grams(structure, ns, ms, tuple(dict.fromkeys((*grid, *structure.creep_rates))), solver)
-    grams.accumulate(x, y, start, skip, edges, progress)
+    grams.accumulate(x, y, start, edges, progress)
     unchosen = grams.judged(*usual, structure.creep_rates)
     best_rates = structure.creep_rates if rates is not None else _search(grams, grid, *usual, progress)
     for done, (n, m) in enumerate(product(ns, ms)):
@@ -222,11 +226,8 @@ def _as_good(one: Candidate, best: Candidate) -> bool:
 
 def _search(grams: _Grams, grid: Sequence[float], n: int, m: int, progress: Progress) -> tuple[float, ...]:
     """The best set of rates for orders: all of one and two, and larger ones from the best of one less."""
-    sets: list[tuple[float, ...]] = [(), *((rate,) for rate in grid), *combinations(grid, 2)]
-    judged = [grams.judged(n, m, each) for each in sets]
-    progress("creep rates", 2, MOST_RATES)
-    best = [c for c in sorted(judged, key=_error) if len(c.creep_rates) == 2][:BEAM]
-    for size in range(3, MOST_RATES + 1):
+    judged = best = [grams.judged(n, m, ())]
+    for size in range(1, MOST_RATES + 1):
         larger = {
             tuple(sorted({*c.creep_rates, rate}, reverse=True))
             for c in best
@@ -234,16 +235,9 @@ def _search(grams: _Grams, grid: Sequence[float], n: int, m: int, progress: Prog
             if rate not in c.creep_rates
         }
         found = sorted((grams.judged(n, m, each) for each in sorted(larger)), key=_error)
-        judged, best = [*judged, *found], found[:BEAM]
+        judged, best = [*judged, *found], found if size == 1 else found[:BEAM]
         progress("creep rates", size, MOST_RATES)
     return min(judged, key=_error).creep_rates
-
-
-def _edges(bottoms: NDArray[np.int64], skip: int, size: int) -> list[int]:
-    """Where folds begin and end: at the bottoms nearest to stretches of equal length."""
-    wanted = np.linspace(skip, size, FOLDS + 1)[1:-1]
-    inner = sorted({int(bottoms[np.argmin(np.abs(bottoms - at))]) for at in wanted}) if bottoms.size else []
-    return [skip, *(at for at in inner if skip < at < size), size]
 
 
 class _Grams:
@@ -259,9 +253,7 @@ class _Grams:
         self.folds: list[Matrix] = []
         self.counts: list[int] = []
 
-    def accumulate(
-        self, x: Vector, y: Vector, start: OperatorState, skip: int, edges: Sequence[int], progress: Progress
-    ) -> None:
+    def accumulate(self, x: Vector, y: Vector, start: OperatorState, edges: Sequence[int], progress: Progress) -> None:
         """Run all operators once over the samples and sum the products of their columns, fold by fold."""
         s = replace(
             self.structure, play_thresholds=self.plays, dead_zone_thresholds=self.zones, creep_rates=(), offset=True
@@ -272,7 +264,7 @@ class _Grams:
         rested = np.interp(r, own, start.creep[: own.size]) if start.creep.size else play
         structures = [replace(s, creep_rates=(rate,)) for rate in self.rates] or [s]
         states = [OperatorState.of(play, [rested] * len(each.creep_rates), each) for each in structures]
-        self.span = float(np.ptp(s.unit_input(x[skip:])))
+        self.span = float(np.ptp(s.unit_input(x[edges[0] :])))
 
         def columns(part: slice) -> Matrix:
             rows = [
@@ -281,8 +273,8 @@ class _Grams:
             fixed = 1 + len(self.plays) + len(self.zones)
             return np.hstack([rows[0][:, :fixed], *(each[:, fixed:-1] for each in rows), rows[0][:, -1:]])
 
-        for begin in range(0, skip, CHUNK):
-            columns(slice(begin, min(begin + CHUNK, skip)))
+        for begin in range(0, edges[0], CHUNK):
+            columns(slice(begin, min(begin + CHUNK, edges[0])))
         width = 1 + len(self.plays) + len(self.zones) + len(self.rates) * r.size + 1
         for fold, (begin, end) in enumerate(pairwise(edges)):
             gram = np.zeros((width, width))

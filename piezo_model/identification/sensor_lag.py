@@ -13,7 +13,6 @@ of the variance of white noise, which the residual would take for a better fit, 
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -39,106 +38,58 @@ RESOLUTION = 0.01
 """Fraction of a sample to which the lag is found."""
 
 
-class Shifted(NamedTuple):
-    """A signal without its lag, and the samples it is known at."""
-
-    values: Vector
-    kept: slice
-    """``values`` belongs to ``x[kept]``; the samples before and after are trimmed, for want of neighbours."""
-
-
-def minimise_over_lag(error: Callable[[float], float], max_lag: float, *, remove: bool = False) -> Lag:
-    """Find the lag between 0 and ``max_lag`` samples that leaves the smallest error.
+def minimise_over_lag(error: Callable[[float], float], longest: int, *, remove: bool = False) -> Lag:
+    """Find the lag between 0 and ``longest`` samples that leaves the smallest error.
 
     Parameters
     ----------
     error : callable
-        Error of the identification at a lag in samples. It must be counted over the same samples at every lag.
-    max_lag : float
+        Error of the identification at a lag in samples, counted over the same samples at every lag.
+    longest : int
         Largest lag looked at, in samples.
     remove : bool
         Whether a lag that is found is removed.
-
-    Raises
-    ------
-    ValueError
-        ``max_lag`` makes no sense, or the error is not a number at some lag.
 
     Examples
     --------
     >>> round(minimise_over_lag(lambda lag: (lag - 2.25) ** 2, 6).samples, 2)
     2.25
     """
-    if not (math.isfinite(max_lag) and max_lag >= 0):
-        raise ValueError(f"max_lag must be a finite number of samples from 0 up, not {max_lag}")
-    errors: dict[float, float] = {}
-
-    def seen(lag: float) -> float:
-        if lag not in errors:
-            errors[lag] = float(error(lag))
-            if math.isnan(errors[lag]):
-                raise ValueError(f"the error is not a number at a lag of {lag:g} samples")
-        return errors[lag]
-
-    best = min(sorted({*map(float, range(math.floor(max_lag) + 1)), float(max_lag)}), key=seen)
-    low, high = max(0.0, best - 1), min(float(max_lag), best + 1)
-    if high > low:
-        minimize_scalar(seen, bounds=(low, high), method="bounded", options={"xatol": RESOLUTION})
-    lag = float(min(errors, key=seen))
-    return Lag(lag, remove and lag > 0.0, errors[0.0], errors[lag], max_lag - lag <= RESOLUTION)
+    errors = [error(lag) for lag in range(longest + 1)]
+    whole = int(np.argmin(errors))
+    near = minimize_scalar(
+        error,
+        bounds=(max(whole - 1, 0), min(whole + 1, longest)),
+        method="bounded",
+        options={"xatol": RESOLUTION},
+    )
+    least, lag = min((errors[whole], float(whole)), (float(near.fun), float(near.x)))
+    return Lag(lag, remove and lag > 0.0, errors[0], least, longest - lag <= RESOLUTION)
 
 
-def shift_output(y: Vector, lag: float) -> Shifted:
-    """Advance a signal by a fraction of samples.
-
-    Parameters
-    ----------
-    y : array, shape (samples,)
-        Signal of a sensor that lags.
-    lag : float
-        Samples to advance by, of either sign. Whole ones only move the samples.
+def shift_output(y: Vector, lag: float) -> tuple[Vector, slice]:
+    """Advance a signal (samples,) by a number of samples, of either sign.
 
     Returns
     -------
     values : array, shape (kept,)
         The signal at ``k + lag`` for every sample ``k`` of ``kept``.
     kept : slice
-        Samples that are left: all that have a neighbour there, and :data:`HALF_WIDTH` to both sides for a fraction.
-
-    Raises
-    ------
-    ValueError
-        Nothing would be left.
+        Samples that are left: all that have :data:`HALF_WIDTH` neighbours there on both sides.
 
     Examples
     --------
-    >>> shift_output(np.arange(5.0), 2)
-    Shifted(values=array([2., 3., 4.]), kept=slice(0, 3, None))
+    >>> values, kept = shift_output(np.arange(200.0), 1.5)
+    >>> kept, values[:2].round(3).tolist()
+    (slice(30, 167, None), [31.5, 32.5])
     """
-    y = np.ascontiguousarray(y, dtype=np.float64)
-    if y.ndim != 1:
-        raise ValueError(f"the signal must be one-dimensional, not of shape {y.shape}")
-    if not math.isfinite(lag):
-        raise ValueError(f"the lag must be a finite number of samples, not {lag}")
-    whole = math.floor(lag + 1e-9)
-    fraction = max(0.0, lag - whole)
-    kernel = _kernel(fraction) if fraction > 1e-9 else np.ones(1)
-    before = kernel.size // 2 - 1 if kernel.size > 1 else 0  # neighbours needed before and after k + whole
-    after = kernel.size - 1 - before
-    start, stop = max(0, before - whole), min(y.size, y.size - after - whole)
-    if stop <= start:
-        raise ValueError(f"{y.size} samples are too few to be shifted by {lag:g} samples")
-    values: Vector = np.correlate(y[start + whole - before : stop + whole + after], kernel, mode="valid")
-    return Shifted(values, slice(start, stop))
-
-
-def _kernel(fraction: float) -> Vector:
-    """Weights of the neighbours −HALF_WIDTH + 1 … HALF_WIDTH for the value at ``fraction``, with sum 1."""
-    distance = np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1) - fraction
+    whole = math.floor(lag)
+    start, stop = max(0, HALF_WIDTH - 1 - whole), min(y.size, y.size - HALF_WIDTH - whole)
+    distance = np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1) - (lag - whole)
     window = np.i0(KAISER_BETA * np.sqrt(np.clip(1 - (distance / HALF_WIDTH) ** 2, 0, None)))
-    kernel: Vector = np.sinc(distance) * window
-    kernel /= kernel.sum()
-    return kernel
+    kernel = np.sinc(distance) * window
+    around = y[start + whole - HALF_WIDTH + 1 : stop + whole + HALF_WIDTH]
+    return np.correlate(around, kernel / kernel.sum(), mode="valid"), slice(start, stop)
 
 
 def estimate_lag(

@@ -2,7 +2,7 @@
 
 A voltage on its way from a file to a weight passes
 
-    formats/*           ``batches``: text by Arrow, after `dialect` and `text_rows`; binary formats by their libraries,
+    formats/*           ``batches``: text by Arrow, after `dialect` and `text_table`; binary formats by their libraries,
                         in a child process (`subprocess_reader`)
     tables              ``Table.pieces``: float64, (columns, rows)
     roles, profile      which column is what, by names, and by values where these do not say it

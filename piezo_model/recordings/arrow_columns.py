@@ -37,8 +37,8 @@ SECOND, DAY = 10**9, 86400 * 10**9
 """In nanoseconds."""
 
 
-def column_of(field: pa.Field, rows: int) -> Column:
-    """A column of a table of so many rows."""
+def column_of(field: pa.Field, rows: int | None = None) -> Column:
+    """A column of a table, of so many rows if that is known."""
     kinds: dict[Kind, Sequence[bool]] = {
         "number": (pa.types.is_floating(field.type), pa.types.is_integer(field.type), pa.types.is_decimal(field.type)),
         "flag": (pa.types.is_boolean(field.type),),

@@ -1,8 +1,7 @@
 """Pieces of a table: float64 arrays of shape (columns, rows), cut to any size while they stream by."""
 
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 from piezo_model.structure import SAMPLE_TIMES
 from solvers.arrays import Matrix, Vector
 
-T = TypeVar("T")
 BUFFER_BYTES = 1 << 18
 """Bytes of a file that are read at once; Arrow reads some tens of such blocks ahead."""
 ABSURD = 1e30
@@ -47,16 +45,6 @@ def rechunk(pieces: Iterable[Matrix], size: int) -> Iterator[Matrix]:
             missing -= piece.shape[1]
     if held:
         yield np.concatenate(held, axis=1)
-
-
-def ahead(pieces: Iterable[T]) -> Iterator[T]:
-    """The same pieces, each made by a thread while the one before it is worked on."""
-    made = iter(pieces)
-    with ThreadPoolExecutor(1) as thread:
-        coming = thread.submit(next, made, None)
-        while (piece := coming.result()) is not None:
-            coming = thread.submit(next, made, None)
-            yield piece
 
 
 class Elapsed:

@@ -18,6 +18,8 @@ SEPARATORS = ("\t", ";", ",", "|", " ")
 """In the order of preference; " " stands for any run of blanks and tabs."""
 COMMENT = re.compile(r"\s*(?:#|%|//|;|!|\*\*)+\s*")
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
+NULLS = {case(cell) for cell in MISSING for case in (str.lower, str.upper, str.capitalize)} | {"NaN"}
+"""The same as they are written."""
 FLAGS = frozenset({"true", "false", "yes", "no", "on", "off"})
 DECIMAL = {
     ".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE),

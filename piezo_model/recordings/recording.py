@@ -48,11 +48,6 @@ class Source:
     form: str = ""
     """How the file was understood, as a clause: "text, separated by tabs, header in row 3"."""
 
-    @property
-    def guesses(self) -> dict[str, str]:
-        """Those of ``columns`` that nobody named."""
-        return {role: self.columns[role] for role in self.reasons}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Recording(Source):
@@ -235,11 +230,6 @@ class Recording(Source):
             reasons={other.get(role, role): why for role, why in self.reasons.items()},
             _pieces=partial(_turned, self._pieces),
         )
-
-    def require(self, samples: int) -> None:
-        """Refuse a recording of fewer samples than, say, the order of a model needs."""
-        if self.length < samples:
-            raise RecordingError(f"{self.name}: has {self.length} samples, and {samples} are needed at least")
 
     def describe(self) -> str:
         """Say in two lines what was recorded, and which columns were guessed and why."""

@@ -28,28 +28,17 @@ def sample_time_in(lines: Iterable[str]) -> float | None:
     >>> [sample_time_in(head) for head in heads]
     [5e-05, 0.005, None]
     """
-    return only(_period(match) for line in lines for match in _STATED.finditer(line))
-
-
-def only(periods: Iterable[float | None]) -> float | None:
-    """The period that is stated, or None where none or more than one is."""
-    found = {period for period in periods if period is not None}
+    found = {_period(match) for line in lines for match in _STATED.finditer(line)} - {None}
     return found.pop() if len(found) == 1 else None
 
 
 def sample_time_in_scalars(arrays: Mapping[str, NDArray]) -> float | None:
     """Sampling period in seconds that numbers among arrays state by their names, or by the last part of these."""
-    return only(
-        sample_time_of(name.rpartition("/")[2], float(array.ravel()[0]))
+    return sample_time_in(
+        f"{name.rpartition('/')[2]} = {float(array.ravel()[0])!r}"
         for name, array in arrays.items()
         if array.size == 1 and array.dtype.kind in "iuf"
     )
-
-
-def sample_time_of(name: str, value: float, unit: str = "") -> float | None:
-    """Sampling period in seconds that a named number states, or None where its name is not one of a rate or a
-    period."""
-    return sample_time_in([f"{name} [{unit}] = {value!r}"])
 
 
 def _period(match: re.Match[str]) -> float | None:

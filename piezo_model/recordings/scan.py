@@ -149,11 +149,17 @@ def scan(
     )
     if reading.resample is None or clock is None:
         return found
+    length = int(clock.duration_s / reading.resample + 1e-9) + 1
+    if not 2 <= length <= MOST_SAMPLES:
+        raise RecordingError(
+            f"{table.path}: --resample {reading.resample:g} gives {length} samples of {clock.duration_s:g} s; take "
+            "another period"
+        )
     return replace(
         found,
         sample_time=reading.resample,
         time_resolution=0.0,
-        length=resampled_length(str(table.path), clock.duration_s, reading.resample),
+        length=length,
         signals=partial(_streamed, table, at, rows, reading.resample / unit),
         remark=f", interpolated from {rows} rows at the times of the file",
     )
@@ -176,16 +182,6 @@ def _refuse_other_clock(table: Table, time: int, by_clock: float, by_option: flo
 def _streamed(table: Table, at: Sequence[int], length: int, period: float | None = None) -> Iterator[Matrix]:
     rows = limited(table.pieces(at), length)
     return rows if period is None else resampled(rechunk(rows, CHUNK), period)
-
-
-def resampled_length(label: str, duration_s: float, period_s: float) -> int:
-    """Samples from the first time to the last; RecordingError where the period is none for this recording."""
-    length = int(duration_s / period_s + 1e-9) + 1
-    if not 2 <= length <= MOST_SAMPLES:
-        raise RecordingError(
-            f"{label}: --resample {period_s:g} gives {length} samples of {duration_s:g} s; take another period"
-        )
-    return length
 
 
 def resampled(pieces: Iterable[Matrix], period: float) -> Iterator[Matrix]:

@@ -6,23 +6,20 @@ The child keeps the file that it opened last; there is one for each process that
 
 import atexit
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.child_process import Child, LateError, LostError, limit_memory
 from piezo_model.recordings.chunks import RecordingError
-from piezo_model.recordings.tables import ArrayTable, Column, ReadOptions
-
-T = TypeVar("T")
+from piezo_model.recordings.tables import ArrayTable, ReadOptions
 
 MEMORY_MB = 4096
 """That a file may take to be read."""
@@ -54,23 +51,24 @@ class Rows:
 
     def __getitem__(self, rows: slice) -> NDArray:
         """Some of its values."""
-        return _ask(_read, self.file, self.at, rows)
+        values: NDArray = _ask(self.file, self.at, rows)
+        return values
 
 
 def open_table(module: ModuleType, path: Path, reading: ReadOptions) -> ArrayTable:
-    """List the columns; the errors are those of :func:`piezo_model.recordings.tables.open_table`."""
+    """List the columns; the errors are those of :func:`piezo_model.recordings.opening.open_table`."""
     found = path.stat()
     file = File(path.absolute(), module.__name__, reading, found.st_size, found.st_mtime_ns)
-    form, columns = _ask(_list, file)
+    form, columns = _ask(file)
     return ArrayTable(path, form, columns, [Rows(file, k) for k in range(len(columns))])
 
 
-def _ask(question: Callable[..., T], file: File, *more: Any) -> T:
+def _ask(file: File, *rows: Any) -> Any:
     """The child's answer; what it raised is raised here, and how it ended is said in a sentence."""
     limit_s = LEAST_S + file.size / BYTES_PER_S
     try:
         with _turn:
-            found: Any = _child(os.getpid()).call(limit_s, _answer, question, file, *more)
+            found = _child(os.getpid()).call(limit_s, _answer, file, *rows)
     except LateError:
         raise RecordingError(f"{file.path}: takes longer than {limit_s:.0f} s to be read") from None
     except LostError as error:
@@ -88,29 +86,16 @@ def _child(process: int) -> Child:
     return child
 
 
-# In the child.
-
-
-def _answer(question: Callable[..., T], file: File, *more: Any) -> T | Exception:
+def _answer(file: File, at: int | None = None, rows: slice = slice(None)) -> Any:
+    """In the child: form and columns of a table, rows of one of its columns, or what went wrong."""
     try:
-        return question(_opened(file), *more)
+        if file not in _kept:
+            _kept.clear()  # before the next one takes its memory
+            _limit_memory(MEMORY_MB)
+            _kept[file] = import_module(file.module).open_table(file.path, file.reading)
+        table = _kept[file]
+        return (table.form, table.columns) if at is None else np.asarray(table.arrays[at][rows])
     except MemoryError:
         return RecordingError(f"{file.path}: takes more than {MEMORY_MB} MB to be read")
     except Exception as error:
         return error
-
-
-def _list(table: ArrayTable) -> tuple[str, tuple[Column, ...]]:
-    return table.form, table.columns
-
-
-def _read(table: ArrayTable, at: int, rows: slice) -> NDArray:
-    return np.asarray(table.arrays[at][rows])
-
-
-def _opened(file: File) -> ArrayTable:
-    if file not in _kept:
-        _kept.clear()  # before the next one takes its memory
-        _limit_memory(MEMORY_MB)
-        _kept[file] = import_module(file.module).open_table(file.path, file.reading)
-    return _kept[file]

@@ -77,7 +77,7 @@ def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: st
     assert any("--lag remove" in advice for advice in model.report["advice"]) == (choice == "estimate")
     if choice == "remove":
         with_lag = identify(x[fine * 20 :: fine], y, s, lag="ignore")
-        trimmed = shift_output(y, found["samples"]).kept.start
+        trimmed = shift_output(y, found["samples"])[1].start
         assert model.report["fit"]["skipped"] == 0
         assert model.report["fit"]["samples"] <= with_lag.report["fit"]["samples"] - trimmed
         assert model.report["fit"]["rms_percent"] < 0.3 * with_lag.report["fit"]["rms_percent"]
@@ -193,8 +193,8 @@ X = a_drive(400)
 @pytest.mark.parametrize(
     ("x", "y", "options", "sentence"),
     [
-        (X[:9], X[:9], {}, "has 9 samples, and 12 are needed at least"),
-        (X, X, {"skip": 395}, "only 5 of 400 samples are left after skipping 395, too few for 11 weights"),
+        (X[:9], X[:9], {}, "only 9 of 9 samples are counted, too few for 11 weights"),
+        (X, X, {"skip": 395}, "only 5 of 400 samples are counted, too few for 11 weights"),
         (X, X, {"skip": -1}, "skip must not be negative, not -1"),
         (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
         (X[:140], X[:140], {"lag": "remove", "skip": 100}, "140 samples are too few to look for a lag"),

@@ -58,8 +58,8 @@ def test_columns_are_guessed_from_the_header_and_said(tmp_path: Path, header: st
     cells = {time: "{0}", x: "1{1}", y: "2{1}"}
     line = ",".join(cells.get(name, "7") for name in names)
     recording = Recording.open(text_file(tmp_path, header, *(line.format(k, k % 3) for k in range(9))))
-    assert recording.columns == recording.guesses == {"time": time, "input": x, "output": y}
-    assert recording.swapped().guesses == {"time": time, "input": y, "output": x}
+    assert recording.columns == {"time": time, "input": x, "output": y}
+    assert recording.swapped().columns == {"time": time, "input": y, "output": x}
     assert (recording.x_range, recording.y_range) == ((10, 12), (20, 22))
     assert "guessed: time, input, output by name (otherwise --time, --input, --output)" in recording.describe()
     assert all(repr(name) in recording.describe() for name in (time, x, y))
@@ -68,7 +68,7 @@ def test_columns_are_guessed_from_the_header_and_said(tmp_path: Path, header: st
 def test_named_columns_are_taken_and_are_no_guesses(stage: Path) -> None:
     recording = Recording.open(stage, input="displacement_um", output="voltage_V")
     assert (recording.input_unit, recording.output_unit) == ("um", "V")
-    assert recording.guesses == recording.swapped().guesses == {"time": "time_s"}
+    assert recording.reasons == recording.swapped().reasons == {"time": "by name"}
     assert "guessed: time by name (otherwise --time)" in recording.describe()
     assert "guessed" not in Recording.open(stage, "time_s", "voltage_V", "displacement_um").describe()
 

@@ -11,45 +11,6 @@ from recording_files import HEADER, refusal, signals, text_file
 
 from piezo_model.recordings import Recording, write_table
 
-# Forms of CSV.
-
-
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_comma_semicolon_and_tab_separate(tmp_path: Path, separator: str) -> None:
-    path = text_file(
-        tmp_path,
-        *(
-            line.replace(",", separator)
-            for line in ("time_s,voltage_V,y_um", "0,+1.5,2e0", " 1 , .5,-2E-1", '2,"2.",3')
-        ),
-    )
-    x, y = Recording.open(path).arrays()
-    np.testing.assert_array_equal(x, [1.5, 0.5, 2.0])
-    np.testing.assert_array_equal(y, [2.0, -0.2, 3.0])
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"\xef\xbb\xbftime_s,u_V,y_um\n0,1,2\n1,2,3\n",
-        b"time_s,u_V,y_um\r\n0,1,2\r\n1,2,3\r\n",
-        b"time_s,u_V,y_um\n0,1,2\n\n1,2,3\n\n",
-        b"time_s,u_V,y_um\n0,1,2\n1,2,3",
-        b"# made by a stage\n\n# on a day\ntime_s,u_V,y_um\n0,1,2\n1,2,3\n",
-        b"# time_s,u_V,y_um\n0,1,2\n1,2,3\n",
-        b"time_s,u_V,y_\xb5m\n0,1,2\n1,2,3\n",
-        b'time_s,u_V,"y_um",note\n0,1,2,\xe4\n1,2,3,"so, so"\n',
-    ],
-    ids=["byte order mark", "Windows", "blank lines", "no last newline", "comments", "savetxt", "Latin-1", "quotes"],
-)
-def test_common_dialects_are_read(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "stage.csv"
-    path.write_bytes(content)
-    recording = Recording.open(path)
-    assert recording.output_unit == "um"
-    np.testing.assert_array_equal(recording.arrays(), [[1, 2], [2, 3]])
-
-
 # Files that are not what they should be.
 
 
@@ -82,21 +43,20 @@ def test_parquet_of_zero_rows_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "sentence"),
+    "spoil",
     [
-        *((lambda content, n=n: content[: len(content) // n], "is a truncated Parquet file") for n in (100, 2)),
-        (lambda content: content[:-8], "is a truncated Parquet file"),
-        (lambda content: content[:4] + bytes(1996) + content[2000:], "is a damaged Parquet file"),
-        (lambda content: content.replace(b"time_s", b"\x80ime_s"), "is a damaged Parquet file"),
+        lambda content: content[:16],
+        lambda content: content[: len(content) // 2],
+        lambda content: content[:-8],
+        lambda content: content[:4] + bytes(1996) + content[2000:],
+        lambda content: content.replace(b"time_s", b"\x80ime_s"),
     ],
 )
-def test_a_truncated_or_damaged_parquet_file_is_refused(
-    tmp_path: Path, spoil: Callable[[bytes], bytes], sentence: str
-) -> None:
+def test_a_truncated_or_damaged_parquet_file_is_refused(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
     path = tmp_path / "stage.parquet"
     write_table(path, signals())
     path.write_bytes(spoil(path.read_bytes()))
-    assert sentence in refusal(path)
+    assert "is a damaged Parquet file" in refusal(path)
 
 
 # Cells that are no numbers.

@@ -3,6 +3,7 @@ bit."""
 
 import csv
 import io
+import pickle
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
@@ -64,6 +65,8 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "index column": (f",time_s,voltage_V,height_um\n{rows('{i},{t},{x},{y}')}", {}),
     "index column of R": (f'"time_s" "voltage_V" "height_um"\n{rows("{i} {t} {x} {y}")}', {}),
     "Boolean column": (f"height_um,voltage_V,contact,time_s\n{rows('{y},{x},{flag},{t}')}", {}),
+    "quotes": ('time_s,voltage_V,"height_um",note\n' + rows('{t}, {x} ,"{y}","so, so"'), {}),
+    "signs and exponents": (HEADER + rows("{t},+{x},{y}e0"), {}),
     "text column": (f"segment,time_s,voltage_V,height_um\n{rows('approach,{t},{x},{y}')}", {}),
     "separator at the end": (f"time_s;voltage_V;height_um;\n{rows('{t};{x};{y};')}", {}),
     "separator at the end of rows": (f"time_s;voltage_V;height_um\n{rows('{t};{x};{y};')}", {}),
@@ -84,6 +87,8 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "blanks": (f"Time (s)  Piezo voltage (V)  Height (um)\n{rows('  {t}   {x}  {y}  ')}", {}),
     "repeated header": (HEADER + rows("{t},{x},{y}").replace("\n", "\n" + HEADER, 1), {}),
     "comments among rows": (HEADER + rows("{t},{x},{y}").replace("\n", "\n# pause\n", 1), {}),
+    "blank lines among rows": (HEADER + rows("{t},{x},{y}", end="\n\n"), {}),
+    "no line break at the end": (HEADER + rows("{t},{x},{y}").rstrip(), {}),
     "blank lines at the end": (HEADER + rows("{t},{x},{y}") + "\n\n ,,\n", {}),
     "row cut off at the end": (HEADER + rows("{t},{x},{y}") + "2.6,3", {}),
     "remark at the end": (HEADER + rows("{t},{x},{y}") + "\nEnd of measurement\n", {}),
@@ -121,6 +126,7 @@ def test_plain_text_of_every_kind_gives_the_clean_arrays(tmp_path: Path, name: s
     recording = Recording.open(path, **said)
     np.testing.assert_array_equal(recording.arrays(), [X, Y])
     assert recording.sample_time == pytest.approx(1 / RATE, rel=3e-5)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(recording)).arrays(), [X, Y])
 
 
 @pytest.mark.parametrize(("line", "said"), [("{t};{far};{y}", {}), ("{t}\t{far}\t{y}", {}), ('{t},"{far}",{y}', {})])

@@ -1,4 +1,3 @@
-import pickle
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,15 +32,6 @@ def test_a_recording_has_its_period_length_ranges_and_units(stage: Path) -> None
     assert (recording.input_unit, recording.output_unit) == ("V", "um")
 
 
-def test_csv_and_parquet_give_the_same_bits(tmp_path: Path) -> None:
-    for suffix in (".csv", ".parquet"):
-        write_table(tmp_path / f"stage{suffix}", signals())
-    text, binary = (Recording.open(tmp_path / f"stage{suffix}").arrays() for suffix in (".csv", ".parquet"))
-    for a, b, name in zip(text, binary, ("voltage_V", "displacement_um"), strict=True):
-        np.testing.assert_array_equal(a, b)
-        np.testing.assert_array_equal(a, signals()[name])
-
-
 @pytest.mark.parametrize("size", [1, 7, 999, ROWS, 10 * ROWS])
 def test_chunks_of_any_size_hold_the_same_samples(stage: Path, size: int) -> None:
     recording = Recording.open(stage)
@@ -59,18 +49,6 @@ def test_chunks_of_any_size_hold_the_same_samples(stage: Path, size: int) -> Non
         (np.concatenate(parts) for parts in zip(*chunks, strict=True)), recording.arrays(), strict=True
     ):
         np.testing.assert_array_equal(joined, whole)
-
-
-def test_a_recording_travels_to_another_process(stage: Path) -> None:
-    recording = pickle.loads(pickle.dumps(Recording.open(stage)))
-    np.testing.assert_array_equal(recording.arrays()[1], signals()["displacement_um"])
-
-
-def test_require_names_how_many_samples_there_are_and_are_needed(stage: Path) -> None:
-    recording = Recording.open(stage)
-    recording.require(ROWS)
-    with pytest.raises(RecordingError, match=r"stage.*has 1000 samples, and 1001 are needed"):
-        recording.require(ROWS + 1)
 
 
 def test_a_file_cut_short_after_it_was_opened_is_noticed(tmp_path: Path) -> None:
@@ -178,7 +156,7 @@ def test_a_reference_is_read_with_its_unit(tmp_path: Path, suffix: str, column: 
 
 def test_the_column_of_a_reference_may_be_named(stage: Path) -> None:
     reference = read_reference(stage, column="voltage_V")
-    assert (reference.unit, reference.guesses) == ("V", {"time": "time_s"})
+    assert (reference.unit, reference.reasons) == ("V", {"time": "by name"})
     np.testing.assert_array_equal(reference.values, signals()["voltage_V"])
 
 

@@ -2,6 +2,7 @@
 batch."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from piezo_model.recordings.arrow_columns import arrays_of, column_of
-from piezo_model.recordings.chunks import RecordingError, first_line
-from piezo_model.recordings.tables import ReadOptions, Table
+from piezo_model.recordings.tables import ReadOptions, Table, parsed
 
 NAME = "a stream of Arrow batches"
 CONTINUATION = b"\xff\xff\xff\xff"
@@ -27,31 +27,14 @@ class StreamTable(Table):
     """A stream of Arrow batches."""
 
     def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
-        """Stream columns."""
-        for batch in whole_batches(self.path):
-            yield arrays_of(batch.select([self.columns[k].name for k in at]))
-
-
-def whole_batches(path: Path) -> Iterator[pa.RecordBatch]:
-    """The whole batches of a stream, in order; RecordingError where there is none."""
-    count = 0
-    with pa.OSFile(str(path)) as source:
-        try:
-            reader = pa.ipc.open_stream(source)
-        except (pa.ArrowException, OSError) as error:
-            raise RecordingError(f"{path}: is a damaged Arrow stream: {first_line(error)}") from None
-        while True:
-            try:
-                batch = reader.read_next_batch()
-            except (StopIteration, pa.ArrowException, OSError):  # the end, or a last batch that was cut short
-                break
-            count += 1
-            yield batch
-    if not count:
-        raise RecordingError(f"{path}: is an Arrow stream without a whole batch")
+        """Stream columns; a last batch that was cut short ends them."""
+        with pa.OSFile(str(self.path)) as source, suppress(pa.ArrowException, OSError):
+            for batch in pa.ipc.open_stream(source):
+                yield arrays_of(batch.select([self.columns[k].name for k in at]))
 
 
 def open_table(path: Path, reading: ReadOptions) -> StreamTable:
-    """Read the columns of the first batch and count the rows of all."""
-    schemas, rows = zip(*((batch.schema, batch.num_rows) for batch in whole_batches(path)), strict=True)
-    return StreamTable(path, "Arrow stream", tuple(column_of(field, sum(rows)) for field in schemas[0]))
+    """Read the columns."""
+    with parsed(path, "Arrow stream"), pa.OSFile(str(path)) as source:
+        schema = pa.ipc.open_stream(source).schema
+    return StreamTable(path, "Arrow stream", tuple(map(column_of, schema)))

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.formats import text
-from piezo_model.recordings.formats.text import TextTable
 from piezo_model.recordings.tables import HEAD_BYTES, Column, ReadOptions, distinct
+from piezo_model.recordings.text_table import TextTable
 
 NAME = "a GCS array"
 ENTRY = re.compile(r"#\s*([A-Z_]+\d*)\s*=\s*(.*?)\s*$", re.MULTILINE)

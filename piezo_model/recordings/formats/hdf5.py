@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.recordings.sampling_remark import only, sample_time_of
+from piezo_model.recordings.sampling_remark import sample_time_in
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an HDF5 file"
@@ -73,18 +73,17 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
 
 def _stated(holders: list[Any], datasets: list[Any]) -> float | None:
     """The sampling period, where attributes and scalars state exactly one."""
-    by_attribute = (
-        sample_time_of(key, float(value))
+    scalars = [
+        (key, value)
         for holder in holders
         for key, value in holder.attrs.items()
         if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
-    )
-    by_scalar = (
-        sample_time_of(item.name.rpartition("/")[2], float(np.ravel(item[()])[0]), _text(item.attrs.get("units", "")))
+    ] + [
+        (f"{item.name.rpartition('/')[2]} [{_text(item.attrs.get('units', ''))}]", np.ravel(item[()])[0])
         for item in datasets
         if item.size == 1 and item.dtype.kind in "iuf"
-    )
-    return only([*by_attribute, *by_scalar])
+    ]
+    return sample_time_in(f"{name} = {float(value)!r}" for name, value in scalars)
 
 
 def _text(value: Any) -> str:

@@ -1,98 +1,23 @@
-"""Plain text of every kind: Arrow parses, after :mod:`piezo_model.recordings.dialect` found out how it is written.
-
-Only when Arrow refuses a file is the text walked through once more, slowly, to name the first cell that is wrong and
-its row as an editor shows it.
-"""
+"""Plain text of every kind: `dialect` finds out from the first lines how it is written, then Arrow parses
+(`text_table`)."""
 
 import codecs
-import csv
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.csv as arrow_csv
-from numpy.typing import NDArray
-
-from piezo_model.recordings.arrow_columns import ClockReader, numbers
-from piezo_model.recordings.chunks import RecordingError, first_line
-from piezo_model.recordings.dialect import FLAGS, Layout, layout_of
+from piezo_model.recordings.chunks import RecordingError
+from piezo_model.recordings.dialect import Layout, layout_of
 from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import HEAD_BYTES, ReadOptions, Table
-from piezo_model.recordings.text_rows import LINE, LONGEST_LINE, TextRows, end_of_rows
+from piezo_model.recordings.tables import HEAD_BYTES, ReadOptions
+from piezo_model.recordings.text_table import LINE, LONGEST_LINE, TextTable, end_of_rows
 
 NAME = "plain text"
 READS = ("header_row", "decimal")
 SAMPLE_LINES = 1000
-NULLS = ["", "NaN", "nan", "NAN", "NA", "N/A", "#N/A", "null", "None", "-", "--", "---", "#VALUE!"]
 SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
 ENCODING_NAMES = {"latin-1": "Latin-1", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16"}
-
-
-@dataclass(frozen=True)
-class TextTable(Table):
-    """A text file."""
-
-    rows: TextRows
-
-    def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
-        """Stream columns."""
-        keys = [str(k) for k in range(len(self.columns))]  # names of the file may repeat or be empty
-        clocks = {
-            k: ClockReader(f"{self.path}: column {self.columns[k].name!r}", self.where)
-            for k in at
-            if self.columns[k].kind == "clock"
-        }
-        dialect = self.rows.layout.dialect
-        options = {
-            "read_options": arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LONGEST_LINE),
-            "parse_options": arrow_csv.ParseOptions(delimiter="\t" if dialect.separator == " " else dialect.separator),
-            "convert_options": arrow_csv.ConvertOptions(
-                column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
-                include_columns=[keys[k] for k in at],
-                null_values=NULLS,
-                strings_can_be_null=True,
-                decimal_point=dialect.decimal,
-                check_utf8=False,
-            ),
-        }
-        try:
-            for block in filter(bytes.strip, self.rows.blocks()):
-                for batch in arrow_csv.read_csv(pa.BufferReader(block), **options).to_batches():
-                    yield [
-                        clocks[k].times(column.to_pylist()) if k in clocks else numbers(column)
-                        for k, column in zip(at, batch.columns, strict=True)
-                    ]
-        except (pa.ArrowException, OSError) as error:
-            raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
-
-    def where(self, row: int) -> str:
-        """Row of the file (the line an editor shows) and data row, for a data row counted from 0."""
-        for at, (number, _) in enumerate(self.rows.lines()):
-            if at == row:
-                return f"row {number} (data row {row + 1})"
-        return f"data row {row + 1}"
-
-    def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
-        """The sentence for the first row that cannot be read; Arrow's own where the text shows nothing wrong."""
-        dialect = self.rows.layout.dialect
-        try:
-            for data_row, (number, line) in enumerate(self.rows.lines(), start=1):
-                cells, place = dialect.split(line), f"row {number} (data row {data_row})"
-                if len(cells) != len(self.columns):
-                    return f"{self.path}: {place} has {len(cells)} columns where the others have {len(self.columns)}"
-                for at in chosen:
-                    cell = cells[at].strip()
-                    if dialect.kind(cell) == "number" or cell in NULLS:
-                        continue
-                    said = f"{self.path}: column {self.columns[at].name!r} holds {_short(cell)} in {place}"
-                    if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
-                        return f"{said}, a decimal comma where the other numbers have points"
-                    return f"{said}, where a number is needed" + (", not a flag" if cell.lower() in FLAGS else "")
-        except csv.Error as failure:
-            error = failure
-        return f"{self.path}: cannot be read as a table: {first_line(error)}"
 
 
 def open_table(path: Path, reading: ReadOptions) -> TextTable:
@@ -116,7 +41,7 @@ def open_table(path: Path, reading: ReadOptions) -> TextTable:
     stop, dropped = end_of_rows(path, encoding, layout, start)
     stated = sample_time_in(lines[: layout.start] if layout.header is None else lines[: layout.header])
     columns = tuple(replace(column, sample_time=stated) for column in layout.columns)
-    return TextTable(path, _form(encoding, layout, dropped), columns, TextRows(path, encoding, layout, start, stop))
+    return TextTable(path, _form(encoding, layout, dropped), columns, encoding, layout, start, stop)
 
 
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:
@@ -173,7 +98,3 @@ def _form(encoding: str, layout: Layout, dropped: int) -> str:
         f"the last {rows} left out": dropped,
     }
     return ", ".join(clause for clause, holds in clauses.items() if holds)
-
-
-def _short(cell: str) -> str:
-    return repr(cell if len(cell) <= 40 else cell[:37] + "…")

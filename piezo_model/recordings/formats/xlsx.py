@@ -17,7 +17,7 @@ from piezo_model.recordings.tables import ArrayTable, ReadOptions, parsed
 
 NAME = "an Excel workbook"
 READS = ("header_row", "sheet")
-DAY_0 = datetime.datetime(1899, 12, 31)
+DAY_US = 86400e6
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -72,31 +72,21 @@ def _layout(rows: list[tuple[Any, ...]], reading: ReadOptions) -> tuple[Layout, 
 
 
 def _values(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], sheet: str) -> NDArray[Any]:
+    from openpyxl.utils.datetime import to_excel
+
     kind = layout.columns[at].kind
     values = np.full(len(rows), "NaT", "m8[us]") if kind == "clock" else np.full(len(rows), np.nan)
     if kind in ("number", "clock"):
         for k, row in enumerate(rows):
             try:
                 if at < len(row) and row[at] not in (None, ""):
-                    values[k] = _since_1900(row[at]) if kind == "clock" else float(row[at])
-            except (TypeError, ValueError):
+                    values[k] = round(to_excel(row[at]) * DAY_US) if kind == "clock" else float(row[at])
+            except (AttributeError, TypeError, ValueError):
                 raise RecordingError(
                     f"{path}: column {layout.columns[at].name!r} holds {row[at]!r} in row "
                     f"{layout.start + k + 1} of sheet {sheet!r}, where a {kind} is needed"
                 ) from None
     return values
-
-
-def _since_1900(cell: Any) -> datetime.timedelta:
-    """Time of Excel's day 0 and after it; a format without date shows an hour past the first midnight as one of day
-    1."""
-    if isinstance(cell, datetime.datetime):
-        return cell - DAY_0
-    if isinstance(cell, datetime.time):
-        return datetime.datetime.combine(DAY_0, cell) - DAY_0
-    if isinstance(cell, datetime.timedelta):
-        return cell
-    raise TypeError
 
 
 def _cell(cell: Any) -> str:
