@@ -8,8 +8,6 @@ writes the shipped table.
 
 import sys
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from importlib.resources import as_file, files
 from pathlib import Path
 
 import pandas as pd
@@ -63,35 +61,21 @@ def table_of(run: str) -> tuple[pd.DataFrame, str]:
         The run is not there, not finished, or no one-shot race in scaled data.
     """
     if not run:
-        return _shipped(), REFERENCE
+        return tier_settings(columns.read(Path(__file__).with_name(SHIPPED), ACCURACY)), REFERENCE
     opened = Run.open(Path(run))
     if (race := opened.settings.get("race", "oneshot")) != "oneshot":
         raise RaceError(f"{run}: settings are taken from a one-shot race, and this is one of the kind {race!r}")
-    file = opened.path / ONESHOT.file
-    return _of_run(opened.path.resolve(), file.stat().st_mtime_ns if file.is_file() else 0), opened.path.name
-
-
-@lru_cache(maxsize=1)
-def _shipped() -> pd.DataFrame:
-    with as_file(files("bench.races") / SHIPPED) as path:
-        return tier_settings(columns.read(path, ACCURACY))
-
-
-@lru_cache(maxsize=1)
-def _of_run(path: Path, written_ns: int) -> pd.DataFrame:
-    """The table of a finished run, made once for a file that was written then: a race asks for it when it is checked
-    and when it begins."""
-    rows = Run(path).rows(ONESHOT)
+    rows = opened.rows(ONESHOT)
     if not (rows.scaling == SCALING).any():
-        raise RaceError(f"{path}: settings are taken from a race in scaled data, and this one has none")
-    return tier_settings(rows)
+        raise RaceError(f"{run}: settings are taken from a race in scaled data, and this one has none")
+    return tier_settings(rows), opened.path.name
 
 
 def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> Choices:
     """The settings of a solver for these tiers, by a table of a run of that name."""
     known = {setting.text: setting for setting in settings_of(solver)}
-    of_solver = (table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))
-    of_tier = dict(zip(table.tier[of_solver], table.setting[of_solver], strict=True))
+    its = table[(table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))]
+    of_tier = its.set_index("tier").setting
     found: dict[Setting, dict[Tier, str]] = {}
     for tier in tiers:
         text = of_tier.get(str(tier))

@@ -133,19 +133,6 @@ def test_the_settings_of_a_run_are_those_that_follow_from_its_rows(clean_race: R
     assert other == {Tier.HIGH: "untested"}  # which that run did not race
 
 
-def test_a_table_is_made_once_and_again_when_its_run_was_written_again(
-    clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert table_of("")[0] is table_of("")[0]
-    shutil.copytree(clean_race.run.path, tmp_path / "run")
-    monkeypatch.chdir(tmp_path)
-    found = table_of("run")[0]
-    assert table_of(str(tmp_path / "run"))[0] is found
-    rows = clean_race.rows
-    rows[rows.solver == "osqp"].to_parquet(tmp_path / "run" / "rows.parquet", index=False)
-    assert set(table_of("run")[0].solver) == {"osqp"}
-
-
 def test_a_run_that_has_no_settings_to_give_is_refused_in_a_sentence_before_anything_is_made(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:

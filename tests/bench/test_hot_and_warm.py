@@ -104,6 +104,15 @@ def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_tho
         assert (samples.xs("null", level="solver") >= 3000).all()
 
 
+def test_a_solver_that_can_start_warm_takes_turns_cold_and_warm(drift_race: Race) -> None:
+    plan = drift_race.run.settings["second_pass"]
+    chosen = {(each["solver"], each["lane"], each["setting"]) for each in plan}
+    rows = drift_race.rows[drift_race.rows.solver.isin(["daqp", "box_active_set"])]
+    at = rows[[key in chosen for key in zip(rows.solver, rows.lane, rows.setting, strict=True)]]
+    assert set(at.start) == {"cold", "warm"}
+    assert at.interleaved_us_p50.notna().all()
+
+
 def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
     report = (drift_race.run.path / "report.md").read_text()
     assert re.search(r"\| box_active_set† \| kernel \| high \|.*\| drift \| scaled \| warm \|", report)

@@ -6,7 +6,6 @@ from math import ceil, comb
 import numpy as np
 import pytest
 
-from bench.timing import latency_histogram
 from bench.timing.percentiles import QUANTILES, needed, percentile, ranks, rate_bound
 
 
@@ -95,39 +94,3 @@ def test_the_bound_of_a_rate_is_one_where_it_always_happened() -> None:
     assert rate_bound(5, 5) == 1.0
     with pytest.raises(ValueError, match=r"k \(6\) must not be greater than n \(5\)"):
         rate_bound(6, 5)
-
-
-@pytest.fixture(scope="module")
-def latencies() -> np.ndarray:
-    return np.random.default_rng(3).lognormal(9.0, 1.5, 20_000).astype(np.int64)
-
-
-def test_merged_histograms_are_the_histogram_of_everything(latencies: np.ndarray) -> None:
-    parts = [latency_histogram.recorded(part) for part in np.array_split(latencies, 7)]
-    assert latency_histogram.merged(parts) == latency_histogram.recorded(latencies)
-    assert latency_histogram.total(latency_histogram.merged([])) == 0
-
-
-def test_quantiles_of_a_histogram_are_right_to_a_thousandth(latencies: np.ndarray) -> None:
-    found = latency_histogram.quantiles(latency_histogram.recorded(latencies), QUANTILES)
-    exact = np.quantile(latencies, QUANTILES, method="inverted_cdf")
-    np.testing.assert_allclose(found, exact, rtol=1e-3)
-    assert np.isnan(latency_histogram.quantiles(latency_histogram.recorded([]), 0.5)).all()
-
-
-def test_corrected_recording_adds_what_waited_behind_long_calls(latencies: np.ndarray) -> None:
-    period, waited = 20_000, []
-    for value in latencies.tolist():
-        while True:
-            waited.append(value)
-            if value <= period:
-                break
-            value -= period
-    assert len(waited) > latencies.size
-    assert latency_histogram.recorded(latencies, period) == latency_histogram.recorded(waited)
-
-
-@pytest.mark.parametrize("value", [-1, 4_000_000_000_000])
-def test_a_latency_that_would_be_lost_is_refused(value: int) -> None:
-    with pytest.raises(ValueError, match="not between 0 and one hour"):
-        latency_histogram.recorded([5, value])

@@ -23,9 +23,10 @@ from bench.races.stream import figures as stream_figures
 from bench.races.stream import race as stream
 from bench.races.stream import report
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
-from bench.races.stream.stream_problem import Judge, StreamProblem, make
+from bench.races.stream.stream_problem import StreamProblem, make
+from bench.report.words import number
 from bench.store import Run
-from bench.timing import latency_histogram
+from bench.timing.percentiles import QUANTILES
 from bench.timing.schedule import PERIOD_NS, Timeline
 from solvers import Lane, Status, Tier
 
@@ -128,7 +129,6 @@ def test_every_solver_lane_has_a_row_a_process_and_the_floor_is_looked_at_in_eac
 
 
 def test_the_null_solver_is_accounted_for_sample_by_sample(streamed: Streamed) -> None:
-    judge = Judge.of(streamed.stream)
     for repeat in range(4):
         row = streamed.row("null", repeat=repeat)
         timeline = streamed.timeline(row)
@@ -136,7 +136,7 @@ def test_the_null_solver_is_accounted_for_sample_by_sample(streamed: Streamed) -
         assert row.missed == sum(response > PERIOD_NS for response in streamed.ns(row, "response").tolist())
         assert np.array_equal(timeline.response_ns, streamed.ns(row, "response"))
         assert row.unanswered == 0
-        kept = judge.gaps(np.zeros((0, 18)), np.full(SAMPLES, -1))  # it keeps the answer of the start
+        kept = streamed.stream.gaps(np.zeros((0, 18)), np.full(SAMPLES, -1))  # it keeps the answer of the start
         assert row.gap_mean == pytest.approx(kept.mean(), rel=1e-9)
         assert row.gap_max == pytest.approx(kept.max(), rel=1e-9)
         assert row.gap_max > 0.0
@@ -177,14 +177,6 @@ def test_exact_solvers_are_exact_at_the_sample_they_answer(streamed: Streamed, s
     assert row.exact_difference < 1e-6
     assert not row.mutates_input
     assert row.solves == streamed.ns(row, "service").size
-
-
-def test_histograms_hold_the_raw_times(streamed: Streamed) -> None:
-    row = streamed.row("daqp")
-    assert row.response_histogram == latency_histogram.recorded(streamed.ns(row, "response"))
-    assert row.service_histogram == latency_histogram.recorded(streamed.ns(row, "service"))
-    loop = streamed.row("recursive_active_set", "kernel")
-    assert loop.response_histogram == latency_histogram.recorded(streamed.ns(loop, "service"), PERIOD_NS)
 
 
 @pytest.mark.parametrize("solver", ["box_active_set", "recursive_active_set", "daqp"])
@@ -333,8 +325,6 @@ def paced_row(solver: str, samples: int, missed: int, stalls: int, **more: Any) 
         "missed": missed,
         "stalls": stalls,
         "unanswered": 0,
-        "service_histogram": "",
-        "response_histogram": "",
         **more,
     }
 
@@ -410,6 +400,23 @@ def test_a_tail_that_reaches_into_the_floor_is_marked_and_an_unsupported_one_ref
     assert cells["near"][2].endswith("≈ floor")
     assert not cells["far"][2].endswith("≈ floor")
     assert {row[3] for row in cells.values()} == {"needs 29956"}
+
+
+def test_the_farthest_percentile_of_a_compiled_loop_counts_what_would_have_waited_behind_its_long_calls() -> None:
+    us = np.random.default_rng(3).lognormal(4.0, 1.0, 30_000).round(3)
+    waited = []
+    for value in us:
+        while value > 125.0:
+            waited.append(value)
+            value -= 125.0
+        waited.append(value)
+    loop = paced_row("loop", 30_000, 0, 0, paced=False)
+    for row, size, shown in ((loop, us.size, None), (loop, 29_955, "needs 29956")):
+        table = summary_of([row | {"samples": size}], loop=us[:size])
+        (cells,) = report.report_of(table, {"samples": 200, "give_up": 0}).tables[3].rows
+        expected = number(np.quantile(waited, 0.9999, method="inverted_cdf"))
+        assert cells[4 + len(QUANTILES) + 1] == (shown or expected)
+    assert len(waited) > us.size
 
 
 def says_who_keeps_it(rows: pd.DataFrame) -> str:

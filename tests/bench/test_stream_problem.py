@@ -12,7 +12,7 @@ import solvers
 from bench.messages.task import NO_SETTING, Task
 from bench.problems.simulation import Experiment
 from bench.races.stream import worker as stream_worker
-from bench.races.stream.stream_problem import Judge, StreamProblem, make, regressor_rows
+from bench.races.stream.stream_problem import StreamProblem, make, regressor_rows
 from bench.races.stream.worker import StreamRequest
 from piezo_model import DataBasis, OperatorState
 from solvers import Lane, Unsupported
@@ -83,16 +83,15 @@ def test_a_stream_that_is_made_again_is_the_same_stream(short: StreamProblem) ->
 
 
 def test_gaps_in_doubles_agree_with_the_exact_ones(short: StreamProblem) -> None:
-    judge = Judge.of(short)
     chance = np.random.default_rng(1)
-    answers = judge.best + chance.normal(scale=1e-3, size=judge.best.shape)
+    answers = short.best + chance.normal(scale=1e-3, size=short.best.shape)
     used = np.maximum(np.arange(200) - chance.integers(0, 40, 200), -1)
-    gaps = judge.gaps(answers, used)
-    instants, exact = judge.exact_gaps(answers, used)
+    gaps = short.gaps(answers, used)
+    instants, exact = short.exact_gaps(answers, used)
     assert instants.tolist() == [instant.sample for instant in short.instants]
     np.testing.assert_allclose(gaps[instants], exact, rtol=1e-6)
-    assert judge.gaps(judge.best, np.arange(200)).max() == 0.0
-    assert judge.exact_gaps(judge.best, np.arange(200))[1].max() < 1e-14
+    assert short.gaps(short.best, np.arange(200)).max() == 0.0
+    assert short.exact_gaps(short.best, np.arange(200))[1].max() < 1e-14
 
 
 @pytest.mark.parametrize(
@@ -116,7 +115,7 @@ def test_compiled_loops_over_rows_follow_the_optimum(
     answers = np.vstack([whole, rest])
     assert nanoseconds.shape == (120,)
     assert nanoseconds.min() > 0
-    assert 0.0 <= Judge.of(short).gaps(answers, np.arange(200)).max() < worst
+    assert 0.0 <= short.gaps(answers, np.arange(200)).max() < worst
 
 
 def test_the_compiled_projected_step_is_the_step_of_the_paper(short: StreamProblem) -> None:

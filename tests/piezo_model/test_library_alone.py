@@ -30,7 +30,7 @@ try:
 except ValueError as error:
     print(error)
 """
-MODULES = {"vl-convert-python": "vl_convert", "hdrhistogram": "hdrh"}
+MODULES = {"vl-convert-python": "vl_convert"}
 
 
 def absent() -> set[str]:

@@ -2,7 +2,7 @@
 its solver is.
 
 A *summary* row stands for one solver with its settings on one stage: errors of both axes together over the last window,
-and the worse axis for cost gap, time to learn and staleness.
+and the worse axis for cost gap and time to learn.
 """
 
 from collections.abc import Iterator
@@ -43,7 +43,6 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
             hand_overs=("hand_overs", "min"),
             refused=("refused", "max"),
             learn_samples=("learn_samples", worst),
-            stale_samples=("stale_samples", worst),
             cost_gap=("cost_gap", worst),
         )
         .reset_index()
@@ -132,9 +131,8 @@ def by_window(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows.window >= 0].groupby([*GROUP, "window"]).rms_percent.agg(root_mean_square).unstack()
 
 
-def closed_loop(rows: pd.DataFrame) -> pd.DataFrame:
-    """Tracking error against the cost gap of the weights in use, one row a stage and learner."""
-    table = summary(rows[rows.window >= 0])
+def closed_loop(table: pd.DataFrame) -> pd.DataFrame:
+    """Of a summary the tracking error against the cost gap of the weights in use, one row a stage and learner."""
     table = table[table.cost_gap.notna()]
     return (
         table.assign(front=table.settings == PAPERS_STEPS)
@@ -149,7 +147,6 @@ def closed_loop(rows: pd.DataFrame) -> pd.DataFrame:
                 "rms_percent",
                 "straight_rms_percent",
                 "learn_samples",
-                "stale_samples",
                 "front",
             ]
         ]

@@ -6,8 +6,8 @@ window of the paper's cycle length, the time to learn, and how exact and how old
 end.
 
     cost gap      exact, of the weights taken over against the certified optimum of the data that they were learned from
-    samples       from the last sample of the building phase to the decision: what the solver took
-    staleness     from the last sample that was learned from to the decision
+    samples       from the last sample that was learned from to the decision: what the solver took, and how old the
+                  answer is that comes into use
 
 The paper's method stands there with learning phases of several lengths, one step a sample; any other solver at its
 tiers, with the settings of `chosen_settings`, and its answer is taken over as soon as it is there. Both for a stage
@@ -70,7 +70,6 @@ LOOP = Schema(
         "hand_overs",
         "refused",
         "learn_samples",
-        "stale_samples",
         "cost_gap",
         "error_old",
         "error_new",
@@ -184,11 +183,11 @@ class LoopRace(TaskRace[LoopSettings]):
         straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
         rows = []
         for i, axis in enumerate(AXES):
-            decisions = [(decision, of_decision(decision)) for decision in outcome.decisions[i]]
+            decisions = [(decision.sample, of_decision(decision)) for decision in outcome.decisions[i]]
             status, message = status_of(outcome.decisions[i])
             for window in range(settings.windows):
                 part = error_um[window * length : (window + 1) * length, i]
-                seen = [figures for decision, figures in decisions if decision.sample <= (window + 1) * length]
+                seen = [figures for sample, figures in decisions if sample <= (window + 1) * length]
                 taken = [figures for figures in seen if figures]
                 rms_um, max_um = float(np.sqrt(np.mean(part**2))), float(np.abs(part).max())
                 rows.append(
@@ -230,10 +229,8 @@ def of_decision(decision: Decision) -> dict[str, float]:
     """Times and exact cost gap of weights that were taken over; nothing where they were not."""
     if not decision.taken or decision.problem is None:
         return {}
-    learned = decision.sample - decision.learned_until
     return {
-        "learn_samples": learned,
-        "stale_samples": learned,
+        "learn_samples": decision.sample - decision.learned_until,
         "cost_gap": cost_gap(decision.problem, decision.weights),
         "error_old": decision.error_old,
         "error_new": decision.error_new,

@@ -22,8 +22,8 @@ DEFINITIONS = (
     "own. The drifting stage has actuators whose gain changes.",
     "Cost gap: exact, of the weights taken over last, against the certified optimum of the data that they were "
     "learned from. Weights that explain them worse than the old ones are refused.",
-    "Time to learn: from the last sample of the building phase to the decision; staleness: from the last sample that "
-    "was learned from.",
+    "Time to learn: from the last sample that was learned from to the decision; weights are that old when they are "
+    "taken over.",
     "The paper's method takes one step a sample, here in learning phases of several lengths. What the others take is "
     "measured, so it and the last digits of their errors depend on the machine.",
     OURS_NOTE,
@@ -33,7 +33,8 @@ DEFINITIONS = (
 def report(run: Run) -> Report:
     """Everything from the rows of a finished run."""
     rows = run.rows(LOOP)
-    table, found = figures.summary(rows), figures.closed_loop(rows)
+    table = figures.summary(rows)
+    found = figures.closed_loop(table)
     headings = (
         "stage",
         "solver",
@@ -44,7 +45,6 @@ def report(run: Run) -> Report:
         "largest, %",
         "largest, nm",
         "time to learn, samples",
-        "staleness, samples",
         "taken over",
         "refused",
         "status",
@@ -60,7 +60,6 @@ def report(run: Run) -> Report:
             f"{line.max_percent:.3f}",
             f"{1e3 * line.max_um:.0f}",
             _samples(line.learn_samples),
-            _samples(line.stale_samples),
             str(line.hand_overs),
             str(line.refused),
             line.status,

@@ -43,10 +43,8 @@ class Decision:
 
 @dataclass
 class Driven(Outcome):
-    """What came back: drives and measured platform (N, 2), the decisions of each axis, and faults that its learner
-    saw."""
+    """What came back: the measured platform (N, 2), the decisions of each axis, and faults that its learner saw."""
 
-    drive: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
     platform: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
     decisions: tuple[list[Decision], ...] = ()
     faults: int = 0
@@ -81,7 +79,7 @@ def drive(setup: StageSetup) -> Driven:
     found = Driven(found=True, decisions=tuple([] for _ in loop.learners))
     look, parts = max(1, round(LOOK_EVERY_S / setup.sample_time)), []
     for done in range(0, len(setup.y_ref), look):
-        parts.append(loop.run(setup.y_ref[done : done + look], stage.run))
+        parts.append(loop.run(setup.y_ref[done : done + look], stage.run)[1])
         for learner, decisions in zip(loop.learners, found.decisions, strict=True):
             while learner.log:
                 event = learner.log.popleft()
@@ -100,5 +98,5 @@ def drive(setup: StageSetup) -> Driven:
                             event.message,
                         )
                     )
-    found.drive, found.platform = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    found.platform = np.concatenate(parts)
     return found

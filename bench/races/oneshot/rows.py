@@ -13,11 +13,6 @@ from bench.races.metrics import judge
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_US
 from solvers import Status
-from solvers.arrays import Nanoseconds
-
-ENDS = (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY)
-LONGEST_US = 1e5
-"""A ladder ends on a problem where an answer takes longer."""
 
 
 def row_of(
@@ -43,7 +38,7 @@ def row_of(
     middle, tail = percentile(solve, 0.5), percentile(solve, 0.99)
     return {
         **task.columns(outcome.asked),
-        "task": key_of_all_repeats(task),
+        "task": replace(task, repeat=0).key,  # the same in all repeats
         **asdict(found),
         "model_error_um": found.model_error_percent / 100.0 * span_um,
         "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
@@ -69,31 +64,9 @@ def row_of(
     }
 
 
-def not_run(problem: RaceProblem, task: Task, after: Row) -> Row:
-    """The row of a setting that is tighter than one with which the ladder ended."""
-    why = "took longer than 0.1 s" if after["status"] not in ENDS else f"ended with {after['status']}"
-    return row_of(problem, task, Outcome(str(Status.NOT_RUN), f"a looser setting {why} on this problem"))
-
-
-def ends_ladder(row: Row) -> bool:
-    """Whether tighter settings are not tried on this problem."""
-    return row["status"] in (*ENDS, Status.NOT_RUN) or row["update_us"] + row["solve_us_p50"] > LONGEST_US
-
-
-def times_of(outcome: Outcome) -> dict[str, Nanoseconds]:
-    """Raw nanoseconds by what was timed."""
-    return {"setup": outcome.setup_ns, "update": outcome.update_ns, "solve": outcome.solve_ns}
-
-
-def with_turns(row: Mapping[str, Any], solve_ns: Nanoseconds) -> Row:
-    """The row of a task with the figures of its turns."""
-    solve = solve_ns / 1e3
-    return {**row, "interleaved_us_p50": median(solve), "interleaved_us_p99": number(percentile(solve, 0.99).value)}
-
-
-def key_of_all_repeats(task: Task) -> str:
-    """The key that all repeats of a task share."""
-    return replace(task, repeat=0).key
+def answer_us(row: Mapping[str, Any]) -> float:
+    """Update and solve, in the median."""
+    return float(row["update_us"] + row["solve_us_p50"])
 
 
 def median(values: NDArray[Any]) -> float:

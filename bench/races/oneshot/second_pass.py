@@ -29,12 +29,13 @@ from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races import null_solver
 from bench.races.driver import Tell
 from bench.races.oneshot.blocks import Timings, ask
-from bench.races.oneshot.first_pass import FirstPass, Pass, measure
-from bench.races.oneshot.rows import with_turns
+from bench.races.oneshot.first_pass import FirstPass, Pass
+from bench.races.oneshot.rows import answer_us, median, number
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.worker import OneShot
 from bench.store import Planned, Run
 from bench.timing.clock import Effort
+from bench.timing.percentiles import percentile
 from solvers import Lane, Status, Tier
 from solvers.registry import FAMILIES, Described
 
@@ -56,8 +57,8 @@ SolverKey = tuple[str, str, str]
 class SecondPass(Pass):
     """One setting of each solver lane; the tasks are those that are measured longer and those that start warm."""
 
-    cold: tuple[Task, ...]
-    """Those that are measured already."""
+    turns: tuple[Task, ...]
+    """All that take turns, cold and warm."""
     calls: int
     """Of those that are measured longer."""
 
@@ -66,38 +67,30 @@ class SecondPass(Pass):
         effort = self.settings.effort
         for task in self.tasks:
             tell(task)
-            if task.start == "cold" and run.task(task)[0][0]["samples"] < self.calls:
-                measure(
-                    run,
-                    self.problem,
-                    task,
-                    FreshData(self.form, self.calls),
-                    pool,
-                    Effort(1.0, 1, self.calls),
-                    look_closer=False,
-                )
+            if task.start == "cold":
+                if run.task(task)[0][0]["samples"] < self.calls:
+                    fresh = FreshData(self.form, self.calls)
+                    self.measure(run, pool, task, fresh, Effort(1.0, 1, self.calls), look_closer=False)
             elif not run.is_done(task):
-                measure(run, self.problem, task, FreshData(self.form, effort.most), pool, effort, look_closer=True)
-        rows = {task.key: run.task(task)[0][0] for task in (*self.cold, *self.tasks)}
-        if self.settings.rounds:
-            quick = {
-                task.key: task
-                for task in (*self.cold, *self.tasks)
-                if rows[task.key]["update_us"] + rows[task.key]["solve_us_p50"] <= LONGEST_US
-            }
-            self._take_turns(run, pool, list(quick.values()))
-        return [rows[task.key] for task in self.tasks]
+                self.measure(run, pool, task, FreshData(self.form, effort.most), effort, look_closer=True)
+        for start in ("cold", "warm") if self.settings.rounds else ():  # a process has one solver ready at a time
+            self._take_turns(run, pool, [task for task in self.turns if task.start == start])
+        return [run.task(task)[0][0] for task in self.tasks]
 
     def _take_turns(self, run: Run, pool: SolverPool, tasks: Sequence[Task]) -> None:
-        """Rounds, whose figures are added to the tasks on disk."""
+        """Rounds of those that are quick, whose figures are added to the tasks on disk."""
+        kept = {task.key: run.task(task) for task in tasks}
+        quick = [task for task in tasks if answer_us(kept[task.key][0][0]) <= LONGEST_US]
         fresh, seed = FreshData(self.form, self.settings.effort.most), f"{self.settings.seed} {self.name}"
-        for task, timings in take_turns(tasks, pool.children, self.form, fresh, self.settings.rounds, seed):
-            (row,), times = run.task(task)
-            turns = {
-                "interleaved_update": np.concatenate(timings.updates),
-                "interleaved_solve": np.concatenate(timings.solves),
+        for task, timings in take_turns(quick, pool.children, self.form, fresh, self.settings.rounds, seed):
+            (row,), times = kept[task.key]
+            solves = np.concatenate(timings.solves)
+            figures = {
+                "interleaved_us_p50": median(solves / 1e3),
+                "interleaved_us_p99": number(percentile(solves / 1e3, 0.99).value),
             }
-            run.save(task, [with_turns(row, turns["interleaved_solve"])], {**times, **turns})
+            turns = {"interleaved_update": np.concatenate(timings.updates), "interleaved_solve": solves}
+            run.save(task, [row | figures], {**times, **turns})
 
 
 def take_turns(
@@ -162,11 +155,11 @@ def second_pass(
     found = []
     for part in first:
         floor, *tasks = part.tasks
-        longer = [(task, plan.get((part.scaling, task.solver, str(task.lane), task.setting.text))) for task in tasks]
         chosen = [
-            (task, is_longer)
-            for task, is_longer in longer
-            if is_longer is not None and run.task(task)[0][0]["status"] == Status.OK
+            (task, plan[key])
+            for task in tasks
+            if (key := (part.scaling, task.solver, str(task.lane), task.setting.text)) in plan
+            and run.task(task)[0][0]["status"] == Status.OK
         ]
         warm = [
             replace(task, start="warm")
@@ -177,12 +170,12 @@ def second_pass(
             SecondPass(
                 part.run,
                 f"{part.name}--turns",
-                (floor, *(task for task, is_longer in chosen if is_longer), *warm),
+                (floor, *(task for task, longer in chosen if longer), *warm),
                 part.repeat,
                 settings,
                 part.problem,
                 part.scaling,
-                (floor, *(task for task, _ in chosen)),
+                (floor, *(task for task, _ in chosen), *warm),
                 calls,
             )
         )

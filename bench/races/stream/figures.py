@@ -20,9 +20,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.report.words import marked, number, percent, solver_lanes
-from bench.timing import latency_histogram
-from bench.timing.percentiles import QUANTILES, Percentile, percentile, rate_bound
-from bench.timing.schedule import PERIOD_NS
+from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, rate_bound
+from bench.timing.schedule import PERIOD_NS, PERIOD_US
 from solvers import Status
 
 GROUP = ["solver", "lane", "tier", "settings"]
@@ -38,6 +37,11 @@ FAILURES = tuple(
 def column(kind: str, q: float, end: str = "") -> str:
     """Name of a percentile's column, such as ``response_p99.9_us`` or ``response_p99.9_low_us``."""
     return f"{kind}_{Percentile(q).name}{f'_{end}' if end else ''}_us"
+
+
+FARTHEST = QUANTILES[-1]
+CORRECTED = column("service_corrected", FARTHEST)
+"""Of a compiled loop, whose times are those of no schedule."""
 
 
 def raw(times: pd.DataFrame, tasks: Iterable[str], what: str) -> NDArray[np.float64]:
@@ -56,6 +60,20 @@ def percentiles(kind: str, microseconds: NDArray[np.float64]) -> dict[str, float
     figures[f"{kind}_max_us"] = float(microseconds.max()) if microseconds.size else math.nan
     figures[f"{kind}_samples"] = microseconds.size
     return figures
+
+
+def corrected(microseconds: NDArray[np.float64], period_us: float = PERIOD_US) -> NDArray[np.float64]:
+    """Times of calls back to back with what would have waited behind them on a schedule: a call of length t > T stands
+    for t, t − T, t − 2 T, … down to the first that is not above T (G. Tene, "How NOT to measure latency", 2013).
+
+    Examples
+    --------
+    >>> corrected(np.array([100.0, 300.0])).tolist()
+    [100.0, 300.0, 175.0, 50.0]
+    """
+    counts = np.maximum(np.ceil(microseconds / period_us), 1).astype(np.int64)
+    waited = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.repeat(microseconds, counts) - waited * period_us
 
 
 def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
@@ -89,6 +107,7 @@ def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
     ran = part.drop(failed.index)
     paced = bool(part.paced.iloc[0])
     samples, missed = int(ran.samples.sum()), int(ran.missed.sum())
+    service = raw(times, ran.task, "service")
     beyond = max(0, missed - math.ceil(bound * samples)) if paced else 0
     status = (
         str(failed.status.iloc[0])
@@ -132,10 +151,13 @@ def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         "keeps_up": bool(len(ran) and not len(failed) and paced and not beyond),
         "unanswered": int(ran.unanswered.sum()),
         **worth,
-        **percentiles("service", raw(times, ran.task, "service")),
+        **percentiles("service", service),
+        CORRECTED: (
+            float(np.quantile(corrected(service), FARTHEST, method="inverted_cdf"))
+            if not paced and service.size >= needed(FARTHEST)
+            else math.nan
+        ),
         **percentiles("response", raw(times, ran.task, "response")),
-        "service_histogram": latency_histogram.merged(text for text in ran.service_histogram if text),
-        "response_histogram": latency_histogram.merged(text for text in ran.response_histogram if text),
     }
 
 

@@ -10,7 +10,6 @@ import pandas as pd
 from bench.races.stream import figures
 from bench.report.plot import BEST, together
 from bench.report.words import marked, settings_label
-from bench.timing import latency_histogram
 from bench.timing.percentiles import needed
 from bench.timing.schedule import PERIOD_US
 
@@ -19,6 +18,8 @@ DECADES = np.geomspace(0.5, 1e-6, 60)
 FARTHEST = 1_000
 """Sampling periods up to which answers are counted."""
 ID_COLUMNS = ["view", "name", "solver", "lane"]
+Lines = list[tuple[pd.Series, np.ndarray]]
+"""Lines of the summary by name, each with its sorted times in µs."""
 
 
 def _names(table: pd.DataFrame) -> pd.DataFrame:
@@ -31,7 +32,7 @@ def _names(table: pd.DataFrame) -> pd.DataFrame:
         + table.lane
         + np.where(several, ", " + table.tier, "")
         + np.where(settings != "", ", " + settings, "")
-        + ")"
+        + np.where(table.paced, ")", "), service time")
     )
     return table.assign(
         name=label.where(~table.is_floor, FLOOR_NAME),
@@ -40,26 +41,23 @@ def _names(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def responses(rows: pd.DataFrame, times: pd.DataFrame) -> list[tuple[pd.Series, np.ndarray]]:
-    """Sorted response times in µs of every line of the summary that ran on the schedule, the machine's floor first and
-    then the quickest."""
-    table = figures.summary(rows, times)
-    table = table[table.paced & (table.samples > 0)]
+def lines(table: pd.DataFrame, rows: pd.DataFrame, times: pd.DataFrame) -> Lines:
+    """What ran on the schedule with its response times, the machine's floor first and then the quickest; then compiled
+    loops, which wait for no schedule, with their service times."""
+    ran = table[(table.samples > 0) & (table.paced | (table.solver != "projected_difference"))]
     found = []
-    for (_, line), (_, shown) in zip(table.iterrows(), _names(table).iterrows(), strict=True):
-        same = np.logical_and.reduce([rows[column] == line[column] for column in figures.GROUP])
-        us = np.sort(figures.raw(times, rows[same].task, "response"))
-        if us.size:
-            found.append((shown, us))
-    return sorted(found, key=lambda pair: (not pair[0].is_floor, float(np.quantile(pair[1], 0.99))))
+    for (_, line), (_, shown) in zip(ran.iterrows(), _names(ran).iterrows(), strict=True):
+        tasks = rows.task[(rows[figures.GROUP] == line[figures.GROUP]).all(axis=1)]
+        found.append((shown, np.sort(figures.raw(times, tasks, "response" if line.paced else "service"))))
+    return sorted(found, key=lambda pair: (not pair[0].paced, not pair[0].is_floor, float(np.quantile(pair[1], 0.99))))
 
 
-def deadline_profile(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
+def deadline_profile(found: Lines) -> pd.DataFrame:
     """Share of samples answered within k periods, one row a solver lane and k."""
     ks = np.unique(np.geomspace(1, FARTHEST, 40).round()).astype(int)
-    parts = [pd.DataFrame(columns=[*ID_COLUMNS, "periods", "share", "samples", "front"])]
-    for rank, (line, us) in enumerate(responses(rows, times)):
-        parts.append(
+    return together(
+        [pd.DataFrame(columns=[*ID_COLUMNS, "periods", "share", "samples", "front"])]
+        + [
             pd.DataFrame(
                 {
                     **line[ID_COLUMNS],
@@ -69,32 +67,18 @@ def deadline_profile(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
                     "share": np.searchsorted(us, ks * PERIOD_US, side="right") / us.size,
                 }
             )
-        )
-    return together(parts)
+            for rank, (line, us) in enumerate(found)
+            if line.paced
+        ]
+    )
 
 
-def latency_tails(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
-    """Response time against the share of samples above it; of compiled loops, which wait for no schedule, service
-    time."""
+def latency_tails(found: Lines) -> pd.DataFrame:
+    """Response time against the share of samples above it; of compiled loops service time."""
     parts = [pd.DataFrame(columns=[*ID_COLUMNS, "one_in", "us", "front"])]
-    for rank, (line, us) in enumerate(responses(rows, times)):
+    for rank, (line, us) in enumerate(found):
         shares = np.array([share for share in DECADES if needed(1.0 - share) <= us.size])
         ranks = np.ceil(np.round((1.0 - shares) * us.size, 6)).astype(int) - 1
-        parts.append(pd.DataFrame({**line[ID_COLUMNS], "one_in": 1.0 / shares, "us": us[ranks], "front": rank < BEST}))
-    table = figures.summary(rows, times)
-    loops = _names(table[~table.paced & (table.samples > 0) & (table.solver != "projected_difference")])
-    for _, line in loops.iterrows():
-        shares = np.array([share for share in DECADES if needed(1.0 - share) <= line.service_samples])
-        us = latency_histogram.quantiles(line.service_histogram, 1.0 - shares) / 1e3
-        parts.append(
-            pd.DataFrame(
-                {
-                    **line[ID_COLUMNS],
-                    "name": f"{line['name']}, service time",
-                    "one_in": 1.0 / shares,
-                    "us": us,
-                    "front": False,
-                }
-            )
-        )
+        tail = {"one_in": 1.0 / shares, "us": us[ranks], "front": rank < BEST and line.paced}
+        parts.append(pd.DataFrame({**line[ID_COLUMNS], **tail}))
     return together(parts)

@@ -13,7 +13,6 @@ import random
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,14 +30,14 @@ from bench.races import null_solver
 from bench.races.chosen_settings import DEFAULT, EACH, Choices, choices, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.settings import Positive, TierSettings, fixed, option
-from bench.races.stream.stream_problem import Judge, make
+from bench.races.stream.stream_problem import StreamProblem, make
 from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
 from bench.store import Schema
-from bench.timing import latency_histogram
 from bench.timing.clock import Effort
-from bench.timing.schedule import PERIOD_NS, runs
+from bench.timing.schedule import PERIOD_NS, Timeline, runs
 from piezo_model.json_file import decoded
 from solvers import Lane, Status, Tier
+from solvers.arrays import Nanoseconds
 from solvers.registry import Described, Entry
 
 KIND = "stream"
@@ -78,17 +77,14 @@ STREAM = Schema(
         "data_us_p50",
         "update_us_p50",
         "solve_us_p50",
-        "service_histogram",
-        "response_histogram",
         "mutates_input",
     ),
     ("problem", "lane", "solver", "tier", "settings", "repeat"),
-    types={**dict.fromkeys(("stopped", "service_histogram", "response_histogram"), TEXT), "paced": FLAG},
+    types={"stopped": TEXT, "paced": FLAG},
 )
 """One row a process. ``missed`` deadlines, in how many ``stalls``; ``unanswered`` solves; ``reused`` share of samples
 at whose deadline an older answer was in use; gaps of the answers in use, of all samples in doubles and of the proven
-instants exactly; ``own_gap_max`` of each answer at its own sample; the histograms as of `latency_histogram`, in the
-kernel lane the second is the first corrected for the period."""
+instants exactly; ``own_gap_max`` of each answer at its own sample."""
 
 
 @dataclass(frozen=True)
@@ -132,11 +128,6 @@ class StreamRace(TaskRace[StreamSettings]):
         settings = self.settings
         self.progress(f"{settings.samples} samples with {settings.certified} proven optima", 0, 1)
         self.stream = make(settings.experiment, settings.samples, settings.time_constant_s, settings.certified)
-
-    @cached_property
-    def judge(self) -> Judge:
-        """The optima of the stream."""
-        return Judge.of(self.stream)
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """Each task is watched by itself."""
@@ -203,8 +194,12 @@ class StreamRace(TaskRace[StreamSettings]):
 
     def judged(self, task: Task, outcome: Streamed) -> Sequence[Mapping[str, Any]]:
         """How many deadlines, and what the answers in use were worth."""
-        timed = _paced(outcome, self.judge) if outcome.timeline else _unpaced(outcome, self.in_loop(task))
-        return [{**timed, **_worth(outcome, self.judge)}]
+        timed = (
+            _unpaced(outcome.kernel_ns, self.in_loop(task))
+            if outcome.timeline is None
+            else _paced(outcome.timeline, self.settings.samples)
+        )
+        return [{**timed, **_worth(outcome, self.stream)}]
 
     def rows(self, task: Task, outcome: Outcome) -> list[Row]:
         """With the status at each tier: whether its own answers reach it; what the stage notices is not looked at
@@ -219,26 +214,20 @@ class StreamRace(TaskRace[StreamSettings]):
         return rows
 
 
-def _paced(outcome: Streamed, judge: Judge) -> dict[str, Any]:
-    t = outcome.timeline
-    assert t is not None
-    whole = len(judge.stream.rows)
+def _paced(t: Timeline, wanted: int) -> dict[str, Any]:
     return {
         "samples": t.samples,
         "solves": t.solved.size,
         "missed": int(t.late.sum()),
         "stalls": t.stalls,
-        "stopped": "" if t.samples == whole else f"late at each of the first {t.samples} samples",
+        "stopped": "" if t.samples == wanted else f"late at each of the first {t.samples} samples",
         "data_us_p50": float(np.median(t.data_ns)) / 1e3,
         "update_us_p50": float(np.median(t.updated - t.began)) / 1e3,
         "solve_us_p50": float(np.median(t.ended - t.updated)) / 1e3,
-        "service_histogram": latency_histogram.recorded(t.service_ns),
-        "response_histogram": latency_histogram.recorded(t.response_ns),
     }
 
 
-def _unpaced(outcome: Streamed, wanted: int) -> dict[str, Any]:
-    ns = outcome.kernel_ns
+def _unpaced(ns: Nanoseconds, wanted: int) -> dict[str, Any]:
     return {
         "samples": ns.size,
         "solves": ns.size,
@@ -246,25 +235,22 @@ def _unpaced(outcome: Streamed, wanted: int) -> dict[str, Any]:
         "stalls": runs(ns > PERIOD_NS),
         "stopped": "" if ns.size == wanted else f"after {KERNEL_WALL_S:g} s",
         "solve_us_p50": float(np.median(ns)) / 1e3,
-        "service_histogram": latency_histogram.recorded(ns),
-        "response_histogram": latency_histogram.recorded(ns, PERIOD_NS),
     }
 
 
-def _worth(outcome: Streamed, judge: Judge) -> dict[str, Any]:
+def _worth(outcome: Streamed, stream: StreamProblem) -> dict[str, Any]:
     """Gaps of the answers in use and of the solver's own."""
     answers, t = outcome.answers, outcome.timeline
-    if answers.shape[1:] != (judge.stream.d,):
+    if answers.shape[1:] != (stream.d,):
         return {"exact_instants": 0, "unanswered": len(answers)}
     usable: NDArray[np.bool_] = np.asarray(np.isfinite(answers).all(axis=1))
     solved = np.arange(len(answers)) if t is None else t.solved
     used = np.where(usable, solved, -1) if t is None else t.in_use(usable)
-    gaps = judge.gaps(answers, used)
-    instants, exact = judge.exact_gaps(answers, used)
+    gaps = stream.gaps(answers, used)
+    instants, exact = stream.exact_gaps(answers, used)
     own = np.full(gaps.size, -1)
     own[solved] = np.arange(solved.size)
-    own_gaps = judge.gaps(answers, own)[solved[usable]]
-    own_max = float(own_gaps.max()) if own_gaps.size else np.nan
+    own_gaps = stream.gaps(answers, own)[solved[usable]]
     fresh = used >= 0
     fresh[fresh] = solved[used[fresh]] == np.flatnonzero(fresh)
     return {
@@ -276,5 +262,5 @@ def _worth(outcome: Streamed, judge: Judge) -> dict[str, Any]:
         "exact_gap_max": float(exact.max()) if exact.size else np.nan,
         "exact_instants": int(exact.size),
         "exact_difference": float(np.abs(gaps[instants] - exact).max()) if exact.size else np.nan,
-        "own_gap_max": own_max,
+        "own_gap_max": float(own_gaps.max()) if own_gaps.size else np.nan,
     }

@@ -15,7 +15,6 @@ from bench.report.plot import Axis, Plot, best_lines
 from bench.report.report import Figure, Report, Table, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, marked, number, settings_label, share
 from bench.store import Run
-from bench.timing import latency_histogram
 from bench.timing.percentiles import QUANTILES, Percentile, needed
 from bench.timing.schedule import PERIOD_US
 
@@ -57,6 +56,7 @@ def report(run: Run) -> Report:
     """Everything from the rows and times of a finished run."""
     rows, times = run.rows(STREAM), run.times()
     table = figures.summary(rows, times)
+    lines = plot_data.lines(table, rows, times)
     shown = [
         Figure(
             "latency_tails",
@@ -65,7 +65,7 @@ def report(run: Run) -> Report:
             f"dashed line the deadline is missed. In colour: {plot_data.FLOOR_NAME}, a solver that answers at once, "
             "and the lanes with the least p99. Compiled loops wait for no schedule and are drawn by their service "
             "time.",
-            plot_data.latency_tails(rows, times),
+            plot_data.latency_tails(lines),
             [
                 Plot(
                     Axis(
@@ -85,7 +85,7 @@ def report(run: Run) -> Report:
             "deadline_profile",
             "Deadline profile",
             "Share of samples answered within k sampling periods of their due time. The deadline is one period.",
-            plot_data.deadline_profile(rows, times),
+            plot_data.deadline_profile(lines),
             [
                 Plot(
                     Axis("periods", f"k: periods of {PERIOD_US:g} µs after the due time", log=True),
@@ -146,7 +146,7 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
             kernel,
             lambda line: [
                 *_percentiles(line, "service"),
-                _corrected(line),
+                _or_needs(line[figures.CORRECTED], figures.FARTHEST),
                 str(line.samples),
                 line.stopped,
                 line.status,
@@ -156,7 +156,7 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
     return Report(
         figures.verdict(table, settings),
         ranking(table),
-        table.drop(columns=[name for name in table.columns if name.endswith("histogram")]),
+        table,
         figures=shown,
         notes=figures.notes(table, settings),
         tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
@@ -241,14 +241,11 @@ def _percentiles(line: pd.Series, kind: str) -> list[str]:
 def _percentile(line: pd.Series, kind: str, q: float) -> str:
     """Value and interval, or what is missing; marked where it is not above the machine's floor."""
     value, low, high = (line[figures.column(kind, q, end)] for end in ("", "low", "high"))
-    if math.isnan(value):
-        return f"needs {needed(q)}"
+    interval = "" if math.isnan(value) else f" ({number(low)} to {number(high)})"
     at_floor = kind == "response" and not line.is_floor and line[f"at_floor_{Percentile(q).name}"]
-    return f"{number(value)} ({number(low)} to {number(high)})" + (" ≈ floor" if at_floor else "")
+    return _or_needs(value, q) + interval + (" ≈ floor" if at_floor else "")
 
 
-def _corrected(line: pd.Series) -> str:
-    """The farthest percentile with what would have waited behind long calls on a schedule counted in."""
-    if line.samples < needed(QUANTILES[-1]):
-        return f"needs {needed(QUANTILES[-1])}"
-    return number(float(latency_histogram.quantiles(line.response_histogram, QUANTILES[-1])[0]) / 1e3)
+def _or_needs(value: float, q: float) -> str:
+    """A percentile, or how many samples it needs."""
+    return f"needs {needed(q)}" if math.isnan(value) else number(value)

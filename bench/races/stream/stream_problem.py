@@ -21,7 +21,6 @@ computed in exact arithmetic instead, and the difference of the two there shows 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from qpsolvers import Problem
@@ -59,12 +58,32 @@ class StreamProblem:
     """(ξ, x) of each sample. Shape (N, d + 1)."""
     forgetting: float
     """λ."""
+    best: Matrix
+    """The optimum of each sample in doubles. Shape (N, d)."""
     instants: tuple[Instant, ...]
 
     @property
     def d(self) -> int:
         """Number of variables."""
         return int(self.answer.size)
+
+    def gaps(self, answers: Matrix, used: Index) -> Vector:
+        """Relative cost gap of ``answers[used[k]]`` at each sample k, shape (len(used),); −1 is the start's answer."""
+        P, q, c = self.start.P.copy(), self.start.q.copy(), np.array([self.c])
+        in_use = np.vstack([answers, self.answer]).clip(self.start.lb, self.start.ub)[used]  # −1 is the last
+        gaps = np.empty(used.size)
+        for k, (best, step) in enumerate(zip(self.best, in_use - self.best[: used.size], strict=False)):
+            absorb(P, q, c, self.rows, k, k + 1, self.forgetting)
+            Px = P @ best
+            gaps[k] = ((0.5 * (P @ step) + Px + q) @ step) / (c[0] + (0.5 * Px + q) @ best)
+        return gaps
+
+    def exact_gaps(self, answers: Matrix, used: Index) -> tuple[Index, Vector]:
+        """The proven instants among the samples, and the gap there in exact arithmetic."""
+        in_use = np.vstack([answers, self.answer])
+        among = [instant for instant in self.instants if instant.sample < used.size]
+        gaps = [exact_cost_gap(i.qp, i.certificate, in_use[used[i.sample]], i.c).relative for i in among]
+        return np.array([instant.sample for instant in among], dtype=np.int64), np.array(gaps)
 
 
 def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:
@@ -82,7 +101,7 @@ def make(experiment: Experiment, samples: int, time_constant_s: float, certified
     rows = np.ascontiguousarray(np.column_stack([rows[:, 1:] @ form.to_weights, rows[:, 0]]))
     answer = np.array(certify(form.qp, references(form.qp, rows[:0], forgetting, np.zeros(structure.d))[0]).x)
     wanted = np.unique(np.linspace(samples - 1, 0, min(certified, 1 + samples // 10)).round().astype(int)).tolist()
-    found = references(form.qp, rows, forgetting, answer)[1:]
+    best = references(form.qp, rows, forgetting, answer)[1:]
     return StreamProblem(
         f"{experiment.plant}-{experiment.drive}",
         form.qp,
@@ -90,7 +109,8 @@ def make(experiment: Experiment, samples: int, time_constant_s: float, certified
         answer,
         rows,
         forgetting,
-        _proven(form.qp, form.c, rows, forgetting, wanted, found),
+        best,
+        _proven(form.qp, form.c, rows, forgetting, wanted, best),
     )
 
 
@@ -118,44 +138,3 @@ def _proven(
         qp = Problem(P.copy(), q.copy(), lb=start.lb, ub=start.ub)
         instants.append(Instant(sample, qp, float(constant[0]), certify(qp, found[sample])))
     return tuple(instants)
-
-
-@dataclass(frozen=True)
-class Judge:
-    """The optima of a stream, to hold answers against."""
-
-    stream: StreamProblem
-    best: Matrix
-    """The optimum of each sample in doubles. Shape (N, d)."""
-
-    @classmethod
-    def of(cls, stream: StreamProblem) -> Self:
-        """Find the optima of a stream."""
-        return cls(stream, references(stream.start, stream.rows, stream.forgetting, stream.answer)[1:])
-
-    def gaps(self, answers: Matrix, used: Index) -> Vector:
-        """Relative cost gap of ``answers[used[k]]`` at each sample k, shape (len(used),); −1 is the start's answer."""
-        s, d = self.stream, self.stream.d
-        lb = np.full(d, -np.inf) if s.start.lb is None else s.start.lb
-        ub = np.full(d, np.inf) if s.start.ub is None else s.start.ub
-        P, q, c = s.start.P.copy(), s.start.q.copy(), np.array([s.c])
-        gaps, in_use = (
-            np.empty(used.size),
-            np.vstack([answers, s.answer]).clip(lb, ub)[np.where(used < 0, len(answers), used)],
-        )
-        for k, (best, step) in enumerate(zip(self.best, in_use - self.best[: used.size], strict=False)):
-            absorb(P, q, c, s.rows, k, k + 1, s.forgetting)
-            Px = P @ best
-            gaps[k] = ((0.5 * (P @ step) + Px + q) @ step) / (c[0] + (0.5 * Px + q) @ best)
-        return gaps
-
-    def exact_gaps(self, answers: Matrix, used: Index) -> tuple[Index, Vector]:
-        """The proven instants among the samples, and the gap there in exact arithmetic."""
-        among = [instant for instant in self.stream.instants if instant.sample < used.size]
-        gaps = [
-            exact_cost_gap(
-                i.qp, i.certificate, answers[used[i.sample]] if used[i.sample] >= 0 else self.stream.answer, i.c
-            ).relative
-            for i in among
-        ]
-        return np.array([instant.sample for instant in among], dtype=np.int64), np.array(gaps)
