@@ -15,10 +15,7 @@ same names shares the entry, and says in its own table what differs.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar
-
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
-from solvers.rows import Program
+from typing import Any
 
 Tolerance = Callable[[float, float], float]
 """A tolerance from the constant c and the exponent k of a rung."""
@@ -77,6 +74,11 @@ class Backend:
         """The exponent of each rung."""
         return self.rungs + self.polished
 
+    @property
+    def has_settings(self) -> bool:
+        """Whether there is anything to set."""
+        return bool(self.tolerances or self.more or self.always)
+
     def ladder(self, c: float) -> tuple[Mapping[str, Any], ...]:
         """The settings of each rung for a problem of the constant c > 0.
 
@@ -99,51 +101,6 @@ class Backend:
             )
             for k, polish in steps or [(0, {})]
         )
-
-
-class LibrarySolver(Solver):
-    """A solver of somebody's library, described by one entry; by default one that reads its program at each solve."""
-
-    lane = Lane.DIRECT
-    library: ClassVar[Backend]
-    program: Program
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        if "library" in vars(cls):
-            cls.algorithm, cls.licence, cls.distribution = (
-                cls.library.algorithm,
-                cls.library.licence,
-                cls.library.distribution,
-            )
-            cls.always, cls.exponents = cls.library.always, cls.library.exponents
-
-    @classmethod
-    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
-        """The rungs of the library's entry."""
-        return cls.library.ladder(c)
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take P (d, d) and q (d,) into the program."""
-        self.program.take(P, q)
-
-    def choose(self, target: Any, **defaults: Any) -> None:
-        """Write our settings, and those of every use, into the library's own object.
-
-        Raises
-        ------
-        ValueError
-            The library has no such setting.
-        """
-        for name, value in {**defaults, **self.settings}.items():
-            if not hasattr(target, name):
-                raise ValueError(f"{self.name} has no setting {name}")
-            setattr(target, name, value)
-
-    def refuse(self, flag: int) -> None:
-        """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
-        if flag < 0:
-            raise Unsupported(f"{self.name} refuses the data with exit flag {flag}")
 
 
 def between(low: float, high: float, tolerance: Tolerance) -> Tolerance:

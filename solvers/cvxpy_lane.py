@@ -21,15 +21,16 @@ no starting point: its ``warm_start`` reuses the solver's object and last answer
 
 import logging
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
-from qpsolvers import Problem, Solution
 
 from solvers import backend as known
-from solvers.backend import Backend, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 # A library that is installed and does not load is absent here, and we say why; CVXPY would say so on standard error in
 # every process.
@@ -69,13 +70,12 @@ def square_root(P: Matrix) -> Matrix:
     (2, 2)
     """
     try:
-        root: Matrix = scipy.linalg.cholesky(P)
+        return scipy.linalg.cholesky(P)
     except scipy.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(P)
         if values[0] < -1e-12 * values[-1]:
             raise Unsupported(f"cvxpy needs a positive semidefinite P; one eigenvalue is {values[0]:.3g}") from None
-        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    return root
+        return np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
 
 
 class CvxpySolver(LibrarySolver):
@@ -83,20 +83,19 @@ class CvxpySolver(LibrarySolver):
 
     lane = Lane.CVXPY
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
+    def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
         self._x, self._S, self._q = cp.Variable(p.d), cp.Parameter((p.d, p.d)), cp.Parameter(p.d)
         self._S.value, self._q.value = square_root(p.P), p.q.copy()
-        bounds, equal, general = (np.arange(p.u.size)[which] for which in (p.bounds, p.equalities, p.inequalities))
-        above, below = bounds[np.isfinite(p.u[bounds])], bounds[np.isfinite(p.l[bounds])]
+        places = np.arange(rows.size)
+        above, below = np.flatnonzero(np.isfinite(p.ub)), np.flatnonzero(np.isfinite(p.lb))
         # Each block of constraints with its places in the stack of rows and the sign of its multipliers there.
-        blocks = [
-            (equal, 1.0, p.R[equal] @ self._x == p.u[equal]) if equal.size else None,
-            (general, 1.0, p.R[general] @ self._x <= p.u[general]) if general.size else None,
-            (above, 1.0, self._x[above] <= p.u[above]) if above.size else None,
-            (below, -1.0, self._x[below] >= p.l[below]) if below.size else None,
-        ]
-        self._blocks = [block for block in blocks if block is not None]
+        blocks: tuple[tuple[Any, float, Any], ...] = (
+            (places[p.equalities], 1.0, p.A @ self._x == p.b if p.b.size else None),
+            (places[p.inequalities], 1.0, p.G @ self._x <= p.h if p.h.size else None),
+            (above, 1.0, self._x[above] <= p.ub[above] if above.size else None),
+            (below, -1.0, self._x[below] >= p.lb[below] if below.size else None),
+        )
+        self._blocks = [block for block in blocks if block[2] is not None]
         cost = 0.5 * cp.sum_squares(self._S @ self._x) + self._q @ self._x
         self.model = cp.Problem(cp.Minimize(cost), [constraint for _, _, constraint in self._blocks])
         self.model.get_problem_data(self.name.upper())
@@ -114,31 +113,18 @@ class CvxpySolver(LibrarySolver):
             self._status = str(self.model.status)
         except cp.SolverError as error:  # cvxpy's way of saying that the solver found nothing
             self._status = str(error)
-        x: Vector = self._x.value
-        return x if self._status == cp.OPTIMAL else self.program.no_answer()
+        self.found = self._status == cp.OPTIMAL
+        return self._x.value if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
-        if self._status != cp.OPTIMAL:
-            return self.program.solution(
-                self.program.no_answer(), np.zeros(0), False, status=self._status, reported_us=None, iterations=None
-            )
-        w = np.zeros(self.program.u.size)
+    def answer(self) -> Answer:  # noqa: D102
+        w = np.zeros(self.rows.size)
+        if not self.found:
+            return Answer(w, w, self._status)
         for places, sign, constraint in self._blocks:
             w[places] += sign * constraint.dual_value
         stats = self.model.solver_stats
-        return self.program.solution(
-            self._x.value,
-            w,
-            True,
-            status=self._status,
-            iterations=stats.num_iters,
-            reported_us=1e6 * stats.solve_time if stats.solve_time else None,
-        )
-
-
-def names() -> tuple[str, ...]:
-    """The solvers of the table, installed here or not."""
-    return tuple(BACKENDS)
+        reported_us = 1e6 * stats.solve_time if stats.solve_time else None
+        return Answer(self._x.value, w, self._status, stats.num_iters, reported_us)
 
 
 def installed() -> tuple[str, ...]:

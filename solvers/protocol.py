@@ -271,18 +271,18 @@ def only_box(problem: Problem, name: str) -> tuple[Vector, Vector]:
     return box(problem)
 
 
+def box_duals(gradient: Vector, lb: Vector, ub: Vector, x: Vector) -> Vector:
+    """z_box (d,) = −g where x touches a bound and the sign is right (negative at the lower bound, positive at the
+    upper), zero elsewhere."""
+    lower, upper = np.where(x <= lb, -gradient, 0.0), np.where(x >= ub, -gradient, 0.0)
+    return np.where((x <= lb) & (x >= ub), lower, np.minimum(lower, 0.0) + np.maximum(upper, 0.0))
+
+
 def box_solution(problem: Problem, x: Vector, found: bool, **extras: Any) -> Solution:
     """Wrap the answer of a solver that has no duals of its own on a problem with bounds only.
 
-    The duals are those that the gradient g = P x + q implies: z_box = −g where a bound is touched and the sign is
-    right (negative at the lower bound, positive at the upper), zero elsewhere.
+    The duals are those that the gradient g = P x + q implies, see :func:`box_duals`.
     """
-    lb, ub = box(problem)
-    g = problem.P @ x + problem.q
-    at_lower, at_upper = x <= lb, x >= ub
-    z_box = np.where(
-        at_lower & at_upper, -g, np.where(at_lower, np.minimum(-g, 0), np.where(at_upper, np.maximum(-g, 0), 0))
-    )
     nothing = np.zeros(0)
     return Solution(
         problem,
@@ -290,7 +290,7 @@ def box_solution(problem: Problem, x: Vector, found: bool, **extras: Any) -> Sol
         x=x.copy(),
         y=nothing,
         z=nothing,
-        z_box=z_box,
+        z_box=box_duals(problem.P @ x + problem.q, *box(problem), x),
         obj=float(0.5 * x @ (problem.P @ x) + problem.q @ x),
-        extras=dict(extras),
+        extras=extras,
     )

@@ -20,8 +20,10 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers import backend as known
-from solvers.backend import Backend, LibrarySolver
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, box, dense
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import Backend
+from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
+from solvers.rows import Program, Stack
 
 BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,
@@ -56,34 +58,28 @@ class QpsolversSolver(LibrarySolver):
     lane = Lane.QPSOLVERS
     sparse: ClassVar[bool]
 
-    def _own(self, matrix: Any) -> Any:
-        array = np.array(matrix if isinstance(matrix, np.ndarray) else matrix.toarray(), dtype=np.float64, order="C")
-        return csc_matrix(array) if self.sparse else array
+    def _form(self, matrix: Matrix) -> Any:
+        return csc_matrix(matrix) if self.sparse else matrix
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        if problem.is_unconstrained and self.name in HANDED_TO_SCIPY:
-            raise Unsupported(f"qpsolvers solves a problem without constraints by SciPy in place of {self.name}")
+    def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
         if self.name == "qpax":
             import jax  # single precision otherwise
 
             jax.config.update("jax_enable_x64", True)
-        sides = [side if np.isfinite(side).any() else None for side in box(problem)]
+        sides = [side if np.isfinite(side).any() else None for side in (p.lb, p.ub)]
         if self.name in BREAKS_ON_INFINITY and not all(np.isfinite(side).all() for side in sides if side is not None):
             raise Unsupported(f"{self.name} behind qpsolvers takes the bounds of a side all finite or all infinite")
-        rows = [
-            None if part is None else self._own(part) if np.ndim(part) != 1 else np.array(part, dtype=np.float64)
-            for part in (problem.G, problem.h, problem.A, problem.b)
-        ]
-        P, q = dense(problem)
-        self._problem = self._asked = Problem(self._own(P), q, *rows, *sides)
-        if self.name in FAILS_WITHOUT_ROWS and problem.G is None and problem.A is None:
-            self._asked = Problem(self._problem.P, q, csc_matrix((1, q.size)), np.array([np.inf]), None, None, *sides)
+        G, A = ((self._form(R), r) if r.size else (None, None) for R, r in ((p.G, p.h), (p.A, p.b)))
+        if self.name in FAILS_WITHOUT_ROWS and p.u.size == p.d:
+            G = csc_matrix((1, p.d)), np.array([np.inf])
+        self._asked = Problem(self._form(p.P), p.q, *G, *A, *sides)
+        if self._asked.is_unconstrained and self.name in HANDED_TO_SCIPY:
+            raise Unsupported(f"qpsolvers solves a problem without constraints by SciPy in place of {self.name}")
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        if P is not None:
-            self._problem.P = self._asked.P = self._own(P)
-        if q is not None:
-            self._problem.q = self._asked.q = np.array(q, dtype=np.float64)
+        self.program.take(P, q)
+        if P is not None and self.sparse:
+            self._asked.P = csc_matrix(self.program.P)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
         start = warm_start if self.warm_startable else None
@@ -92,29 +88,19 @@ class QpsolversSolver(LibrarySolver):
         except qpsolvers.ProblemError as error:
             raise Unsupported(f"{self.name} behind qpsolvers refuses the problem: {error}") from error
         except qpsolvers.SolverError as error:
-            self._answer = Solution(self._problem, found=False, extras={"status": str(error)})
-        x = self._answer.x
-        return np.asarray(x) if self._answer.found else np.full(self._problem.q.size, np.nan)
+            self._answer = Solution(self._asked, found=False, extras={"status": str(error)})
+        self.found = self._answer.found
+        return np.asarray(self._answer.x) if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
-        a = self._answer
+    def answer(self) -> Answer:  # noqa: D102
+        a, p, w = self._answer, self.program, np.zeros(self.rows.size)
+        for part, place in ((a.z_box, p.bounds), (a.y, p.equalities), (a.z, p.inequalities)):
+            if part is not None and np.size(part) == w[place].size:
+                w[place] = part
         count = _said(a.extras, "iterations", "iter", "num_iterations")
-        extras = {
-            "status": str(_said(a.extras, "status", "infostring") or ("found" if a.found else "not found")),
-            "iterations": None if count is None else int(np.max(count)),
-            "reported_us": None if a.solve_time is None else 1e6 * a.solve_time,
-        }
-        problem = Problem(*self._problem.unpack())
-        if not a.found:
-            return Solution(problem, found=False, extras=extras)
-        x, y, z, z_box = (
-            np.zeros(0) if part is None else np.array(part, dtype=np.float64)
-            for part in (a.x, a.y, a.z if self._problem.G is not None else None, a.z_box)
-        )
-        if z_box.size == 0:
-            z_box = np.zeros(x.size)
-        cost = float(0.5 * x @ (problem.P @ x) + problem.q @ x)
-        return Solution(problem, found=True, obj=cost, x=x, y=y, z=z, z_box=z_box, extras=extras)
+        status = str(_said(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
+        iterations = None if count is None else int(np.max(count))
+        return Answer(a.x, w, status, iterations, None if a.solve_time is None else 1e6 * a.solve_time)
 
 
 def _said(extras: Mapping[str, Any], *names: str) -> Any:
@@ -122,11 +108,6 @@ def _said(extras: Mapping[str, Any], *names: str) -> Any:
     info = extras.get("info", {})
     inside = info if isinstance(info, Mapping) else {name: getattr(info, name, None) for name in names}
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)
-
-
-def names() -> tuple[str, ...]:
-    """The solvers of the table, installed here or not."""
-    return tuple(BACKENDS)
 
 
 def installed() -> tuple[str, ...]:

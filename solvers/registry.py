@@ -3,8 +3,8 @@
 Nothing else is touched to race one; one written for this project is named in ``OURS``. Modules are imported only when
 asked for, since some solver libraries cannot live in one process, and one whose library is not installed is reported as
 absent with the reason. A file that serves many solvers at once offers ``make(name)``: for a whole lane (qpsolvers,
-cvxpy) it is ``solvers/<lane>_lane.py`` and offers ``names()``, too; in a folder, ``<family>.py`` serves each of the
-``<family>_<solver>.c`` beside it.
+cvxpy) it is ``solvers/<lane>_lane.py`` and has the table ``BACKENDS``, too; in a folder, ``<family>.py`` serves each of
+the ``<family>_<solver>.c`` beside it.
 
 Other packages add solvers by entry points of the group ``piezobench.solvers``, whose name is lane and name of the
 solver and whose value is its class; what is not in a lane is in the lane direct:
@@ -201,7 +201,7 @@ def _own_entries() -> Iterator[Entry]:
                     yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
         elif importlib.util.find_spec(lane.value) is not None:
             module = f"solvers.{lane}_lane"
-            for name in importlib.import_module(module).names():
+            for name in importlib.import_module(module).BACKENDS:
                 yield Entry(name, lane, module)
 
 

@@ -12,6 +12,7 @@ Sources: S. Boyd and L. Vandenberghe, Convex Optimization (2004), section 5.5.3 
 those of the qpsolvers documentation of ``Solution``.
 """
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,8 +40,10 @@ class Program:
         Cost, shapes (d, d) in C order and (d,). P is symmetric, so ``P.T`` is P in Fortran order, for free.
     R, l, u : ndarray
         The stacked rows, shapes (d + p + m, d) in C order and (d + p + m,): d bounds, p equalities, m inequalities.
-    bounds, equalities, inequalities : slice
-        Where each kind lies in the stack.
+    lb, ub, A, b, G, h : ndarray
+        Views of the parts of the stack: bounds (d,), equalities, inequalities.
+    bounds, equalities, inequalities, general : slice
+        Where each kind lies in the stack, and where equalities and inequalities do.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -54,11 +57,17 @@ class Program:
         self.R: Matrix = np.vstack([np.eye(d), A, G])
         self.l: Vector = np.concatenate([lb, b, np.full(h.size, -np.inf)])
         self.u: Vector = np.concatenate([ub, b, h])
-        self.bounds = slice(0, d)
-        self.equalities = slice(d, d + b.size)
-        self.inequalities = slice(d + b.size, None)
+        ends = [d, d + b.size]
+        self.bounds, self.equalities, self.inequalities = slice(0, d), slice(*ends), slice(ends[1], None)
         self.general = slice(d, None)
+        self.lb, self.ub, self.b, self.h = self.l[:d], *np.split(self.u, ends)
+        _, self.A, self.G = np.split(self.R, ends)
         self._problem = problem
+
+    @cached_property
+    def triangle(self) -> "Triangle":
+        """The upper triangle of P as a pattern."""
+        return Triangle(self.d)
 
     def take(self, P: Matrix | None, q: Vector | None) -> None:
         """Copy new P (d, d) and q (d,), whatever their strides; what is None stays."""
@@ -71,43 +80,35 @@ class Program:
         """What ``solve`` returns when the library says that it has no answer: NaN, which nobody takes for one."""
         return np.full(self.d, np.nan)
 
-    def solution(
-        self, x: Vector, w: Vector, found: bool, *, status: str, reported_us: float | None, iterations: int | None
-    ) -> Solution:
-        """Wrap an answer.
-
-        Parameters
-        ----------
-        x : ndarray
-            Answer, shape (d,).
-        w : ndarray
-            Multipliers of all rows of the stack, in its order, shape (d + p + m,).
-        found : bool
-            Whether the library says solved. Only then does the solution hold x and the duals.
-        status : str
-            The library's own word.
-        reported_us : float or None
-            The solve time that the library itself reports, µs.
-        iterations : int or None
-            The library's own count.
-        """
+    def solution(self, x: Vector | None, w: Vector | None, extras: dict[str, Any]) -> Solution:
+        """Wrap the answer x (d,) with the multipliers w of all rows of the stack, in its order; None without one."""
         given = self._problem
         problem = Problem(self.P.copy(), self.q.copy(), given.G, given.h, given.A, given.b, given.lb, given.ub)
-        extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
-        if not found:
+        if x is None or w is None:
             return Solution(problem, found=False, extras=extras)
         z = np.zeros(self._real.size)
         z[self._real] = w[self.inequalities]
         return Solution(
             problem,
             found=True,
-            x=np.array(x),
+            x=x,
             y=w[self.equalities].copy(),
             z=z,
             z_box=w[self.bounds].copy(),
             obj=float(x @ (0.5 * (self.P @ x) + self.q)),
             extras=extras,
         )
+
+
+class Stack:
+    """The rows as they are."""
+
+    def __init__(self, program: Program) -> None:
+        self.size = program.u.size
+
+    def distribute(self, w: Vector) -> Vector:
+        """The multipliers as they are."""
+        return w
 
 
 class Intervals:
@@ -183,8 +184,7 @@ class Triangle:
 
     def values(self, P: Matrix) -> Vector:
         """The stored values of a symmetric matrix P (d, d), column by column, as a fresh array."""
-        picked: Vector = P.take(self._flat)
-        return picked
+        return P.take(self._flat)
 
     def matrix(self, P: Matrix) -> csc_matrix:
         """P as a sparse matrix that holds this triangle, its arrays its own (osqp writes to what it is given)."""

@@ -7,32 +7,28 @@ its users make, and the copy of its answer. ``setup`` generates and builds on th
 seconds, see :mod:`solvers.codegen._build`) and loads on all others.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib.metadata
 import inspect
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from qpsolvers import Problem, Solution
 
+from solvers.adapter import Answer, LibrarySolver
 from solvers.arrays import address
+from solvers.backend import Backend, absolute
 from solvers.codegen._build import CORE, HERE, TIMED, Sources, built_with, library
-from solvers.direct._box import refuse_crossing
-from solvers.protocol import Lane, Matrix, Solver, Timings, Unsupported, Vector, only_box
-from solvers.rows import Program
+from solvers.protocol import Lane, Matrix, Timings, Unsupported, Vector
+from solvers.rows import Program, Stack
 from solvers.timed_calls import time_calls
 
 
-@dataclass(frozen=True)
-class Shape:
+class Shape(NamedTuple):
     """What of a problem is compiled in: d, and which variables have a finite lower and upper bound."""
 
     d: int
@@ -40,11 +36,10 @@ class Shape:
     above: tuple[int, ...]
 
     @classmethod
-    def of(cls, lb: Vector, ub: Vector) -> Shape:
+    def of(cls, lb: Vector, ub: Vector) -> "Shape":
         """The shape of a box."""
-        return cls(
-            lb.size, tuple(np.flatnonzero(np.isfinite(lb)).tolist()), tuple(np.flatnonzero(np.isfinite(ub)).tolist())
-        )
+        below, above = (tuple(np.flatnonzero(np.isfinite(side)).tolist()) for side in (lb, ub))
+        return cls(lb.size, below, above)
 
     @property
     def bounded(self) -> tuple[int, ...]:
@@ -67,11 +62,18 @@ class Shape:
         return "\n".join(lines) + "\n"
 
 
-class Embedded(Solver):
+def generator(algorithm: str, licence: str, distribution: str) -> Backend:
+    """The entry of a library whose C has one tolerance c · 10⁻ᵏ, absolute and relative alike."""
+    return Backend(algorithm, licence, distribution, {"tolerance": absolute}, (4, 6, 8, 10, 12, 13))
+
+
+class Embedded(LibrarySolver):
     """A solver behind ``embedded.h``; a file of one says how its C is written."""
 
     lane = Lane.CODEGEN
     built_with = built_with()
+    bounds_only = True
+    refuses_crossing = True
     parameters: ClassVar[Mapping[str, float]] = MappingProxyType({"tolerance": -1.0})
     """Its settings, in the order in which C takes them, with their defaults; a negative tolerance is the library's
     own."""
@@ -80,34 +82,23 @@ class Embedded(Solver):
     glue: ClassVar[tuple[str, ...]] = ()
     """C files of this folder that it needs beside <name>.c, which puts what is generated behind ``embedded.h``."""
 
-    @classmethod
-    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
-        """Tolerances c · 10⁻ᵏ, absolute and relative alike."""
-        return (
-            tuple({"tolerance": c * 10.0**-k} for k in (4, 6, 8, 10, 12, 13))
-            if "tolerance" in cls.parameters
-            else super().ladder(c)
-        )
-
     @abstractmethod
     def generate(self, shape: Shape, folder: Path) -> Sources:
         """Write the C of this solver for problems of this shape; ``problem.h`` is there already."""
 
-    def setup(self, problem: Problem) -> None:
-        lb, ub = only_box(problem, self.name)
+    def build(self, p: Program, rows: Stack) -> None:
         if unknown := sorted(set(self.settings) - set(self.parameters)):
             raise ValueError(
                 f"{self.name} has no setting {unknown[0]!r} in the lane codegen; it has {', '.join(self.parameters)}"
             )
-        self.program = p = Program(problem)
-        refuse_crossing(p, self.name)
-        shape = Shape.of(lb, ub)
+        shape = Shape.of(p.lb, p.ub)
         if not shape.bounded:
             raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
-        self._found, self._x, self._z = False, np.empty(p.d), np.empty(p.d)
+        self._x, self._z = np.empty(p.d), np.empty(p.d)
         self._library = library(self._key(shape), lambda folder: self.sources(shape, folder))
         self._library.embedded_status.restype = ctypes.c_char_p
-        self._library.embedded_setup(address(lb), address(ub), address(self._values()))
+        values = np.array([float({**self.parameters, **self.settings}[name]) for name in self.parameters])
+        self._library.embedded_setup(address(p.lb), address(p.ub), address(values))
         self.update(p.P, p.q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -119,9 +110,9 @@ class Embedded(Solver):
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        self._found = self._library.embedded_solve(None if start is None else address(start)) == 0
+        self.found = self._library.embedded_solve(None if start is None else address(start)) == 0
         self._library.embedded_answer(address(self._x))
-        return self._x if self._found else self.program.no_answer()
+        return self._x if self.found else self.program.no_answer()
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Update and solve inside C, each timed."""
@@ -129,7 +120,7 @@ class Embedded(Solver):
         last = timings[0].size - 1
         self.program.take(P[last], q[last])
         self._x[:] = timings[2][last]
-        self._found = bool(np.isfinite(self._x).all())
+        self.found = bool(np.isfinite(self._x).all())
         return timings
 
     def _loop(self, q: Matrix, P: Matrix, start: Vector | None, most_ns: int, *outputs: NDArray[Any]) -> int:
@@ -137,21 +128,10 @@ class Embedded(Solver):
         status: int = self._library.embedded_time(ctypes.c_int64(len(q)), address(P), address(q), *where)
         return status
 
-    def solution(self) -> Solution:
+    def answer(self) -> Answer:
         self._library.embedded_multipliers(address(self._z))
         status = self._library.embedded_status().decode()
-        return self.program.solution(
-            self._x,
-            self._z,
-            self._found,
-            status=status,
-            reported_us=None,
-            iterations=int(self._library.embedded_iterations()),
-        )
-
-    def _values(self) -> Vector:
-        chosen = {name: self.settings.get(name, default) for name, default in self.parameters.items()}
-        return np.array([float(value) for value in chosen.values()])
+        return Answer(self._x, self._z, status, int(self._library.embedded_iterations()))
 
     def _key(self, shape: Shape) -> list[bytes]:
         """What the built library depends on: all texts that it is made of and the version that makes it."""
@@ -162,7 +142,7 @@ class Embedded(Solver):
         files |= {CORE / "timed_calls.h", *TIMED, *HERE.glob("*.[ch]")}
         texts = [path.read_bytes() for path in sorted(files)]
         settings = {name: self.settings.get(name) for name in self.compiled_in}
-        words = self.name, importlib.metadata.version(self.distribution), repr(astuple(shape)), repr(settings)
+        words = self.name, importlib.metadata.version(self.distribution), repr(shape), repr(settings)
         return [*(word.encode() for word in words), *texts]
 
     def sources(self, shape: Shape, folder: Path) -> Sources:
@@ -175,8 +155,6 @@ class Embedded(Solver):
 class OurOwn(Embedded):
     """A solver of this project: the files of ``solvers/core`` that it needs."""
 
-    licence = "MIT"
-    distribution = "piezobench"
     core: ClassVar[tuple[str, ...]]
     """Names of C files."""
 

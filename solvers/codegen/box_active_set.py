@@ -5,10 +5,9 @@
 Timed: ``update`` scales and inverts P; ``solve`` is the exchanges.
 """
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
+from solvers.backend import Backend
 from solvers.codegen._embedded import OurOwn
 from solvers.core import bindings
 
@@ -17,10 +16,10 @@ class BoxActiveSet(OurOwn):
     """``box_active_set.c``; it has no tolerance, so its ladder has one rung."""
 
     name = "box_active_set"
-    algorithm = "dual active set"
+    library = Backend("dual active set", "MIT", "piezobench")
     warm_startable = True
     parameters = MappingProxyType({})
     core = ("box_data", "box_inverse", "box_dual", "box_proximal")
 
-    def memory(self, d: int) -> int:  # noqa: D102
+    def memory(self, d: int) -> int:
         return int(bindings.box_bytes(d))

@@ -8,14 +8,11 @@ Source: J. A. E. Andersson, J. B. Rawlings, "Sensitivity analysis for nonlinear 
 Timed: ``update`` copies P and q; ``solve`` is one call of the function, which sets up its work arrays each time.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import casadi
 
+from solvers.backend import Backend, share
 from solvers.codegen._build import Sources
 from solvers.codegen._embedded import Embedded, Shape
 
@@ -24,17 +21,12 @@ class CasadiQrqp(Embedded):
     """``casadi.conic`` with the plugin qrqp through ``casadi.CodeGenerator``."""
 
     name = "casadi_qrqp"
-    algorithm = "primal-dual active set"
-    licence = "LGPL-3.0-or-later, the C MIT-0"
-    distribution = "casadi"
+    library = Backend(
+        "primal-dual active set", "LGPL-3.0-or-later, the C MIT-0", "casadi", {"tolerance": share}, (8, 12)
+    )
     compiled_in = ("tolerance",)
 
-    @classmethod
-    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
-        """Those of the direct lane; each is built."""
-        return ({"tolerance": 1e-8}, {"tolerance": 1e-12})
-
-    def generate(self, shape: Shape, folder: Path) -> Sources:  # noqa: D102
+    def generate(self, shape: Shape, folder: Path) -> Sources:
         d = shape.d
         tolerance = float(self.settings.get("tolerance", -1.0))
         tolerances = {"constr_viol_tol": tolerance, "dual_inf_tol": tolerance} if tolerance > 0.0 else {}

@@ -12,8 +12,6 @@ the solver's data, has the solver factorise and solves, always cold. SCS makes a
 its C allocates memory.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import io
@@ -27,29 +25,27 @@ from typing import Any
 
 import numpy as np
 
+from solvers.backend import ECOS, OSQP, QOCO, SCS
 from solvers.codegen._build import COMPILER, Sources, run
-from solvers.codegen._embedded import Embedded, Shape
+from solvers.codegen._embedded import Embedded, Shape, generator
 from solvers.protocol import Solver
 
 if importlib.util.find_spec("cvxpygen") is None:
     raise ImportError("No module named 'cvxpygen'")
 
 SOLVERS = {
-    "ecos": ("interior point", "GPL-3.0-or-later"),
-    "osqp": ("ADMM", "Apache-2.0"),
-    "qoco": ("interior point", "BSD-3-Clause"),
-    "scs": ("ADMM, Anderson acceleration", "MIT"),
+    name: generator(known.algorithm, known.licence, "cvxpygen")
+    for name, known in {"ecos": ECOS, "osqp": OSQP, "qoco": QOCO, "scs": SCS}.items()
 }
-"""Algorithm and licence of each; cvxpygen_<solver>.c has its ways in C."""
+"""cvxpygen_<solver>.c has the ways of each in C."""
 
 
 class Cvxpygen(Embedded):
     """One solver behind ``cvxpygen.cpg.generate_code``; :func:`make` says which."""
 
-    distribution = "cvxpygen"
     glue = ("cvxpygen.c",)
 
-    def generate(self, shape: Shape, folder: Path) -> Sources:  # noqa: D102
+    def generate(self, shape: Shape, folder: Path) -> Sources:
         written = folder / "cpg"
         with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
             warnings.simplefilter("ignore")  # of cvxpy and CVXPYgen about each other
@@ -124,9 +120,5 @@ def make(name: str) -> type[Solver]:
     solver = name.removeprefix("cvxpygen_")
     if solver not in SOLVERS:
         raise ImportError(f"CVXPYgen has no solver {solver!r} here")
-    algorithm, licence = SOLVERS[solver]
-    return type(
-        name,
-        (Cvxpygen,),
-        {"__doc__": f"{solver} behind CVXPYgen.", "name": name, "algorithm": algorithm, "licence": licence},
-    )
+    described = {"__doc__": f"{solver} behind CVXPYgen.", "name": name, "library": SOLVERS[solver]}
+    return type(name, (Cvxpygen,), described)

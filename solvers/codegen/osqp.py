@@ -7,8 +7,6 @@ Timed: ``update`` brings in the upper triangle of P and q, scales and factorises
 The penalty ρ that a solve has adapted stays for the next, as the library means it. Its adaptation is counted in steps.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,7 @@ import osqp
 from scipy.sparse import csc_matrix
 
 from solvers.codegen._build import Sources
-from solvers.codegen._embedded import Embedded, Shape
+from solvers.codegen._embedded import Embedded, Shape, generator
 from solvers.rows import Triangle
 
 
@@ -24,12 +22,10 @@ class Osqp(Embedded):
     """The files of ``osqp.OSQP.codegen`` with parameters "matrices"."""
 
     name = "osqp"
-    algorithm = "ADMM"
-    licence = "Apache-2.0"
-    distribution = "osqp"
+    library = generator("ADMM", "Apache-2.0", "osqp")
     warm_startable = True
 
-    def generate(self, shape: Shape, folder: Path) -> Sources:  # noqa: D102
+    def generate(self, shape: Shape, folder: Path) -> Sources:
         # Only the pattern of the numbers matters, all of them are replaced; the rows are those of bounded variables.
         d, rows = shape.d, list(shape.bounded)
         P = Triangle(d).matrix(np.eye(d) + 1e-3)

@@ -6,10 +6,9 @@ The files that Python races, ``solvers/core/descent.h``, in static memory: λ_ma
 from the same lines. Timed in ``solve``: ``steps`` steps from 0, or from ``warm_start``.
 """
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
+from solvers.backend import Backend
 from solvers.codegen._embedded import OurOwn
 from solvers.core import bindings
 from solvers.kernel import projected_difference as kernel
@@ -19,13 +18,12 @@ class ProjectedDifference(OurOwn):
     """``projected_difference.c``; the settings are those of the lane kernel."""
 
     name = "projected_difference"
-    algorithm = "projected gradient"
+    library = Backend("projected gradient", "MIT", "piezobench", always=kernel.ProjectedDifference.always)
     warm_startable = True
     iteration_setting = "steps"
     parameters = MappingProxyType({"steps": 15200.0, "step_ratio": 0.5})
     ladder = kernel.ProjectedDifference.ladder
-    always = kernel.ProjectedDifference.always
     core = ("descent", "eigenvalue")
 
-    def memory(self, d: int) -> int:  # noqa: D102
+    def memory(self, d: int) -> int:
         return int(bindings.descent_bytes(d))

@@ -7,8 +7,6 @@ Source: G. M. Chari, B. Açıkmeşe, "QOCO: a quadratic objective conic optimize
 Timed: ``update`` copies the upper triangle of P and q; ``solve`` factorises in each of its steps.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 from pathlib import Path
@@ -18,18 +16,16 @@ import qocogen
 from scipy.sparse import csc_matrix
 
 from solvers.codegen._build import Sources
-from solvers.codegen._embedded import Embedded, Shape
+from solvers.codegen._embedded import Embedded, Shape, generator
 
 
 class Qocogen(Embedded):
     """``qocogen.generate_solver``."""
 
     name = "qocogen"
-    algorithm = "interior point"
-    licence = "BSD-3-Clause"
-    distribution = "qocogen"
+    library = generator("interior point", "BSD-3-Clause", "qocogen")
 
-    def generate(self, shape: Shape, folder: Path) -> Sources:  # noqa: D102
+    def generate(self, shape: Shape, folder: Path) -> Sources:
         # Only the pattern of the numbers matters: P, q and h are replaced.
         d, rows = shape.d, len(shape.below) + len(shape.above)
         G = csc_matrix(np.vstack([-np.eye(d)[list(shape.below)], np.eye(d)[list(shape.above)]]))

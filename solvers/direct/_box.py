@@ -6,38 +6,32 @@ Files of this folder that begin with an underscore are shared parts, not solvers
 """
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from qpsolvers import Problem, Solution
 
-from solvers.backend import LibrarySolver
-from solvers.protocol import Unsupported, Vector, box_solution, only_box
-from solvers.rows import Program
+from solvers.adapter import Answer, LibrarySolver
+from solvers.protocol import Vector, box_duals
+from solvers.rows import Program, Stack
 
 
-@dataclass
-class Outcome:
+class Outcome(NamedTuple):
     """What a library said about its last call, in our words."""
 
     x: Vector
     found: bool
     status: str
     iterations: int | None = None
-    reported_us: float | None = None
-
-    def extras(self) -> dict[str, object]:
-        """The entries of ``Solution.extras``."""
-        return {"status": self.status, "reported_us": self.reported_us, "iterations": self.iterations}
 
 
 class BoxMinimiser(LibrarySolver):
     """A solver with bounds only; a file of one fills in ``minimise``."""
 
-    def setup(self, problem: Problem) -> None:
-        self.lb, self.ub = only_box(problem, self.name)
-        self.program = Program(problem)
-        self.empty = bool(np.any(self.lb > self.ub))
+    bounds_only = True
+
+    def build(self, p: Program, rows: Stack) -> None:
+        self.lb, self.ub = p.lb, p.ub
+        self.empty = bool(np.any(p.lb > p.ub))
 
     @abstractmethod
     def minimise(self, start: Vector | None) -> Outcome:
@@ -48,19 +42,12 @@ class BoxMinimiser(LibrarySolver):
         self.outcome = (
             Outcome(self.program.no_answer(), False, "infeasible: lb > ub") if self.empty else self.minimise(warm_start)
         )
-        return self.outcome.x if self.outcome.found else self.program.no_answer()
+        self.found = self.outcome.found
+        return self.outcome.x if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:
-        problem = Problem(self.program.P.copy(), self.program.q.copy(), lb=self.lb, ub=self.ub)
-        if not self.outcome.found:
-            return Solution(problem, found=False, extras=self.outcome.extras())
-        return box_solution(problem, self.outcome.x, True, **self.outcome.extras())
-
-
-def refuse_crossing(program: Program, name: str) -> None:
-    """Raise :class:`Unsupported` for a library that refuses bounds that cross instead of calling them infeasible."""
-    if np.any(program.l > program.u):
-        raise Unsupported(f"{name} refuses bounds that cross, and a lower bound of the problem is above its upper one")
+    def answer(self) -> Answer:
+        x, _, status, iterations = self.outcome
+        return Answer(x, box_duals(cost(self.program, x)[1], self.lb, self.ub, x), status, iterations)
 
 
 def cost(program: Program, x: Vector) -> tuple[float, Vector]:
@@ -71,15 +58,14 @@ def cost(program: Program, x: Vector) -> tuple[float, Vector]:
 
 def inside(start: Vector | None, lb: Vector, ub: Vector) -> Vector:
     """The point of the box next to the warm start, or next to 0 where there is none, shape (d,)."""
-    point: Vector = np.clip(np.zeros_like(lb) if start is None else start, lb, ub)
-    return point
+    return np.clip(np.zeros_like(lb) if start is None else start, lb, ub)
 
 
 def bound_duals(gradient: Vector, lb: Vector, ub: Vector) -> Vector:
     """z_box = −gradient wherever a finite bound can carry that sign, zero elsewhere, shape (d,).
 
     For answers that come close to their bounds without touching them: stationarity then holds, and the distance to
-    the bound shows in the duality gap. The rule of :func:`solvers.protocol.box_solution` (exactly touched bounds only)
+    the bound shows in the duality gap. The rule of :func:`solvers.protocol.box_duals` (exactly touched bounds only)
     reports a dual residual of the size of the gradient for such an answer, however good it is.
     """
     below, above = np.maximum(gradient, 0.0), np.minimum(gradient, 0.0)

@@ -17,17 +17,16 @@ from typing import Any, ClassVar
 
 import casadi
 import numpy as np
-from qpsolvers import Problem, Solution
 
-from solvers.backend import LibrarySolver
-from solvers.direct._box import refuse_crossing
+from solvers.adapter import Answer, LibrarySolver
 from solvers.protocol import Vector
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 
 class Conic(LibrarySolver):
     """A ``casadi.conic`` function of dense h and a."""
 
+    refuses_crossing = True
     plugin: ClassVar[str]
     quiet: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     """Options that stop the plugin from printing."""
@@ -36,11 +35,9 @@ class Conic(LibrarySolver):
         """The options of the plugin for d variables and m rows."""
         return {**self.quiet, **self.settings}
 
-    def setup(self, problem: Problem) -> None:
-        self.program = p = Program(problem)
-        refuse_crossing(p, self.name)
+    def build(self, p: Program, rows: Stack) -> None:
         R, m = p.R[p.general], len(p.R[p.general])
-        self._x, self._w = np.zeros(p.d), np.zeros(p.u.size)
+        self._x, self._w = np.zeros(p.d), np.zeros(rows.size)
         shapes = {"h": casadi.Sparsity.dense(p.d, p.d), "a": casadi.Sparsity.dense(m, p.d)}
         # qpOASES greets on standard output whenever one is made, whatever its print level.
         with contextlib.redirect_stdout(io.StringIO()):
@@ -55,8 +52,8 @@ class Conic(LibrarySolver):
             "a": R.ravel(order="F"),
             "lba": p.l[p.general],
             "uba": p.u[p.general],
-            "lbx": p.l[p.bounds],
-            "ubx": p.u[p.bounds],
+            "lbx": p.lb,
+            "ubx": p.ub,
             "x0": np.zeros(p.d),
             "lam_x0": np.zeros(p.d),
             "lam_a0": np.zeros(m),
@@ -71,18 +68,10 @@ class Conic(LibrarySolver):
     def solve(self, warm_start: Vector | None = None) -> Vector:
         self._call()
         self._stats = self._buffer.stats()
-        return self._answer()
+        self.found = self._stats["success"]
+        return self._x if self.found else self.program.no_answer()
 
-    def _answer(self) -> Vector:
-        return self._x if self._stats["success"] else self.program.no_answer()
-
-    def solution(self) -> Solution:
+    def answer(self) -> Answer:
         stats, seconds = self._stats, self._stats.get("t_wall_solver")
-        return self.program.solution(
-            self._x,
-            self._w,
-            bool(stats["success"]),
-            status=f"{stats['unified_return_status']}: {stats['return_status']}",
-            reported_us=1e6 * seconds if seconds else None,
-            iterations=stats["iter_count"],
-        )
+        status = f"{stats['unified_return_status']}: {stats['return_status']}"
+        return Answer(self._x, self._w, status, stats["iter_count"], 1e6 * seconds if seconds else None)

@@ -9,29 +9,28 @@ from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
-from qpsolvers import Problem
 from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from solvers.direct._box import BoxMinimiser, Outcome
 from solvers.protocol import Matrix, Unsupported, Vector
+from solvers.rows import Program, Stack
 
 
 def cholesky(P: Matrix, name: str) -> Matrix:
     """L of P = L Lᵀ, lower triangular (d, d), or :class:`Unsupported` for a P that is not positive definite."""
     try:
-        L: Matrix = np.linalg.cholesky(P).astype(np.float64, copy=False)
+        return np.linalg.cholesky(P).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         raise Unsupported(f"{name} needs a positive definite P, and P has no Cholesky factor") from None
-    return L
 
 
 class LeastSquares(BoxMinimiser):
     """A solver of minimise ‖Lᵀx − right‖ with bounds."""
 
-    def setup(self, problem: Problem) -> None:
-        super().setup(problem)
-        self.L = cholesky(self.program.P, self.name)
+    def build(self, p: Program, rows: Stack) -> None:
+        super().build(p, rows)
+        self.L = cholesky(p.P, self.name)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         super().update(P, q)
@@ -40,18 +39,15 @@ class LeastSquares(BoxMinimiser):
 
     def right(self, linear: Vector) -> Vector:
         """−L⁻¹ times a linear cost, shape (d,)."""
-        solved: Vector = solve_triangular(self.L, -linear, lower=True, check_finite=False)
-        return solved
+        return solve_triangular(self.L, -linear, lower=True, check_finite=False)
 
 
 class NonNegative(LeastSquares):
     """A solver of minimise ‖A u − b‖ with u ≥ 0; needs a finite lower bound everywhere and no upper bound."""
 
-    def setup(self, problem: Problem) -> None:
-        super().setup(problem)
-        if self.settings:
-            raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
-        if np.any(np.isfinite(self.ub)) or not np.all(np.isfinite(self.lb)):
+    def build(self, p: Program, rows: Stack) -> None:
+        super().build(p, rows)
+        if np.any(np.isfinite(p.ub)) or not np.all(np.isfinite(p.lb)):
             raise Unsupported(f"{self.name} needs a finite lower bound and no upper bound on every variable")
 
     @abstractmethod
@@ -70,11 +66,7 @@ class LsqLinear(LeastSquares):
     """scipy.optimize.lsq_linear; its ``tol`` is relative, on the cost and (trf) on the scaled gradient."""
 
     method: ClassVar[Any]
-
-    def setup(self, problem: Problem) -> None:
-        super().setup(problem)
-        if np.any(self.lb == self.ub):
-            raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
+    refuses_fixed = True
 
     def minimise(self, start: Vector | None) -> Outcome:
         result = lsq_linear(

@@ -16,7 +16,7 @@ complementarity than the rungs from 10⁻¹⁰ allow, so it is 1e-30.
 
 from typing import Any
 
-from solvers import backend as known
+from solvers.backend import HPIPM
 from solvers.direct._casadi import Conic
 from solvers.protocol import Vector
 
@@ -25,18 +25,19 @@ class CasadiHpipm(Conic):
     """``casadi.conic`` with the plugin hpipm."""
 
     name = "casadi_hpipm"
-    library = known.HPIPM
+    library = HPIPM
     plugin = "hpipm"
 
-    def options(self, d: int, m: int) -> dict[str, Any]:  # noqa: D102
+    def options(self, d: int, m: int) -> dict[str, Any]:
         infinity = 1e6 if self.settings else 1e8
         return {"N": 0, "nx": [d], "nu": [0], "ng": [m], "inf": infinity, "hpipm": self.settings}
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         p = self.program
         data = {**self._held, "h": p.P, "a": p.R[p.general]}
         result = self._function(**{key: array for key, array in data.items() if array.size})
         self._x[:] = result["x"].full().ravel()
         self._w[p.bounds], self._w[p.general] = (result[key].full().ravel() for key in ("lam_x", "lam_a"))
         self._stats = self._function.stats()
-        return self._answer()
+        self.found = self._stats["success"]
+        return self._x if self.found else p.no_answer()

@@ -13,58 +13,44 @@ data when it is on.
 
 import clarabel
 import numpy as np
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import CLARABEL
 from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program, Triangle
+from solvers.rows import Cones, Program
 
 
 class Clarabel(LibrarySolver):
     """The library's ``DefaultSolver``."""
 
     name = "clarabel"
-    library = known.CLARABEL
+    library = CLARABEL
+    form = Cones
     iteration_setting = "max_iter"
+    at_limit = ("MaxIterations", "AlmostSolved")
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Cones(p)
-        # The library reads the upper triangle; it takes a lower one without a word and answers wrong.
-        self._triangle = Triangle(p.d, upper=True)
+    def build(self, p: Program, rows: Cones) -> None:
         settings = clarabel.DefaultSettings()
         self.choose(settings, verbose=False, presolve_enable=False)
         cones = [clarabel.ZeroConeT(rows.equal), clarabel.NonnegativeConeT(rows.unequal)]
-        self._solver = clarabel.DefaultSolver(
-            self._triangle.matrix(p.P), p.q, csc_matrix(rows.R), rows.r, cones, settings
-        )
+        # The library reads the upper triangle; it takes a lower one without a word and answers wrong.
+        P = p.triangle.matrix(p.P)
+        self._solver = clarabel.DefaultSolver(P, p.q, csc_matrix(rows.R), rows.r, cones, settings)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         p = self.program
         p.take(P, q)
-        new = {} if P is None else {"P": self._triangle.values(p.P)}
+        new = {} if P is None else {"P": p.triangle.values(p.P)}
         if q is not None:
             new["q"] = p.q
         self._solver.update(**new)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         self._answer = self._solver.solve()
-        self._found = self._answer.status == clarabel.SolverStatus.Solved
-        return np.array(self._answer.x) if self._found else self.program.no_answer()
+        self.found = self._answer.status == clarabel.SolverStatus.Solved
+        return np.array(self._answer.x) if self.found else self.program.no_answer()
 
-    def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._answer.status in (clarabel.SolverStatus.MaxIterations, clarabel.SolverStatus.AlmostSolved)
-        return np.array(self._answer.x) if limit_met else None
-
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         a = self._answer
-        return self.program.solution(
-            np.array(a.x),
-            self._rows.distribute(np.array(a.z)),
-            self._found,
-            status=str(a.status),
-            reported_us=1e6 * a.solve_time,
-            iterations=a.iterations,
-        )
+        return Answer(a.x, np.array(a.z), str(a.status), a.iterations, 1e6 * a.solve_time)

@@ -11,10 +11,9 @@ persists. There is no warm start that pays.
 import cvxopt
 import cvxopt.solvers
 import numpy as np
-from qpsolvers import Problem, Solution
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import CVXOPT
 from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program
 
@@ -23,32 +22,28 @@ class Cvxopt(LibrarySolver):
     """The library's ``solvers.qp``."""
 
     name = "cvxopt"
-    library = known.CVXOPT
+    library = CVXOPT
+    form = Cones
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Cones(p)
+    def build(self, p: Program, rows: Cones) -> None:
         n = rows.equal
         blocks = {"P": p.P, "q": p.q, "G": rows.R[n:], "h": rows.r[n:], "A": rows.R[:n], "b": rows.r[:n]}
         self._data = {key: cvxopt.matrix(block) for key, block in blocks.items() if block.size}
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         p = self.program
         p.take(P, q)
         self._data |= {"P": cvxopt.matrix(p.P), "q": cvxopt.matrix(p.q)}
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         try:
             self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
         except ValueError as error:  # its way of saying that the rows or the KKT matrix are singular
-            self._result = {"status": str(error), "x": self.program.no_answer(), "y": np.zeros(0), "z": np.zeros(0)}
-        self._found = self._result["status"] == "optimal"
-        return np.array(self._result["x"]).ravel() if self._found else self.program.no_answer()
+            self._result = {"status": str(error), "x": (), "y": (), "z": ()}
+        self.found = self._result["status"] == "optimal"
+        return np.array(self._result["x"]).ravel() if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         r = self._result
         x, y, z = (np.array(r[key]).ravel() for key in "xyz")
-        w = self._rows.distribute(np.concatenate([y, z])) if self._found else y
-        return self.program.solution(
-            x, w, self._found, status=r["status"], reported_us=None, iterations=r.get("iterations")
-        )
+        return Answer(x, np.concatenate([y, z]), r["status"], r.get("iterations"))

@@ -13,13 +13,12 @@ the library on its own would go on from the last active set and so answer the sa
 import daqp
 import numpy as np
 from numpy.typing import NDArray
-from qpsolvers import Problem, Solution
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import DAQP
 from solvers.core import bindings
 from solvers.protocol import Matrix, Unsupported, Vector
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 Sense = NDArray[np.intc]
 IGNORED, EQUAL = 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
@@ -29,11 +28,10 @@ class Daqp(LibrarySolver):
     """The library's ``Model``."""
 
     name = "daqp"
-    library = known.DAQP
+    library = DAQP
     warm_startable = True
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
+    def build(self, p: Program, rows: Stack) -> None:
         self._cold = senses(p)
         self._sense = self._cold.copy()
         self._model = daqp.Model()
@@ -52,13 +50,13 @@ class Daqp(LibrarySolver):
                 f"daqp refuses the data with exit flag {flag}: P is not positive semidefinite, or bounds cross"
             )
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         p = self.program
         p.take(P, q)
         self.refuse(self._model.update(H=None if P is None else p.P, f=None if q is None else p.q, sense=self._cold))
         self._is_cold = True
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         p = self.program
         if warm_start is not None:
             x = np.ascontiguousarray(warm_start, dtype=np.float64)
@@ -67,18 +65,13 @@ class Daqp(LibrarySolver):
         elif not self._is_cold:
             self._model.update(sense=self._cold)
         self._is_cold = False
-        self._x, _, self._flag, self._info = self._model.solve()
-        return self._x if self._flag > 0 else p.no_answer()
+        self._answer = answer = self._model.solve()
+        self.found = answer[2] > 0
+        return answer[0] if self.found else p.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
-        return self.program.solution(
-            self._x,
-            self._info["lam"],
-            self._flag > 0,
-            status=f"exit flag {self._flag}",
-            reported_us=1e6 * self._info["solve_time"],
-            iterations=self._info["iterations"],
-        )
+    def answer(self) -> Answer:
+        x, _, flag, info = self._answer
+        return Answer(x, info["lam"], f"exit flag {flag}", info["iterations"], 1e6 * info["solve_time"])
 
 
 def senses(program: Program) -> Sense:

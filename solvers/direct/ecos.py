@@ -13,11 +13,10 @@ iterates. There is no warm start. The square inside the cone costs precision: at
 
 import ecos
 import numpy as np
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import ECOS
 from solvers.direct._least_squares import cholesky
 from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program
@@ -27,11 +26,10 @@ class Ecos(LibrarySolver):
     """The library's ``solve``; P must be positive definite."""
 
     name = "ecos"
-    library = known.ECOS
+    library = ECOS
+    form = Cones
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Cones(p)
+    def build(self, p: Program, rows: Cones) -> None:
         n, m, d = rows.equal, rows.unequal, p.d
         self._cost = np.append(p.q, 1.0)
         self._h = np.concatenate([rows.r[n:], [1.0], np.zeros(d), [-1.0]])
@@ -43,31 +41,23 @@ class Ecos(LibrarySolver):
         self._fill()
 
     def _fill(self) -> None:
-        self._G[self._rows.unequal + 1 : -1, :-1] = -np.sqrt(2.0) * cholesky(self.program.P, self.name).T
+        self._G[self.rows.unequal + 1 : -1, :-1] = -np.sqrt(2.0) * cholesky(self.program.P, self.name).T
         self._sparse = csc_matrix(self._G)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         self.program.take(P, q)
         self._cost[:-1] = self.program.q
         if P is not None:
             self._fill()
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         self._result = ecos.solve(
             self._cost, self._sparse, self._h, self._dims, *self._equalities, verbose=False, **self.settings
         )
-        self._found = self._result["info"]["exitFlag"] == 0
-        x: Vector = self._result["x"][:-1]
-        return x if self._found else self.program.no_answer()
+        self.found = self._result["info"]["exitFlag"] == 0
+        return self._result["x"][:-1] if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         r, info = self._result, self._result["info"]
-        w = self._rows.distribute(np.concatenate([r["y"], r["z"][: self._rows.unequal]]))
-        return self.program.solution(
-            r["x"][:-1],
-            w,
-            self._found,
-            status=info["infostring"],
-            reported_us=1e6 * info["timing"]["tsolve"],
-            iterations=info["iter"],
-        )
+        w = np.concatenate([r["y"], r["z"][: self.rows.unequal]])
+        return Answer(r["x"][:-1], w, info["infostring"], info["iter"], 1e6 * info["timing"]["tsolve"])

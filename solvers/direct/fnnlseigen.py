@@ -26,6 +26,5 @@ class FnnlsEigen(NonNegative):
     name = "fnnlseigen"
     library = Backend("active set", "MIT", "fnnlsEigen")
 
-    def nonnegative(self, A: Matrix, b: Vector) -> Vector:  # noqa: D102
-        u: Vector = fnnlsEigen.fnnls(np.ascontiguousarray(A), b)
-        return u
+    def nonnegative(self, A: Matrix, b: Vector) -> Vector:
+        return fnnlsEigen.fnnls(np.ascontiguousarray(A), b)

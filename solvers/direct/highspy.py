@@ -14,27 +14,23 @@ end in "Solve error", the library's own check of its answer. ``time_limit`` is o
 library's own counts over all solves from the making of its object.
 """
 
-from typing import Any
-
 import highspy
 import numpy as np
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import HIGHS
 from solvers.protocol import Matrix, Vector
-from solvers.rows import Program, Triangle
+from solvers.rows import Program, Stack, Triangle
 
 
 class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
     name = "highspy"
-    library = known.HIGHS
+    library = HIGHS
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
+    def build(self, p: Program, rows: Stack) -> None:
         self._triangle = Triangle(p.d, upper=False)
         self._columns = np.arange(p.d, dtype=np.int32)
         self._highs = highspy.Highs()
@@ -45,7 +41,7 @@ class Highspy(LibrarySolver):
         R, below, above = general_rows(p)
         lp = highspy.HighsLp()
         lp.num_col_, lp.num_row_ = p.d, R.shape[0]
-        lp.col_cost_, lp.col_lower_, lp.col_upper_ = p.q, p.l[p.bounds], p.u[p.bounds]
+        lp.col_cost_, lp.col_lower_, lp.col_upper_ = p.q, p.lb, p.ub
         lp.row_lower_, lp.row_upper_ = below, above
         lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
         lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = R.shape
@@ -53,52 +49,35 @@ class Highspy(LibrarySolver):
         self._demand(self._highs.passModel(lp), "take the problem")
         self._pass_hessian()
 
-    def _demand(self, status: Any, what: str) -> None:
+    def _demand(self, status: highspy.HighsStatus, what: str) -> None:
         if status == highspy.HighsStatus.kError:
             raise ValueError(f"highspy does not {what}")
 
     def _pass_hessian(self) -> None:
-        t = self._triangle
-        self._demand(
-            self._highs.passHessian(
-                self.program.d,
-                t.indices.size,
-                highspy.HessianFormat.kTriangular.value,
-                t.indptr,
-                t.indices,
-                t.values(self.program.P),
-            ),
-            "take P",
-        )
+        t, form = self._triangle, highspy.HessianFormat.kTriangular.value
+        P = t.values(self.program.P)
+        self._demand(self._highs.passHessian(self.program.d, t.indices.size, form, t.indptr, t.indices, P), "take P")
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         self.program.take(P, q)
         if P is not None:
             self._pass_hessian()
         if q is not None:
             self._highs.changeColsCost(self.program.d, self._columns, self.program.q)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         self._begin_s = self._highs.getRunTime()
         self._highs.setOptionValue("time_limit", self._begin_s + self._time_limit_s)
         self._highs.run()
-        self._found = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
-        return np.array(self._highs.getSolution().col_value) if self._found else self.program.no_answer()
+        self.found = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
+        return np.array(self._highs.getSolution().col_value) if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
-        answer = self._highs.getSolution()
-        p = self.program
-        rows, columns = np.array(answer.row_dual)[: p.u.size - p.d], np.array(answer.col_dual)
-        status = self._highs.modelStatusToString(self._highs.getModelStatus())
-        w = -np.concatenate([columns, rows]) if self._found else np.zeros(p.l.size)
-        return p.solution(
-            np.array(answer.col_value),
-            w,
-            self._found,
-            status=status,
-            reported_us=1e6 * (self._highs.getRunTime() - self._begin_s),
-            iterations=self._highs.getInfo().qp_iteration_count,
-        )
+    def answer(self) -> Answer:
+        highs, answer, p = self._highs, self._highs.getSolution(), self.program
+        w = -np.concatenate([answer.col_dual, answer.row_dual[: p.u.size - p.d]])
+        status = highs.modelStatusToString(highs.getModelStatus())
+        reported_us = 1e6 * (highs.getRunTime() - self._begin_s)
+        return Answer(answer.col_value, w, status, highs.getInfo().qp_iteration_count, reported_us)
 
 
 def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:

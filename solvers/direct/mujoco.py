@@ -12,11 +12,11 @@ is one rung. It tells an indefinite P, and not whether an answer met the gradien
 
 import numpy as np
 from mujoco import _functions  # the package mujoco-core, which is this without the viewer and its windows
-from qpsolvers import Problem
 
 from solvers.backend import Backend
 from solvers.direct._box import BoxMinimiser, Outcome
-from solvers.protocol import Unsupported, Vector
+from solvers.protocol import Vector
+from solvers.rows import Program, Stack
 
 
 class Mujoco(BoxMinimiser):
@@ -25,21 +25,16 @@ class Mujoco(BoxMinimiser):
     name = "mujoco"
     library = Backend("projected Newton", "Apache-2.0", "mujoco-core")
     warm_startable = True
+    refuses_fixed = True
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        super().setup(problem)
-        if self.settings:
-            raise ValueError(f"mujoco has no settings, so none is {', '.join(sorted(self.settings))}")
-        if np.any(self.lb == self.ub):
-            raise Unsupported("mujoco needs lb < ub, and a variable is fixed by lb = ub")
-        d = self.program.d
-        self._x, self._factor = np.zeros(d), np.zeros((d, d + 7))
+    def build(self, p: Program, rows: Stack) -> None:
+        super().build(p, rows)
+        self._x, self._factor = np.zeros(p.d), np.zeros((p.d, p.d + 7))
 
-    def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102
+    def minimise(self, start: Vector | None) -> Outcome:
         p, x = self.program, self._x
         x[:] = 0.0 if start is None else start
-        free = _functions.mju_boxQP(x, self._factor, None, p.P, p.q, self.lb, self.ub)
-        return outcome(x, free)
+        return outcome(x, _functions.mju_boxQP(x, self._factor, None, p.P, p.q, self.lb, self.ub))
 
 
 def outcome(x: Vector, free: int) -> Outcome:

@@ -16,73 +16,49 @@ on badly scaled data it takes the wrong rows and spoils the answer.
 
 import numpy as np
 import osqp
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
-from solvers.direct._box import refuse_crossing
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import OSQP
 from solvers.protocol import Matrix, Vector
-from solvers.rows import Intervals, Program, Triangle
+from solvers.rows import Intervals, Program
 
 
 class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
 
     name = "osqp"
-    library = known.OSQP
+    library = OSQP
+    form = Intervals
+    refuses_crossing = True
     warm_startable = True
     iteration_setting = "max_iter"
+    at_limit = ("maximum iterations reached", "solved inaccurate")
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = Intervals(p)
-        self._triangle = Triangle(p.d)
-        refuse_crossing(p, self.name)
-        self._zero = np.zeros(p.d), np.zeros(self._rows.l.size)
+    def build(self, p: Program, rows: Intervals) -> None:
+        self._zero = np.zeros(p.d), np.zeros(rows.l.size)
         self._solver = osqp.OSQP()
-        self._solver.setup(
-            self._triangle.matrix(p.P),
-            p.q.copy(),
-            csc_matrix(self._rows.R),
-            self._rows.l,
-            self._rows.u,
-            **{"verbose": False, **self.settings},
-        )
+        options = {"verbose": False, **self.settings}
+        self._solver.setup(p.triangle.matrix(p.P), p.q.copy(), csc_matrix(rows.R), rows.l, rows.u, **options)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         p = self.program
         p.take(P, q)
-        new = {} if P is None else {"Px": self._triangle.values(p.P)}
+        new = {} if P is None else {"Px": p.triangle.values(p.P)}
         if q is not None:
             new["q"] = p.q
         self._solver.update(**new)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         if warm_start is None:
             self._solver.warm_start(*self._zero)
         else:
             self._solver.warm_start(x=np.ascontiguousarray(warm_start))
         self._result = self._solver.solve(raise_error=False)
         # On failure x holds a finite number, the bits of a NaN read as an integer: the status comes first.
-        self._found = self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED
-        x: Vector = self._result.x
-        return x if self._found else self.program.no_answer()
+        self.found = self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED
+        return self._result.x if self.found else self.program.no_answer()
 
-    def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._result.info.status_val in (
-            osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
-            osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
-        )
-        return np.array(self._result.x) if limit_met else None
-
-    def solution(self) -> Solution:  # noqa: D102
-        r = self._result
-        return self.program.solution(
-            r.x,
-            self._rows.distribute(r.y),
-            self._found,
-            status=r.info.status,
-            reported_us=1e6 * r.info.solve_time,
-            iterations=r.info.iter,
-        )
+    def answer(self) -> Answer:
+        r, info = self._result, self._result.info
+        return Answer(r.x, r.y, info.status, info.iter, 1e6 * info.solve_time)

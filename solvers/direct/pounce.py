@@ -11,11 +11,11 @@ library takes whole solutions of a nearby problem, not points.
 
 import numpy as np
 import pounce
-from qpsolvers import Problem, Solution
 
-from solvers.backend import Backend, LibrarySolver, share
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import Backend, share
 from solvers.protocol import Vector
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 
 class Pounce(LibrarySolver):
@@ -24,28 +24,16 @@ class Pounce(LibrarySolver):
     name = "pounce"
     library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": share}, (4, 6, 8, 10, 12, 13, 14, 15.5))
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._constraints = {
-            "A": p.R[p.equalities],
-            "b": p.u[p.equalities],
-            "G": p.R[p.inequalities],
-            "h": p.u[p.inequalities],
-            "lb": p.l[p.bounds],
-            "ub": p.u[p.bounds],
-        }
+    def build(self, p: Program, rows: Stack) -> None:
+        self._constraints = {name: getattr(p, name) for name in ("A", "b", "G", "h", "lb", "ub")}
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         self._result = pounce.solve_qp(
             self.program.P, self.program.q, **self._constraints, check_psd=False, **self.settings
         )
-        self._found = self._result.status == "optimal"
-        x: Vector = self._result.x
-        return x if self._found else self.program.no_answer()
+        self.found = self._result.status == "optimal"
+        return self._result.x if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         r = self._result
-        w = np.concatenate([np.subtract(r.z_ub, r.z_lb), r.y, r.z])
-        return self.program.solution(
-            np.asarray(r.x), w, self._found, status=r.status, reported_us=None, iterations=r.iters
-        )
+        return Answer(r.x, np.concatenate([np.subtract(r.z_ub, r.z_lb), r.y, r.z]), r.status, r.iters)

@@ -17,10 +17,9 @@ certain, takes no multipliers to start from, and was not faster. An update wipes
 
 import numpy as np
 from proxsuite import proxqp
-from qpsolvers import Problem, Solution
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import PROXQP
 from solvers.protocol import Matrix, Vector
 from solvers.rows import Intervals, Program
 
@@ -29,13 +28,13 @@ class Proxsuite(LibrarySolver):
     """The library's ``proxqp.dense.QP``, bounds among the rows."""
 
     name = "proxsuite"
-    library = known.PROXQP
+    library = PROXQP
+    form = Intervals
     warm_startable = True
     iteration_setting = "max_iter"
+    at_limit = ("PROXQP_MAX_ITER_REACHED",)
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Intervals(p)
+    def build(self, p: Program, rows: Intervals) -> None:
         self._equal = equal = rows.l == rows.u
         self._qp = proxqp.dense.QP(p.d, int(equal.sum()), int((~equal).sum()))
         self.choose(self._qp.settings, compute_timings=True)
@@ -44,13 +43,13 @@ class Proxsuite(LibrarySolver):
         self._dual: tuple[Vector | None, Vector | None] = (None, None)
         self._is_fresh = True
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         p = self.program
         p.take(P, q)
         self._qp.update(H=None if P is None else p.P, g=None if q is None else p.q)
         self._is_fresh = True
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         if not self._is_fresh:
             self._qp.update(g=self.program.q)
         if warm_start is None:
@@ -60,26 +59,14 @@ class Proxsuite(LibrarySolver):
             self._qp.solve(warm_start, *self._dual)
         self._is_fresh = False
         results = self._qp.results
-        self._found = results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
-        if not self._found:
+        self.found = results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
+        if not self.found:
             return self.program.no_answer()
         self._dual = results.y.copy(), results.z.copy()  # an update wipes them
-        x: Vector = results.x.copy()
-        return x
+        return results.x.copy()
 
-    def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._qp.results.info.status == proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED
-        return np.array(self._qp.results.x) if limit_met else None
-
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         results, info = self._qp.results, self._qp.results.info
         w = np.empty(self._equal.size)
         w[self._equal], w[~self._equal] = results.y, results.z
-        return self.program.solution(
-            results.x,
-            self._rows.distribute(w),
-            self._found,
-            status=info.status.name,
-            reported_us=info.solve_time,
-            iterations=info.iter,
-        )
+        return Answer(results.x, w, info.status.name, info.iter, info.solve_time)

@@ -19,13 +19,12 @@ from dataclasses import replace
 
 import numpy as np
 import qoco
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver, absolute, nothing
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import QOCO, absolute, nothing
 from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program, Triangle
+from solvers.rows import Cones, Program
 
 ABSTOL = 1e-9
 
@@ -40,56 +39,37 @@ class Qoco(LibrarySolver):
 
     name = "qoco"
     library = replace(
-        known.QOCO,
+        QOCO,
         tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
         rungs=(4, 6, 8, 10, 12, 13, 14, 15),
     )
+    form = Cones
     iteration_setting = "max_iters"
+    at_limit = ("QOCO_MAX_ITER", "QOCO_SOLVED_INACCURATE")
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Cones(p)
-        self._triangle = Triangle(p.d)
+    def build(self, p: Program, rows: Cones) -> None:
         n, m = rows.equal, rows.unequal
-        self._solver = qoco.QOCO()
         A, G = (csc_matrix(R) if len(R) else None for R in (rows.R[:n], rows.R[n:]))
         settings = dict(self.settings)
         self._unit = unit = settings.pop("cost_unit", 1.0)
-        self._solver.setup(
-            p.d,
-            m,
-            n,
-            self._triangle.matrix(p.P) / unit,
-            p.q / unit,
-            A,
-            rows.r[:n],
-            G,
-            rows.r[n:],
-            m,
-            0,
-            None,
-            **settings,
-        )
+        self._solver = qoco.QOCO()
+        P = p.triangle.matrix(p.P) / unit
+        self._solver.setup(p.d, m, n, P, p.q / unit, A, rows.r[:n], G, rows.r[n:], m, 0, None, **settings)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        p = self.program
+        p.take(P, q)
         if P is not None:
-            self._solver.update_matrix_data(P=self._triangle.values(self.program.P) / self._unit)
+            self._solver.update_matrix_data(P=p.triangle.values(p.P) / self._unit)
         if q is not None:
-            self._solver.update_vector_data(c=self.program.q / self._unit)
+            self._solver.update_vector_data(c=p.q / self._unit)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         self._result = self._solver.solve()
-        x: Vector = self._result.x
-        return x if self._result.status == "QOCO_SOLVED" else self.program.no_answer()
+        self.found = self._result.status == "QOCO_SOLVED"
+        return self._result.x if self.found else self.program.no_answer()
 
-    def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._result.status in ("QOCO_MAX_ITER", "QOCO_SOLVED_INACCURATE")
-        return np.array(self._result.x) if limit_met else None
-
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         r = self._result
-        w = self._rows.distribute(self._unit * np.concatenate([r.y, r.z]))
-        return self.program.solution(
-            r.x, w, r.status == "QOCO_SOLVED", status=r.status, reported_us=1e6 * r.solve_time_sec, iterations=r.iters
-        )
+        w = self._unit * np.concatenate([r.y, r.z])
+        return Answer(r.x, w, r.status, r.iters, 1e6 * r.solve_time_sec)

@@ -12,62 +12,49 @@ solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
 
 import numpy as np
 import qpalm
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
-from solvers.direct._box import refuse_crossing
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import QPALM
 from solvers.protocol import Matrix, Vector
-from solvers.rows import Intervals, Program, Triangle
+from solvers.rows import Intervals, Program
 
 
 class Qpalm(LibrarySolver):
     """The library's ``Solver``."""
 
     name = "qpalm"
-    library = known.QPALM
+    library = QPALM
+    form = Intervals
+    refuses_crossing = True
     warm_startable = True
     iteration_setting = "max_iter"
+    at_limit = ("maximum iterations reached",)
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        refuse_crossing(p, self.name)
-        self._rows = rows = Intervals(p)
-        self._triangle = Triangle(p.d)
+    def build(self, p: Program, rows: Intervals) -> None:
         self._R = csc_matrix(rows.R)
         data = qpalm.Data(p.d, rows.l.size)
-        data.Q, data.q = self._triangle.matrix(p.P), p.q
+        data.Q, data.q = p.triangle.matrix(p.P), p.q
         data.A, data.bmin, data.bmax = self._R, rows.l, rows.u
         settings = qpalm.Settings()
         self.choose(settings, verbose=False)
         self._solver = qpalm.Solver(data, settings)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        p = self.program
+        p.take(P, q)
         if P is not None:
-            self._solver.update_Q_A(self._triangle.values(self.program.P), self._R.data)
+            self._solver.update_Q_A(p.triangle.values(p.P), self._R.data)
         if q is not None:
-            self._solver.update_q(self.program.q)
+            self._solver.update_q(p.q)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         if warm_start is not None:
             self._solver.warm_start(np.ascontiguousarray(warm_start), None)
         self._solver.solve(asynchronous=False)
-        self._found = self._solver.info.status == "solved"
-        return self._solver.solution.x.copy() if self._found else self.program.no_answer()
+        self.found = self._solver.info.status == "solved"
+        return self._solver.solution.x.copy() if self.found else self.program.no_answer()
 
-    def iterate(self) -> Vector | None:  # noqa: D102
-        limit_met = self._solver.info.status == "maximum iterations reached"
-        return np.array(self._solver.solution.x) if limit_met else None
-
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         s, info = self._solver.solution, self._solver.info
-        return self.program.solution(
-            s.x,
-            self._rows.distribute(s.y),
-            self._found,
-            status=info.status,
-            reported_us=1e6 * info.solve_time,
-            iterations=info.iter,
-        )
+        return Answer(s.x, s.y, info.status, info.iter, 1e6 * info.solve_time)

@@ -15,10 +15,9 @@ from functools import partial
 import jax
 import numpy as np
 import qpax
-from qpsolvers import Problem, Solution
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import QPAX
 from solvers.protocol import Vector
 from solvers.rows import Cones, Program
 
@@ -29,29 +28,20 @@ class Qpax(LibrarySolver):
     """The library's ``solve_qp``, compiled."""
 
     name = "qpax"
-    library = known.QPAX
+    library = QPAX
+    form = Cones
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Cones(p)
+    def build(self, p: Program, rows: Cones) -> None:
         n = rows.equal
         self._constraints = [jax.numpy.asarray(part) for part in (rows.R[:n], rows.r[:n], rows.R[n:], rows.r[n:])]
         solve = jax.jit(partial(qpax.solve_qp, **self.settings))
         self._solve = solve.lower(p.P, p.q, *self._constraints).compile()
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         self._result = self._solve(self.program.P, self.program.q, *self._constraints)
-        self._found = bool(self._result[4])
-        return np.asarray(self._result[0]) if self._found else self.program.no_answer()
+        self.found = bool(self._result[4])
+        return np.asarray(self._result[0]) if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
-        x, _, z, y = (np.asarray(part) for part in self._result[:4])
-        w = self._rows.distribute(np.concatenate([y, z]))
-        return self.program.solution(
-            x,
-            w,
-            self._found,
-            status="converged" if self._found else "not converged",
-            reported_us=None,
-            iterations=int(self._result[5]),
-        )
+    def answer(self) -> Answer:
+        x, _, z, y, _, iterations = self._result
+        return Answer(x, np.concatenate([y, z]), "converged" if self.found else "not converged", int(iterations))

@@ -10,11 +10,10 @@ left alone, the library takes the first that it finds, MKL's where its wheel bri
 """
 
 import qtqp
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import QTQP
 from solvers.protocol import Matrix, Unsupported, Vector
 from solvers.rows import Cones, Program
 
@@ -23,35 +22,26 @@ class Qtqp(LibrarySolver):
     """The library's ``QTQP``."""
 
     name = "qtqp"
-    library = known.QTQP
+    library = QTQP
+    form = Cones
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Cones(p)
+    def build(self, p: Program, rows: Cones) -> None:
         if not rows.unequal:
             raise Unsupported("qtqp needs at least one inequality or bound, and the problem has none")
         self._a = csc_matrix(rows.R)
         self.update()
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         p = self.program
         p.take(P, q)
-        self._solver = qtqp.QTQP(p=csc_matrix(p.P), c=p.q, a=self._a, b=self._rows.r, z=self._rows.equal)
+        self._solver = qtqp.QTQP(p=csc_matrix(p.P), c=p.q, a=self._a, b=self.rows.r, z=self.rows.equal)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         linear = {"linear_solver": qtqp.LinearSolver.SCIPY_DENSE}
         self._result = self._solver.solve(verbose=False, **{**linear, **self.settings})
-        self._found = self._result.status is qtqp.SolutionStatus.SOLVED
-        x: Vector = self._result.x
-        return x if self._found else self.program.no_answer()
+        self.found = self._result.status is qtqp.SolutionStatus.SOLVED
+        return self._result.x if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         r = self._result
-        return self.program.solution(
-            r.x,
-            self._rows.distribute(r.y),
-            self._found,
-            status=r.status.value,
-            reported_us=None,
-            iterations=r.iterations,
-        )
+        return Answer(r.x, r.y, r.status.value, r.iterations)

@@ -11,10 +11,9 @@ factorises and iterates. There is no object to keep, no tolerance to set and no 
 
 import numpy as np
 import quadprog
-from qpsolvers import Problem, Solution
 
-from solvers import backend as known
-from solvers.backend import LibrarySolver
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import QUADPROG
 from solvers.protocol import Matrix, Vector
 from solvers.rows import Cones, Program
 
@@ -25,39 +24,30 @@ class Quadprog(LibrarySolver):
     """The library's function ``solve_qp``."""
 
     name = "quadprog"
-    library = known.QUADPROG
+    library = QUADPROG
+    form = Cones
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        if self.settings:
-            raise ValueError(f"quadprog has no settings, so none is {', '.join(sorted(self.settings))}")
-        self.program = Program(problem)
-        self._rows = Cones(self.program)
-        self._a = -self.program.q
-        some = self._rows.r.size > 0
-        self._constraints = (np.ascontiguousarray(-self._rows.R.T), -self._rows.r, self._rows.equal) if some else ()
+    def build(self, p: Program, rows: Cones) -> None:
+        self._a = -p.q
+        self._constraints = (np.ascontiguousarray(-rows.R.T), -rows.r, rows.equal) if rows.r.size else ()
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         self.program.take(P, q)
         np.negative(self.program.q, out=self._a)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         try:
             answer = quadprog.solve_qp(self.program.P, self._a, *self._constraints)
         except ValueError as error:
             if not str(error).endswith(NO_ANSWER):
                 raise
-            self._found, self._status = False, str(error)
+            self.found, self._error = False, str(error)
             return self.program.no_answer()
-        self._found, self._status = True, "solved"
-        x: Vector = answer[0]
-        self._x, self._iterations, self._lagrangian = x, int(answer[3][0]), answer[4]
-        return x
+        self.found, self._answer = True, answer
+        return answer[0]
 
-    def solution(self) -> Solution:  # noqa: D102
-        p = self.program
-        if not self._found:
-            return p.solution(
-                p.no_answer(), np.zeros(p.l.size), False, status=self._status, reported_us=None, iterations=None
-            )
-        w = self._rows.distribute(self._lagrangian if self._rows.r.size else np.zeros(0))
-        return p.solution(self._x, w, True, status=self._status, reported_us=None, iterations=self._iterations)
+    def answer(self) -> Answer:
+        if not self.found:
+            return Answer(self.program.no_answer(), np.zeros(0), self._error)
+        x, _, _, counts, lagrangian, _ = self._answer
+        return Answer(x, lagrangian[: self.rows.r.size], "solved", int(counts[0]))

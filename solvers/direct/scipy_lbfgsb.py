@@ -39,7 +39,7 @@ class ScipyLbfgsb(BoxMinimiser):
     )
     warm_startable = True
 
-    def minimise(self, start: Vector | None) -> Outcome:  # noqa: D102
+    def minimise(self, start: Vector | None) -> Outcome:
         point, iterations = inside(start, self.lb, self.ub), 0
         for _ in range(1 + RESTARTS):
             result = minimize(  # type: ignore[call-overload]

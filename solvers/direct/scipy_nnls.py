@@ -23,6 +23,5 @@ class ScipyNnls(NonNegative):
     name = "scipy_nnls"
     library = Backend("active set", "BSD-3-Clause", "scipy")
 
-    def nonnegative(self, A: Matrix, b: Vector) -> Vector:  # noqa: D102
-        u: Vector = nnls(A, b)[0]
-        return u
+    def nonnegative(self, A: Matrix, b: Vector) -> Vector:
+        return nnls(A, b)[0]

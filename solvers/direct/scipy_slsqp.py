@@ -12,13 +12,13 @@ rows; the duals of the bounds, which it does not give, follow from stationarity.
 from functools import partial
 
 import numpy as np
-from qpsolvers import Problem, Solution
 from scipy.optimize import Bounds, minimize
 
-from solvers.backend import Backend, LibrarySolver, absolute
-from solvers.direct._box import bound_duals, cost, inside, refuse_crossing
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import Backend, absolute
+from solvers.direct._box import bound_duals, cost, inside
 from solvers.protocol import Vector
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 
 class ScipySlsqp(LibrarySolver):
@@ -33,22 +33,18 @@ class ScipySlsqp(LibrarySolver):
         (4, 6, 8, 10, 12, 14, 16),
         more={"maxiter": 10_000},
     )
+    refuses_crossing = True
     warm_startable = True
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        refuse_crossing(p, self.name)
+    def build(self, p: Program, rows: Stack) -> None:
         self._rows = [
             {"type": kind, "fun": lambda x, R=R, r=r: R @ x - r, "jac": lambda x, R=R: R}
-            for kind, R, r in (
-                ("eq", p.R[p.equalities], p.u[p.equalities]),
-                ("ineq", -p.R[p.inequalities], -p.u[p.inequalities]),
-            )
+            for kind, R, r in (("eq", p.A, p.b), ("ineq", -p.G, -p.h))
             if r.size
         ]
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
-        lb, ub = self.program.l[self.program.bounds], self.program.u[self.program.bounds]
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        lb, ub = self.program.lb, self.program.ub
         self._result = minimize(  # type: ignore[call-overload]
             partial(cost, self.program),
             inside(warm_start, lb, ub),
@@ -58,14 +54,12 @@ class ScipySlsqp(LibrarySolver):
             constraints=self._rows,
             options=self.settings,
         )
-        x: Vector = self._result.x
-        return x if self._result.success else self.program.no_answer()
+        self.found = bool(self._result.success)
+        return self._result.x if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
-        p, r = self.program, self._result
-        w = np.zeros(p.u.size)
+    def answer(self) -> Answer:
+        p, r, w = self.program, self._result, np.zeros(self.rows.size)
         w[p.general] = r.multipliers
         w[p.equalities] *= -1.0
-        gradient = cost(p, r.x)[1] + p.R.T @ w
-        w[p.bounds] = bound_duals(gradient, p.l[p.bounds], p.u[p.bounds])
-        return p.solution(r.x, w, bool(r.success), status=r.message, reported_us=None, iterations=int(r.nit))
+        w[p.bounds] = bound_duals(cost(p, r.x)[1] + p.R.T @ w, p.lb, p.ub)
+        return Answer(r.x, w, r.message, int(r.nit))

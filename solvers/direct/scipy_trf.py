@@ -9,8 +9,7 @@ Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and
 answer stays strictly inside the box, so its duals are those that stationarity asks for.
 """
 
-from qpsolvers import Solution
-
+from solvers.adapter import Answer
 from solvers.backend import Backend, share
 from solvers.direct._box import bound_duals, cost
 from solvers.direct._least_squares import LsqLinear
@@ -30,8 +29,5 @@ class ScipyTrf(LsqLinear):
     )
     method = "trf"
 
-    def solution(self) -> Solution:  # noqa: D102
-        solution = super().solution()
-        if self.outcome.found:
-            solution.z_box = bound_duals(cost(self.program, self.outcome.x)[1], self.lb, self.ub)
-        return solution
+    def answer(self) -> Answer:
+        return super().answer()._replace(w=bound_duals(cost(self.program, self.outcome.x)[1], self.lb, self.ub))

@@ -15,13 +15,13 @@ warm start: from a point on the bounds an interior method takes longer.
 from functools import partial
 
 import numpy as np
-from qpsolvers import Problem, Solution
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
-from solvers.backend import Backend, LibrarySolver, absolute, share
-from solvers.direct._box import cost, inside, refuse_crossing
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import Backend, absolute, share
+from solvers.direct._box import cost, inside
 from solvers.protocol import Vector
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 CONVERGED = (1, 2, 4)
 """The library's statuses for the gradient's test, the trust radius's, and either of them with rows violated by gtol."""
@@ -39,38 +39,28 @@ class ScipyTrustConstr(LibrarySolver):
         (4, 6, 8, 10, 12),
         more={"maxiter": 10_000},
     )
+    refuses_crossing = True
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        refuse_crossing(p, self.name)
+    def build(self, p: Program, rows: Stack) -> None:
         R = p.R[p.general]
         self._rows = [LinearConstraint(R, p.l[p.general], p.u[p.general])] if len(R) else []
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         p = self.program
-        lb, ub = p.l[p.bounds], p.u[p.bounds]
         self._result = r = minimize(  # type: ignore[call-overload]
             partial(cost, p),
-            inside(None, lb, ub),
+            inside(None, p.lb, p.ub),
             jac=True,
             hess=lambda x: p.P,
             method="trust-constr",
-            bounds=Bounds(lb, ub),
+            bounds=Bounds(p.lb, p.ub),
             constraints=self._rows,
             options=self.settings,
         )
-        self._found = r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8)
-        x: Vector = r.x
-        return x if self._found else p.no_answer()
+        self.found = r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8)
+        return r.x if self.found else p.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
+    def answer(self) -> Answer:
         r = self._result
         w = np.concatenate([r.v[-1], *r.v[:-1]])
-        return self.program.solution(
-            r.x,
-            w,
-            self._found,
-            status=f"{r.status}: {r.message}",
-            reported_us=1e6 * r.execution_time,
-            iterations=int(r.nit),
-        )
+        return Answer(r.x, w, f"{r.status}: {r.message}", int(r.nit), 1e6 * r.execution_time)

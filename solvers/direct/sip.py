@@ -16,12 +16,12 @@ from collections.abc import Callable
 
 import numpy as np
 import sip_python as sip
-from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix, csr_matrix
 
-from solvers.backend import Backend, LibrarySolver, absolute, unscaled
+from solvers.adapter import Answer, LibrarySolver
+from solvers.backend import Backend, absolute, unscaled
 from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program, Triangle
+from solvers.rows import Cones, Program
 
 
 class Sip(LibrarySolver):
@@ -35,11 +35,9 @@ class Sip(LibrarySolver):
         {"max_complementarity_gap": absolute, "max_constraint_violation": unscaled, "max_dual_residual": unscaled},
         (4, 6, 8, 10, 12, 13, 14, 14.5),
     )
+    form = Cones
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        self._rows = rows = Cones(p)
-        self._triangle = Triangle(p.d)
+    def build(self, p: Program, rows: Cones) -> None:
         n, m = rows.equal, rows.unequal
         self._jacobians = A, G = csr_matrix(rows.R[:n]), csr_matrix(rows.R[n:])
         order, kkt, factor = sip.get_kkt_perm_inv_and_nnzs(csc_matrix(np.ones((p.d, p.d))), A, G, False)
@@ -63,29 +61,23 @@ class Sip(LibrarySolver):
         self.choose(self._options.termination)
         self.update()
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
-        self._hessian = self._triangle.matrix(self.program.P)
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        p = self.program
+        p.take(P, q)
+        self._hessian = p.triangle.matrix(p.P)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def solve(self, warm_start: Vector | None = None) -> Vector:
         self._point = sip.Variables(self._sizes)
-        self._point.x, self._point.y = np.zeros(self.program.d), np.zeros(self._rows.equal)
-        self._point.s, self._point.z = np.ones(self._rows.unequal), np.ones(self._rows.unequal)
-        model = _model(self.program, self._rows, self._hessian, *self._jacobians)
+        self._point.x, self._point.y = np.zeros(self.program.d), np.zeros(self.rows.equal)
+        self._point.s, self._point.z = np.ones(self.rows.unequal), np.ones(self.rows.unequal)
+        model = _model(self.program, self.rows, self._hessian, *self._jacobians)
         self._said = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
-        self._found = self._said.exit_status == sip.Status.SOLVED
-        return np.array(self._point.x) if self._found else self.program.no_answer()
+        self.found = self._said.exit_status == sip.Status.SOLVED
+        return np.array(self._point.x) if self.found else self.program.no_answer()
 
-    def solution(self) -> Solution:  # noqa: D102
-        w = self._rows.distribute(np.concatenate([self._point.y, self._point.z]))
-        return self.program.solution(
-            np.array(self._point.x),
-            w,
-            self._found,
-            status=self._said.exit_status.name,
-            reported_us=None,
-            iterations=self._said.num_iterations,
-        )
+    def answer(self) -> Answer:
+        point, said = self._point, self._said
+        return Answer(point.x, np.concatenate([point.y, point.z]), said.exit_status.name, said.num_iterations)
 
 
 def _model(p: Program, rows: Cones, hessian: csc_matrix, A: csr_matrix, G: csr_matrix) -> Callable:

@@ -8,7 +8,6 @@ are facts of one version, so another version is not called.
 import ctypes
 import importlib.metadata
 import importlib.util
-from abc import abstractmethod
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.adapter import LibrarySolver
 from solvers.arrays import address
-from solvers.backend import LibrarySolver
 from solvers.core import bindings
 from solvers.protocol import Lane, Matrix, Nanoseconds, Timings, Vector
 from solvers.timed_calls import follow_rows, time_calls
@@ -93,14 +92,9 @@ def vector(pointer: int, size: int) -> Vector:
 
 
 class CompiledLibrary(LibrarySolver):
-    """A library behind ``<name>.c``; a file of one sets it up, calls ``bind`` and, after each solve, reads the
-    results."""
+    """A library behind ``<name>.c``; a file of one builds it and calls ``bind``."""
 
     lane = Lane.KERNEL
-
-    @abstractmethod
-    def read(self) -> None:
-        """Read what the library says of its last solve; whether it was found stands in ``found``."""
 
     def bind(self, *values: Any) -> None:
         """Make the state, ``program`` and then the fields that <name>.c names, in their order: numbers, arrays,
@@ -109,7 +103,7 @@ class CompiledLibrary(LibrarySolver):
         self._held = values  # whose addresses the state has
         self.state: NDArray[np.int64] = np.array([*_home(p), p.d, *map(_number, values)], dtype=np.int64)
         self._places = np.array([self.state.ctypes.data, _number(self._loop.update), _number(self._loop.solve)])
-        self.x, self.found = p.no_answer(), False
+        self.x = p.no_answer()
         self._last = np.zeros(p.d)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -147,7 +141,6 @@ class CompiledLibrary(LibrarySolver):
 
     def _finish(self, x: Vector) -> None:
         self.x, self.found = x, not np.isnan(x[0])
-        self.read()
 
 
 def _home(program: Any) -> tuple[int, int]:

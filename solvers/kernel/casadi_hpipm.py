@@ -12,14 +12,13 @@ for a processor.
 """
 
 import numpy as np
-from qpsolvers import Problem, Solution
 
-from solvers import backend as known
+from solvers.adapter import Answer
 from solvers.arrays import Vector, address
+from solvers.backend import HPIPM as LIBRARY
 from solvers.core import block
-from solvers.direct._box import refuse_crossing
 from solvers.kernel._library import CompiledLibrary, folder, opened
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 IN_LOOP = (
     "d_dense_qp_set_H",
@@ -68,18 +67,16 @@ class CasadiHpipm(CompiledLibrary):
     """The library's dense programs."""
 
     name = "casadi_hpipm"
-    library = known.HPIPM
+    library = LIBRARY
+    refuses_crossing = True
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        refuse_crossing(p, self.name)
+    def build(self, p: Program, rows: Stack) -> None:
         infinity = 1e6 if self.settings else 1e8
-        low, high = p.l[p.bounds], p.u[p.bounds]
         # A fixed variable as a box would leave an interior point method no interior.
-        fixed = low == high
-        self._boxed = at = np.flatnonzero((np.isfinite(low) | np.isfinite(high)) & ~fixed)
+        fixed = p.lb == p.ub
+        self._boxed = at = np.flatnonzero((np.isfinite(p.lb) | np.isfinite(p.ub)) & ~fixed)
         self._equal = np.concatenate([np.flatnonzero(fixed), np.arange(p.u.size)[p.equalities]])
-        A, C = p.R[self._equal], p.R[p.inequalities]
+        A, C = p.R[self._equal], p.G
         self._memory: list[np.ndarray] = []
         size = self._made("_dim")
         HPIPM.d_dense_qp_dim_set_all(p.d, len(A), at.size, len(C), 0, address(size))
@@ -99,9 +96,9 @@ class CasadiHpipm(CompiledLibrary):
             "idxb": at.astype(np.intc),
             "C": C.T,
             "lg": np.full(len(C), -infinity),
-            "ug": p.u[p.inequalities],
-            "lb": np.maximum(low[at], -infinity),
-            "ub": np.minimum(high[at], infinity),
+            "ug": p.h,
+            "lb": np.maximum(p.lb[at], -infinity),
+            "ub": np.minimum(p.ub[at], infinity),
         }.items():
             if array.size:
                 data = np.ascontiguousarray(array)
@@ -123,15 +120,11 @@ class CasadiHpipm(CompiledLibrary):
         HPIPM.d_dense_qp_sol_get(what.encode(), address(self._answer), address(found))
         return found
 
-    def read(self) -> None:  # noqa: D102
-        numbers = np.zeros(2, dtype=np.intc)
+    def answer(self) -> Answer:
+        numbers, w, m = np.zeros(2, dtype=np.intc), np.zeros(self.rows.size), self.program.h.size
         HPIPM.d_dense_qp_ipm_get_status(address(self._workspace), address(numbers))
         HPIPM.d_dense_qp_ipm_get_iter(address(self._workspace), address(numbers[1:]))
-        self._status, self._iterations = MESSAGES[numbers[0]], int(numbers[1])
-
-    def solution(self) -> Solution:  # noqa: D102
-        p, w = self.program, np.zeros(self.program.u.size)
         w[self._boxed] = self._number("lam_ub", self._boxed.size) - self._number("lam_lb", self._boxed.size)
         w[self._equal] = -self._number("pi", self._equal.size)
-        w[p.inequalities] = self._number("lam_ug", len(p.R[p.inequalities]))
-        return p.solution(self.x, w, self.found, status=self._status, reported_us=None, iterations=self._iterations)
+        w[self.program.inequalities] = self._number("lam_ug", m)
+        return Answer(self.x, w, MESSAGES[numbers[0]], int(numbers[1]))

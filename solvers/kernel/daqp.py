@@ -11,12 +11,12 @@ import weakref
 
 import daqp
 import numpy as np
-from qpsolvers import Problem
 
+from solvers.adapter import Answer
 from solvers.arrays import address
 from solvers.direct import daqp as direct
 from solvers.kernel._library import CompiledLibrary, fields, opened
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 DAQP = opened(
     "daqp",
@@ -69,8 +69,7 @@ class Result(ctypes.Structure):
 class Daqp(CompiledLibrary, direct.Daqp):
     """The library's workspace."""
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
+    def build(self, p: Program, rows: Stack) -> None:
         cold = direct.senses(p)
         settings, A = Settings(), p.R[p.general]
         DAQP.daqp_default_settings(ctypes.byref(settings))
@@ -97,10 +96,9 @@ class Daqp(CompiledLibrary, direct.Daqp):
             1,
         )
 
-    def read(self) -> None:  # noqa: D102
+    def answer(self) -> Answer:
         r = self._result
-        self._x, self._flag = self.x, r.exitflag
-        self._info = {"iterations": r.iter, "solve_time": r.solve_time, "lam": self._lam.copy()}
+        return Answer(self.x, self._lam, f"exit flag {r.exitflag}", r.iter, 1e6 * r.solve_time)
 
 
 def _release(work: Workspace, *held: object) -> None:

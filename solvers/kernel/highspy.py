@@ -10,12 +10,12 @@ from pathlib import Path
 
 import highspy
 import numpy as np
-from qpsolvers import Problem, Solution
 
+from solvers.adapter import Answer
 from solvers.arrays import address
 from solvers.direct import highspy as direct
 from solvers.kernel._library import CompiledLibrary, opened
-from solvers.rows import Program, Triangle
+from solvers.rows import Program, Stack, Triangle
 
 IN_LOOP = (
     "Highs_passHessian",
@@ -47,8 +47,7 @@ COLUMNWISE, MINIMISE = 1, 1
 class Highspy(CompiledLibrary, direct.Highspy):
     """The library's ``Highs``."""
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
+    def build(self, p: Program, rows: Stack) -> None:
         triangle = Triangle(p.d, upper=False)
         self._highs = highs = ctypes.c_void_p(HIGHS.Highs_create())
         weakref.finalize(self, HIGHS.Highs_destroy, highs)
@@ -60,7 +59,6 @@ class Highspy(CompiledLibrary, direct.Highspy):
             if HIGHS[f"Highs_set{kind}OptionValue"](highs, option.encode(), convert(value)) < 0:
                 raise ValueError(f"highspy does not take the option {option} = {value!r}")
         R, low, high = direct.general_rows(p)
-        columns = p.l[p.bounds], p.u[p.bounds]
         flag = HIGHS.Highs_passModel(
             highs,
             p.d,
@@ -71,7 +69,7 @@ class Highspy(CompiledLibrary, direct.Highspy):
             0,
             MINIMISE,
             ctypes.c_double(0.0),
-            *map(address, (p.q, *columns, low, high, R.indptr, R.indices, R.data)),
+            *map(address, (p.q, p.lb, p.ub, low, high, R.indptr, R.indices, R.data)),
             None,
             None,
             None,
@@ -92,15 +90,9 @@ class Highspy(CompiledLibrary, direct.Highspy):
         )
         self.update()
 
-    def read(self) -> None:  # noqa: D102
-        count = ctypes.c_int()
+    def answer(self) -> Answer:
+        count, p = ctypes.c_int(), self.program
         HIGHS.Highs_getIntInfoValue(self._highs, b"qp_iteration_count", ctypes.byref(count))
-        self._iterations, self._status = (
-            count.value,
-            highspy.HighsModelStatus(HIGHS.Highs_getModelStatus(self._highs)).name.removeprefix("k"),
-        )
-
-    def solution(self) -> Solution:  # noqa: D102
-        p = self.program
+        status = highspy.HighsModelStatus(HIGHS.Highs_getModelStatus(self._highs)).name.removeprefix("k")
         w = -np.concatenate([self._column_dual, self._row_dual[: p.u.size - p.d]])
-        return p.solution(self.x, w, self.found, status=self._status, reported_us=None, iterations=self._iterations)
+        return Answer(self.x, w, status, count.value)

@@ -8,11 +8,11 @@ Timed inside compiled code: ``update`` hands over pointers to the new P and q, w
 from pathlib import Path
 
 from mujoco import _functions
-from qpsolvers import Problem
 
+from solvers.adapter import Answer
 from solvers.direct import mujoco as direct
-from solvers.direct._box import refuse_crossing
 from solvers.kernel._library import CompiledLibrary, opened
+from solvers.rows import Program, Stack
 
 VERSION = "4.0.1"
 MUJOCO = opened(
@@ -26,10 +26,12 @@ MUJOCO = opened(
 class Mujoco(CompiledLibrary, direct.Mujoco):
     """The library's ``mju_boxQP``."""
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        super().setup(problem)
-        refuse_crossing(self.program, self.name)
+    refuses_crossing = True
+
+    def build(self, p: Program, rows: Stack) -> None:
+        super().build(p, rows)
         self.bind(self.lb, self.ub, self._factor, MUJOCO.mju_boxQP, 0)
 
-    def read(self) -> None:  # noqa: D102
+    def answer(self) -> Answer:
         self.outcome = direct.outcome(self.x, int(self.state[-1]))
+        return super().answer()

@@ -6,18 +6,16 @@ factorises; ``solve`` is ``osqp_solve`` after a cold start or one from ``warm_st
 
 import ctypes
 import weakref
-from types import SimpleNamespace
 
 import numpy as np
 from osqp import ext_builtin
-from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
+from solvers.adapter import Answer
 from solvers.arrays import address
 from solvers.direct import osqp as direct
-from solvers.direct._box import refuse_crossing
 from solvers.kernel._library import CompiledLibrary, fields, opened, vector
-from solvers.rows import Intervals, Program, Triangle
+from solvers.rows import Intervals, Program
 
 IN_LOOP = ("osqp_update_data_vec", "osqp_update_data_mat", "osqp_warm_start", "osqp_cold_start", "osqp_solve")
 OSQP = opened(
@@ -76,14 +74,11 @@ def compressed(matrix: csc_matrix) -> Matrix:
 class Osqp(CompiledLibrary, direct.Osqp):
     """The library's ``OSQPSolver``."""
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
-        refuse_crossing(p, self.name)
-        self._rows = rows = Intervals(p)
+    def build(self, p: Program, rows: Intervals) -> None:
         settings, solver = Settings(), ctypes.POINTER(Solver)()
         OSQP.osqp_set_default_settings(ctypes.byref(settings))
         self.choose(settings, verbose=0)
-        P, R = Triangle(p.d).matrix(p.P), csc_matrix(rows.R)
+        P, R = p.triangle.matrix(p.P), csc_matrix(rows.R)
         low, high = np.maximum(rows.l, -INFINITY), np.minimum(rows.u, INFINITY)
         self.refuse(
             -OSQP.osqp_setup(
@@ -102,15 +97,7 @@ class Osqp(CompiledLibrary, direct.Osqp):
         self._library = solver.contents
         self.bind(P.data, solver, *(OSQP[name] for name in IN_LOOP))
 
-    def read(self) -> None:  # noqa: D102
-        info = self._library.info.contents
-        x, y = self._library.solution.contents
-        self._found = self.found
-        self._result = SimpleNamespace(
-            x=vector(x, self.program.d),
-            y=vector(y, self._rows.l.size),
-            info=SimpleNamespace(
-                **{name: getattr(info, name) for name in ("status_val", "solve_time", "iter")},
-                status=info.status.decode(),
-            ),
-        )
+    def answer(self) -> Answer:
+        info, (x, y) = self._library.info.contents, self._library.solution.contents
+        sizes = self.program.d, self.rows.l.size
+        return Answer(vector(x, sizes[0]), vector(y, sizes[1]), info.status.decode(), info.iter, 1e6 * info.solve_time)

@@ -12,12 +12,12 @@ import weakref
 from dataclasses import replace
 
 import numpy as np
-from qpsolvers import Problem, Solution
 
-from solvers import backend as known
-from solvers.arrays import Vector, address
+from solvers.adapter import Answer
+from solvers.arrays import address
+from solvers.backend import PIQP as LIBRARY
 from solvers.kernel._library import CompiledLibrary, fields, folder, opened, vector
-from solvers.rows import Program
+from solvers.rows import Program, Stack
 
 IN_LOOP = ("piqp_update_dense", "piqp_solve")
 PIQP = opened(
@@ -26,10 +26,9 @@ PIQP = opened(
     folder("casadi") / "libpiqpc.so",
     ("piqp_set_default_settings_dense", "piqp_setup_dense", "piqp_cleanup", *IN_LOOP),
 )
-MAX_ITER_REACHED = -1
 MESSAGES = {
     1: "PIQP_SOLVED",
-    MAX_ITER_REACHED: "PIQP_MAX_ITER_REACHED",
+    -1: "PIQP_MAX_ITER_REACHED",
     -2: "PIQP_PRIMAL_INFEASIBLE",
     -3: "PIQP_DUAL_INFEASIBLE",
     -8: "PIQP_NUMERICS",
@@ -78,32 +77,24 @@ class Piqp(CompiledLibrary):
     """The library's dense solver."""
 
     name = "piqp"
-    library = replace(known.PIQP, distribution="casadi")
+    library = replace(LIBRARY, distribution="casadi")
     iteration_setting = "max_iter"
+    at_limit = ("PIQP_MAX_ITER_REACHED",)
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        self.program = p = Program(problem)
+    def build(self, p: Program, rows: Stack) -> None:
         settings, workspace = Settings(), ctypes.POINTER(Workspace)()
         PIQP.piqp_set_default_settings_dense(ctypes.byref(settings))
         self.choose(settings)
-        A, G = p.R[p.equalities], p.R[p.inequalities]
-        parts = (p.P, p.q, A, p.u[p.equalities], G, None, p.u[p.inequalities], p.l[p.bounds], p.u[p.bounds])
-        data = Data(p.d, len(A), len(G), *(address(part) if part is not None and part.size else None for part in parts))
+        parts = (p.P, p.q, p.A, p.b, p.G, None, p.h, p.lb, p.ub)
+        addresses = (address(part) if part is not None and part.size else None for part in parts)
+        data = Data(p.d, p.b.size, p.h.size, *addresses)
         PIQP.piqp_setup_dense(ctypes.byref(workspace), ctypes.byref(data), ctypes.byref(settings))
         weakref.finalize(self, PIQP.piqp_cleanup, workspace)
         self._workspace = workspace.contents
-        self.bind(workspace, A if len(A) else 0, *(PIQP[name] for name in IN_LOOP))
+        self.bind(workspace, p.A if len(p.A) else 0, *(PIQP[name] for name in IN_LOOP))
 
-    def read(self) -> None:  # noqa: D102
-        self._result = self._workspace.result.contents
-
-    def iterate(self) -> Vector | None:  # noqa: D102
-        return vector(self._result.x, self.program.d) if self._result.status == MAX_ITER_REACHED else None
-
-    def solution(self) -> Solution:  # noqa: D102
-        r, p = self._result, self.program
-        lower, upper = vector(r.z_bl, p.d), vector(r.z_bu, p.d)
-        w = np.concatenate(
-            [upper - lower, vector(r.y, len(p.R[p.equalities])), vector(r.z_u, len(p.R[p.inequalities]))]
-        )
-        return p.solution(self.x, w, self.found, status=MESSAGES[r.status], reported_us=None, iterations=r.iter)
+    def answer(self) -> Answer:
+        r, p = self._workspace.result.contents, self.program
+        bounds = vector(r.z_bu, p.d) - vector(r.z_bl, p.d)
+        w = np.concatenate([bounds, vector(r.y, p.b.size), vector(r.z_u, p.h.size)])
+        return Answer(vector(r.x, p.d), w, MESSAGES[r.status], r.iter)

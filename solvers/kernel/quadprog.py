@@ -6,10 +6,11 @@ overwrites them, and calls its function, which leaves its answer in our array.
 
 import numpy as np
 import quadprog
-from qpsolvers import Problem
 
+from solvers.adapter import Answer
 from solvers.direct import quadprog as direct
 from solvers.kernel._library import CompiledLibrary, opened
+from solvers.rows import Cones, Program
 
 QUADPROG = opened("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
 MESSAGES = ("solved", "constraints are inconsistent, no solution", "matrix G is not positive definite")
@@ -18,10 +19,8 @@ MESSAGES = ("solved", "constraints are inconsistent, no solution", "matrix G is 
 class Quadprog(CompiledLibrary, direct.Quadprog):
     """The library's ``qpgen2_``."""
 
-    def setup(self, problem: Problem) -> None:  # noqa: D102
-        super().setup(problem)
-        d, rows = self.program.d, self._rows
-        least = min(d, rows.r.size)
+    def build(self, p: Program, rows: Cones) -> None:
+        d, least = p.d, min(p.d, rows.r.size)
         self._lagrangian, self._counts = np.zeros(rows.r.size), np.zeros(2, dtype=np.intc)
         self.bind(
             np.empty((d, d)),
@@ -38,10 +37,5 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
             0,
         )
 
-    def read(self) -> None:  # noqa: D102
-        self._found, self._status, self._iterations, self._x = (
-            self.found,
-            MESSAGES[self.state[-1]],
-            int(self._counts[0]),
-            self.x,
-        )
+    def answer(self) -> Answer:
+        return Answer(self.x, self._lagrangian, MESSAGES[self.state[-1]], int(self._counts[0]))

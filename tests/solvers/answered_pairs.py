@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from qpsolvers import Problem
 
-from solvers.backend import LibrarySolver
+from solvers.adapter import LibrarySolver
 from solvers.protocol import Matrix, Solver, Vector
 
 FORMS = ("boxes", "one-sided", "mixed", "free", "rows")

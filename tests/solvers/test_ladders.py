@@ -13,7 +13,7 @@ import solvers
 from bench.problems.protocol import CertifiedForm
 from bench.problems.simulation import Experiment
 from solvers import Lane, Solver, Unsupported, registry
-from solvers.backend import LibrarySolver
+from solvers.adapter import LibrarySolver
 from solvers.certificate import exact_cost_gap
 from solvers.protocol import setting_text
 from solvers.registry import Entry

@@ -1,0 +1,125 @@
+"""What the adapters of libraries have in common: the program as rows, the checks, the answer with its duals.
+
+A file of one declares what its library is and what it refuses, and has four short methods:
+
+    build     make the library's object, once
+    update    hand over new P and q; by default the library reads the program at each solve
+    solve     call the library, and say in ``found`` whether it has an answer
+    answer    read what it says of its last solve
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from qpsolvers import Problem, Solution
+
+from solvers.backend import Backend
+from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, only_box
+from solvers.rows import Program, Stack
+
+
+class Answer(NamedTuple):
+    """What a library says of its last solve."""
+
+    x: Vector
+    w: Vector
+    """Multipliers of the rows, in the form in which the library takes them."""
+    status: str
+    """The library's own word."""
+    iterations: int | None = None
+    """The library's own count."""
+    reported_us: float | None = None
+    """The solve time that the library itself reports."""
+
+
+class LibrarySolver(Solver):
+    """A solver of somebody's library."""
+
+    lane = Lane.DIRECT
+    library: ClassVar[Backend]
+    form: ClassVar[type[Any]] = Stack
+    """The rows as the library takes them, of :mod:`solvers.rows`."""
+    bounds_only: ClassVar[bool] = False
+    """Whether it takes no general rows."""
+    refuses_crossing: ClassVar[bool] = False
+    """Whether it refuses bounds that cross instead of calling them infeasible."""
+    refuses_fixed: ClassVar[bool] = False
+    """Whether it cannot take a variable fixed by lb = ub."""
+    at_limit: ClassVar[tuple[str, ...]] = ()
+    """How its status begins where its limit of iterations ended a solve."""
+    program: Program
+    rows: Any
+    found: bool = False
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "library" in vars(cls):
+            b = cls.library
+            cls.algorithm, cls.licence, cls.distribution = b.algorithm, b.licence, b.distribution
+            cls.always, cls.exponents = b.always, b.exponents
+
+    @classmethod
+    def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
+        """The rungs of the library's entry."""
+        return cls.library.ladder(c)
+
+    def setup(self, problem: Problem) -> None:
+        """Refuse what the library cannot take, convert the rest and make the library's object."""
+        if self.settings and not self.library.has_settings:
+            raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
+        if self.bounds_only:
+            only_box(problem, self.name)
+        self.program = p = Program(problem)
+        if self.refuses_crossing and np.any(p.lb > p.ub):
+            raise Unsupported(
+                f"{self.name} refuses bounds that cross, and a lower bound of the problem is above its upper one"
+            )
+        if self.refuses_fixed and np.any(p.lb == p.ub):
+            raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
+        self.rows = self.form(p)
+        self.build(p, self.rows)
+
+    @abstractmethod
+    def build(self, p: Program, rows: Any) -> None:
+        """Make the library's object of the program and its rows."""
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        """Take P (d, d) and q (d,) into the program."""
+        self.program.take(P, q)
+
+    @abstractmethod
+    def answer(self) -> Answer:
+        """Read what the library says of its last solve; x and w count only where it was found."""
+
+    def iterate(self) -> Vector | None:
+        """Return x where the status says that the limit ended the solve."""
+        x, _, status, *_ = self.answer()
+        return np.array(x) if status.startswith(self.at_limit) else None
+
+    def solution(self) -> Solution:
+        """Return the answer with the multipliers of the problem's own rows."""
+        x, w, status, iterations, reported_us = self.answer()
+        extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
+        if not self.found:
+            return self.program.solution(None, None, extras)
+        return self.program.solution(np.array(x), self.rows.distribute(w), extras)
+
+    def choose(self, target: Any, **defaults: Any) -> None:
+        """Write our settings, and those of every use, into the library's own object.
+
+        Raises
+        ------
+        ValueError
+            The library has no such setting.
+        """
+        for name, value in {**defaults, **self.settings}.items():
+            if not hasattr(target, name):
+                raise ValueError(f"{self.name} has no setting {name}")
+            setattr(target, name, value)
+
+    def refuse(self, flag: int) -> None:
+        """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
+        if flag < 0:
+            raise Unsupported(f"{self.name} refuses the data with exit flag {flag}")
