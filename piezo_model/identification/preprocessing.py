@@ -102,8 +102,8 @@ def require(recording: Recording, s: ModelStructure, skip: int) -> None:
     """Refuse a recording that skipping leaves too little of, or no movement."""
     if recording.length - skip <= s.d:
         raise IdentificationError(
-            f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} samples are counted, too "
-            f"few for {s.d} weights"
+            f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} samples are counted"
+            f"{f' after skipping {skip}' if skip else ''}, too few for {s.d} weights"
         )
     if skip and moving_from(recording, skip) == recording.length:
         raise IdentificationError(

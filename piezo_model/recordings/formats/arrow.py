@@ -27,10 +27,15 @@ class StreamTable(Table):
     """A stream of Arrow batches."""
 
     def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
-        """Stream columns; a last batch that was cut short ends them."""
-        with pa.OSFile(str(self.path)) as source, suppress(pa.ArrowException, OSError):
-            for batch in pa.ipc.open_stream(source):
-                yield arrays_of(batch.select([self.columns[k].name for k in at]))
+        """Stream columns."""
+        for batch in whole_batches(self.path):
+            yield arrays_of(batch.select([self.columns[k].name for k in at]))
+
+
+def whole_batches(path: Path) -> Iterator[pa.RecordBatch]:
+    """The whole batches of a stream, in order; a last one that was cut short ends them."""
+    with pa.OSFile(str(path)) as source, suppress(pa.ArrowException, OSError):
+        yield from pa.ipc.open_stream(source)
 
 
 def open_table(path: Path, reading: ReadOptions) -> StreamTable:
