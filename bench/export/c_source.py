@@ -44,6 +44,7 @@ LEARNER = (
     "product.h",
     "box.h",
     "sweep.h",
+    "symmetric.h",
     *(f"box_{part}.c" for part in ("data", "dual", "inverse", "proximal")),
     "eigenvalue.h",
     "eigenvalue.c",

@@ -1,8 +1,9 @@
 /* The data of a box problem: their memory, scaling and checks; and the solve. */
 #include "box.h"
 
+#include "symmetric.h"
+
 enum { BOX_VECTORS = 28 };
-#define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
 
 static int even(int d) { return (d + 1) / 2 * 2; }
 
@@ -112,28 +113,11 @@ static real exact_root_scale(real v)
 /* The symmetric part of S P S for a P of which nothing is known. */
 static int copy_checked(Box *s, const real *P)
 {
-    const size_t d = (size_t)s->d, ld = (size_t)s->ld;
-    real unequal = 0, nothing = 0;
-    for (size_t j = 0; j < d; ++j) {
-        const real diagonal = P[j * d + j];
-        if (!(MAGNITUDE(diagonal) < REAL_INFINITY)) {
-            return NOT_FINITE;
-        }
-        if (diagonal < 0) {
-            return INDEFINITE;
-        }
-        s->scale[j] = diagonal > 0 ? exact_root_scale(diagonal) : 1;
+    for (int j = 0; j < s->d; ++j) {
+        const real diagonal = P[j * s->d + j];
+        s->scale[j] = diagonal > 0 && diagonal < REAL_INFINITY ? exact_root_scale(diagonal) : 1;
     }
-    for (size_t i = 0; i < d; ++i) {
-        for (size_t j = 0; j <= i; ++j) {
-            const real scale = s->scale[i] * s->scale[j], a = P[i * d + j] * scale, b = P[j * d + i] * scale;
-            const real mean = (a + b) / 2;
-            unequal = MAGNITUDE(a - b) > unequal ? MAGNITUDE(a - b) : unequal;
-            nothing += mean - mean; /* NaN where it is not finite */
-            s->P[i * ld + j] = s->P[j * ld + i] = mean;
-        }
-    }
-    return !(nothing == 0) ? NOT_FINITE : unequal > ASYMMETRIC_SHARE ? ASYMMETRIC : OK;
+    return scaled_symmetric(P, s->d, s->ld, s->scale, s->P);
 }
 
 int box_take_hessian(Box *s, const real *P)

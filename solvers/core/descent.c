@@ -13,10 +13,10 @@
 
 #include "eigenvalue.h"
 #include "product.h"
+#include "symmetric.h"
 
 enum { VECTORS = 12, LOOK_EVERY = 16 };
 #define INDEFINITE_SHARE ((real)1e-9) /* of the largest eigenvalue, what rounding may leave below zero */
-#define ASYMMETRIC_SHARE ((real)1e-9) /* of sqrt(P_ii P_jj) */
 
 int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS + 2 * d) * (int64_t)sizeof(real); }
 
@@ -49,36 +49,6 @@ int descent_setup(void *memory, int d, const real *lb, const real *ub)
     return OK;
 }
 
-/* D P D to `copy`, checked. */
-static int scale(ProjectedGradient *s, const real *P, int scaled)
-{
-    const int d = s->d, ld = s->ld;
-    for (int j = 0; j < d; ++j) {
-        const real diagonal = P[j * d + j];
-        if (diagonal < 0) {
-            return INDEFINITE;
-        }
-        s->D[j] = scaled && diagonal > 0 ? 1 / ROOT(diagonal) : 1;
-        s->copy[j * ld + j] = diagonal * s->D[j] * s->D[j];
-        if (!(s->copy[j * ld + j] < REAL_INFINITY)) {
-            return NOT_FINITE;
-        }
-    }
-    for (int i = 0; i < d; ++i) {
-        for (int j = 0; j < i; ++j) {
-            const real a = P[i * d + j] * s->D[j] * s->D[i], b = P[j * d + i] * s->D[i] * s->D[j];
-            if (!(MAGNITUDE(a) < REAL_INFINITY && MAGNITUDE(b) < REAL_INFINITY)) {
-                return NOT_FINITE;
-            }
-            if (MAGNITUDE(a - b) > ASYMMETRIC_SHARE * ROOT(s->copy[i * ld + i]) * ROOT(s->copy[j * ld + j])) {
-                return ASYMMETRIC;
-            }
-            s->copy[i * ld + j] = s->copy[j * ld + i] = (a + b) / 2;
-        }
-    }
-    return OK;
-}
-
 int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled)
 {
     const int d = s->d, ld = s->ld;
@@ -91,8 +61,12 @@ int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio,
         memcpy(s->q, q, (size_t)d * sizeof(real));
     }
     if (P != NULL) {
-        const int status = scale(s, P, scaled);
         int below;
+        for (int j = 0; j < d; ++j) {
+            const real diagonal = P[j * d + j];
+            s->D[j] = scaled && diagonal > 0 ? 1 / ROOT(diagonal) : 1;
+        }
+        const int status = scaled_symmetric(P, d, ld, s->D, s->copy);
         if (status != OK) {
             return status;
         }
