@@ -6,19 +6,19 @@ carries a binary for the machine it was made on and the source for any other.
 Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 """
 
-import platform
 import tempfile
 import uuid
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from platform import machine
 from typing import Any
 
 from markupsafe import Markup
 
 from bench.export.building import EXACT, WARNINGS, compile_c, write_files
 from bench.export.c_source import known, render, sources
-from bench.export.settings import ExportError, ExportSettings
+from bench.export.settings import ExportSettings
 from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel
 from piezo_model.atomic_file import replacing
@@ -30,6 +30,7 @@ BASE_UNITS = {
     "s": 's="1"',
     "1/s": 's="-1"',
     "V": 'kg="1" m="2" s="-3" A="-1"',
+    "V/s": 'kg="1" m="2" s="-4" A="-1"',
     "mV": 'kg="1" m="2" s="-3" A="-1" factor="1e-3"',
     "kV": 'kg="1" m="2" s="-3" A="-1" factor="1e3"',
     "m": METRE,
@@ -99,15 +100,8 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
 
 
 def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, fmi: int = 3) -> None:
-    """Write the FMU, for FMI 2 or 3; the file is there whole or not at all.
-
-    ExportError where the settings are not those of the compensator alone in double precision, or there is no C
-    compiler.
-    """
-    if settings.learning or settings.precision != "double":
-        raise ExportError("an FMU holds the compensator alone, in double precision")
-    if fmi not in (2, 3):
-        raise ExportError(f"there is an FMU for FMI 2 and 3, not {fmi}")
+    """Write the FMU of the compensator alone, in double precision, for FMI 2 or 3, whole or not at all; ExportError
+    where there is no C compiler."""
     name = settings.name
     title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
     code = {
@@ -122,7 +116,8 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
     contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(data)
     if fmi == 3:
         contents["sources/buildDescription.xml"] = templates.get_template("buildDescription.xml.jinja").render(data)
-    contents[f"binaries/{_platform(fmi)}/{name}.so"] = _library(code, name, fmi)
+    platform = "linux64" if fmi == 2 and machine() == "x86_64" else f"{machine()}-linux"
+    contents[f"binaries/{platform}/{name}.so"] = _library(code, name, fmi)
     with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, content in contents.items():
             archive.writestr(path, content)
@@ -130,27 +125,16 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
 
 def _about(s: ModelStructure, settings: ExportSettings, token: str, fmi: int) -> dict[str, Any]:
     found = variables(s, settings)
-    units = dict.fromkeys(["s", *(v.unit for v in found if v.unit)], "")
-    for unit in units:
-        units[unit] = BASE_UNITS.get(unit, "")
-        if unit.endswith("/s") and unit[:-2] == "V":
-            units[unit] = BASE_UNITS["V"].replace('s="-3"', 's="-4"')
+    units = dict.fromkeys(["s", *(v.unit for v in found if v.unit)])
     return {
         "name": settings.name,
         "token": token,
         "fmi": fmi,
         "variables": found,
-        "units": {unit: Markup(base) for unit, base in units.items()},
+        "units": {unit: Markup(BASE_UNITS.get(unit, "")) for unit in units},
         "rate_limit": settings.rate_limit or 0.0,
         "integral_gain": settings.integral_gain,
     }
-
-
-def _platform(fmi: int) -> str:
-    machine, system = platform.machine(), platform.system()
-    if system != "Linux":
-        raise ExportError(f"an FMU is made on Linux only, and this is {system}")
-    return "linux64" if fmi == 2 and machine == "x86_64" else f"{machine}-linux"
 
 
 def _library(code: dict[str, str], name: str, fmi: int) -> bytes:

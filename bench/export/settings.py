@@ -56,8 +56,8 @@ class ExportSettings:
         Limits of the drive in the input unit; the model's range by default.
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
-    reset_s, build_s, learn_s, memory_s, hand_over_s, fade_s, proximal, integral_gain : float
-        As of ``SelfLearningCompensator``.
+    reset_s, build_s, learn_s, integral_gain : float
+        As of ``SelfLearningCompensator``, whose defaults the other numbers of learning have.
     name : str
         Prefix of files, functions and types.
 
@@ -75,20 +75,10 @@ class ExportSettings:
     reset_s: float = LearningSettings.reset_s
     build_s: float = LearningSettings.build_s
     learn_s: float = LearningSettings.learn_s
-    memory_s: float = LearningSettings.memory_s
-    hand_over_s: float = LearningSettings.hand_over_s
-    fade_s: float = LearningSettings.fade_s
-    proximal: float = LearningSettings.proximal
     integral_gain: float = LearningSettings.integral_gain
     name: str = "piezo"
 
     def __post_init__(self) -> None:
-        for field in ("reset_s", "build_s", "learn_s", "hand_over_s", "fade_s", "rate_limit", "memory_s"):
-            value = getattr(self, field)
-            if value is not None and not 0.0 < value < math.inf:
-                raise ExportError(f"{field} must be positive, not {value}")
-        if not 0.0 <= self.proximal < 1.0:
-            raise ExportError(f"proximal must be at least 0 and below 1, not {self.proximal}")
         if self.x_limits is not None and any(map(math.isinf, self.x_limits)):
             raise ExportError(
                 f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}"
@@ -125,7 +115,7 @@ class ExportSettings:
         return {
             "low": low,
             "high": high,
-            "fade": math.exp(-s.sample_time / self.fade_s),
+            "fade": math.exp(-s.sample_time / LearningSettings.fade_s),
             "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             **self._learner_numbers(s),
@@ -140,14 +130,16 @@ class ExportSettings:
                 **lasts,
                 "forgetting": 1.0,
                 "share": 1.0,
-                "proximal": self.proximal,
+                "proximal": LearningSettings.proximal,
                 "min_slope": MIN_SLOPE,
                 "step_ratio": 0.5,
                 "steps": 100_000,
                 "tolerance": AcceleratedProjection.always["tolerance"],
             }
         else:
-            block, numbers = continuous_numbers(s, self.hand_over_s, self.memory_s, self.reset_s)
+            block, numbers = continuous_numbers(
+                s, LearningSettings.hand_over_s, LearningSettings.memory_s, self.reset_s
+            )
         return {**numbers, "block": block, "blocks": BLOCKS, "delay": block}
 
 
@@ -163,8 +155,6 @@ def literal(value: float, precision: Precision = "double") -> str:
     value = float(value)
     if math.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
-    if math.isnan(value):
-        raise ValueError("NaN is not a constant")
     if precision == "float" and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
         raise ExportError(
             f"the constant {value:g} does not fit into single precision; export it with --precision double"

@@ -1,7 +1,7 @@
 """What the processes of a live run share: one block of memory, written without waiting for anybody.
 
 The loop writes samples into a ring and counts them; whoever reads them takes what is there and never holds the loop up.
-Commands go the other way: a command is written whole before it is counted. Every entry has one writer.
+A set point, whether to learn and whether to stop go the other way.
 """
 
 import math
@@ -17,7 +17,7 @@ from solvers.arrays import Matrix, Vector
 COLUMNS = ("time_s", "reference", "drive", "measured")
 RING_S = 30.0
 """Seconds that the ring holds; so long may the disk keep the recorder waiting."""
-EVENTS, EVENT_BYTES, COMMANDS = 64, 240, 64
+EVENTS, EVENT_BYTES = 64, 240
 BINS, BINS_A_DECADE, FIRST_NS = 160, 20, 100
 """Of the histogram of service times."""
 
@@ -31,19 +31,6 @@ class State(IntEnum):
     ENDED = 3
 
 
-class Command(IntEnum):
-    """What the page may ask for."""
-
-    LEARN = 0
-    """1 to learn, 0 to wait."""
-    HOLD = 1
-    """Stay at the present reference."""
-    SET_POINT = 2
-    FOLLOW = 3
-    """Go on with the reference."""
-    STOP = 4
-
-
 COUNTS = (
     "head",
     "state",
@@ -52,7 +39,6 @@ COUNTS = (
     "late_null",
     "null_samples",
     "events",
-    "commands",
     "hand_overs",
     "learning",
     "stop",
@@ -60,8 +46,11 @@ COUNTS = (
     "followed",
     "failed",
 )
-"""Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many of
-each follow, the core of the loop, samples before the ramp to rest, and 1 where the stage made the end."""
+"""Whole numbers: samples written, state, time of the last one, deadlines missed, those of the null loop, how many
+events and hand-overs there were, 1 to learn and 0 to wait, 1 to stop, the core of the loop, samples before the ramp to
+rest, and 1 where the stage made the end."""
+FOLLOW = math.inf
+"""In place of a set point: the reference."""
 
 
 class Board:
@@ -79,9 +68,9 @@ class Board:
                 ("frame", np.float64, (5,)),
                 ("events", f"S{EVENT_BYTES}", (EVENTS,)),
                 ("why", f"S{EVENT_BYTES}", (1,)),
-                ("commands", np.float64, (COMMANDS, 2)),
                 ("service", np.int64, (BINS,)),
                 ("drive", np.float64, (1,)),
+                ("set_point", np.float64, (1,)),
             ],
             align=True,
         )
@@ -93,12 +82,13 @@ class Board:
             self._frame,
             self._events,
             self._why,
-            self._commands,
             self.service,
             self.drive,
+            self.set_point,
         ) = (np.asarray(shared[field][0]) for field in whole.names or ())
         if make:
             self.show_model(first)
+            self.set_point[0] = FOLLOW
 
     def __getattr__(self, name: str) -> int:
         if name not in COUNTS:
@@ -124,13 +114,13 @@ class Board:
         return start, self._samples[np.arange(start, head) % self.capacity]
 
     @property
-    def time_s(self) -> float:
-        """The time of the last sample; 0 before the first one."""
-        return float(self._samples[(self.head - 1) % self.capacity, 0])
+    def last(self) -> Vector:
+        """The last sample, shape (4,); zeros before the first one."""
+        return self._samples[(self.head - 1) % self.capacity]
 
     def say(self, text: str) -> None:
         """Add an event; the time goes before it."""
-        self._events[self.events % EVENTS] = f"{self.time_s:.3f} s: {text}".encode()[:EVENT_BYTES]
+        self._events[self.events % EVENTS] = f"{self.last[0]:.3f} s: {text}".encode()[:EVENT_BYTES]
         self.note(events=self.events + 1)
 
     def said(self) -> list[str]:
@@ -148,18 +138,6 @@ class Board:
     def why(self) -> str:
         """Why the run ends; nothing while it does not."""
         return str(self._why[0].decode(errors="replace"))
-
-    def ask(self, command: Command, value: float = 0.0) -> None:
-        """Ask the loop for something."""
-        self._commands[self.commands % COMMANDS] = command, value
-        self.note(commands=self.commands + 1)
-
-    def asked(self, since: int) -> list[tuple[Command, float]]:
-        """What was asked since so many commands."""
-        return [
-            (Command(int(kind)), float(value))
-            for kind, value in (self._commands[i % COMMANDS] for i in range(since, self.commands))
-        ]
 
     def show_model(self, model: HysteresisCreepModel) -> None:
         """Show weights, centres and scales of the model in use."""

@@ -18,10 +18,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from bench.live.board import Board, Command, State, bin_of
+from bench.live.board import FOLLOW, Board, State, bin_of
 from bench.live.controller import Controller
 from bench.live.device import Device
-from bench.live.reference import constant
 from bench.live.task import Task
 from bench.timing import cores
 from bench.timing.schedule import SPIN_NS, wait_until
@@ -47,7 +46,7 @@ class Loop:
     ) -> None:
         self._board, self._device, self._task, self._controller = board, device, task, controller
         self._declared, self._spin_ns = task.declared, spin_ns
-        self._reference, self._y, self._seen = task.reference, math.nan, board.commands
+        self._y, self._set_point = math.nan, FOLLOW
         self._ramping = controller is None
         self._x = task.declared.rest if controller is not None else float(board.drive[0])
         self._silent = self._refused = 0
@@ -82,26 +81,15 @@ class Loop:
             self._ramping = True
             self._board.end(why, failed)
 
-    def obey(self, k: int) -> None:
-        """Take what was asked for."""
-        for command, value in self._board.asked(self._seen):
-            self._seen += 1
-            if command is Command.STOP:
-                self.end("asked to stop")
-            elif command is Command.LEARN:
-                if self._controller is not None:
-                    self._controller.learning = bool(value)
-                self._board.note(learning=int(value))
-                self._board.say("learning" if value else "learning waits")
-            elif command is Command.FOLLOW:
-                self._reference = self._task.reference
-                self._board.say(f"follows {self._reference.words}")
-            else:
-                low, high = self._declared.y_range
-                at = self._reference.at(k) if command is Command.HOLD else value
-                if math.isfinite(at):
-                    self._reference = constant(min(max(at, low), high))
-                    self._board.say(f"holds {self._reference.at(0):.6g}")
+    def obey(self) -> None:
+        """Do what the page asks for."""
+        board, set_point = self._board, float(self._board.set_point[0])
+        if set_point != self._set_point:
+            self._set_point = set_point
+            board.say(f"follows {self._task.reference.words}" if set_point == FOLLOW else f"holds {set_point:.6g}")
+        if self._controller is not None and board.learning != self._controller.learning:
+            self._controller.learning = bool(board.learning)
+            board.say("learning" if board.learning else "learning waits")
 
     def run(self) -> bool:
         """Follow until the end, then ramp to rest; whether it is there, since a stage that takes no drive any more is
@@ -109,17 +97,17 @@ class Loop:
         board, rate, clock = self._board, self._task.rate, time.perf_counter_ns
         period, last = round(1e9 / rate), round(self._task.seconds * rate) or math.inf
         parent, start, k, written = os.getppid(), clock() + LEAD_NS, 0, board.head
-        before, show_every = board.time_s + 1.0 / rate if written else 0.0, max(1, round(SHOW_S * rate))
+        before, show_every = board.last[0] + 1.0 / rate if written else 0.0, max(1, round(SHOW_S * rate))
         while self._refused <= self._declared.timeout_s * rate:
             if board.stop or k >= last:
                 self.end("the time is over" if k >= last else "asked to stop")
             if written % LOOK_AT_PARENT == 0 and os.getppid() != parent:
                 self.end("the process that watches the loop has died")
-            if board.commands > self._seen:
-                self.obey(k)
+            self.obey()
             due = start + k * period
             wait_until(due, clock, time.sleep, self._spin_ns)
-            begin, reference = clock(), self._reference.at(k)
+            begin = clock()
+            reference = self._task.reference.at(k) if self._set_point == FOLLOW else self._set_point
             self.exchange(
                 float(board.drive[0]) if self._refused else self.wanted(reference)
             )  # it may have been taken after all

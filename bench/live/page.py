@@ -6,6 +6,7 @@ otherwise, answers only at a path that nobody can guess, and serves its own scri
 """
 
 import asyncio
+import math
 from collections.abc import Callable
 from html import escape
 from typing import Any
@@ -20,7 +21,7 @@ from bokeh.plotting import figure
 from bokeh.server.server import Server
 from tornado.netutil import bind_sockets
 
-from bench.live.board import Board, Command, State, edges_us
+from bench.live.board import FOLLOW, Board, State, edges_us
 from bench.live.device import DeviceError
 from bench.live.task import Task
 from bench.report.plot import GREY, PALETTE
@@ -139,20 +140,30 @@ def document(task: Task, board: Board, doc: Document) -> None:
         high=d.y_range[1],
     )
 
-    def button(label: str, command: Command, of: Callable[[], float] = lambda: 0.0, kind: str = "default") -> Button:
+    def button(label: str, press: Callable[[], None], kind: str = "default") -> Button:
         made = Button(label=label, button_type=kind, width_policy="min")  # type: ignore[arg-type]
-        made.on_click(lambda: board.ask(command, of()))
+        made.on_click(press)
         return made
 
+    def hold(set_point: float) -> None:
+        if not math.isnan(set_point):
+            board.set_point[0] = min(max(set_point, d.y_range[0]), d.y_range[1])
+
+    def follow_reference() -> None:
+        board.set_point[0] = FOLLOW
+
     buttons = [
-        button("Stop", Command.STOP, kind="danger"),
-        button("Hold", Command.HOLD),
-        button("Follow the reference", Command.FOLLOW),
+        button("Stop", lambda: board.note(stop=1), "danger"),
+        button("Hold", lambda: hold(board.last[1])),
+        button("Follow the reference", follow_reference),
         value,
-        button(f"Go to set point, {unit}", Command.SET_POINT, lambda: float(value.value or 0.0)),
+        button(f"Go to set point, {unit}", lambda: hold(value.value or 0.0)),
     ]
     if task.learn != "off":
-        buttons += [button("Learn", Command.LEARN, lambda: 1.0), button("Do not learn", Command.LEARN)]
+        buttons += [
+            button("Learn", lambda: board.note(learning=1)),
+            button("Do not learn", lambda: board.note(learning=0)),
+        ]
 
     def update() -> None:
         model = board.shown_model()

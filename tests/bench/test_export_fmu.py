@@ -4,7 +4,6 @@ import json
 import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from exported_loops import LIMITS, SAMPLE_TIME, a_model
 from programs import library, program
 
 from bench.export.fmu import variables, write_fmu
-from bench.export.settings import ExportError, ExportSettings
+from bench.export.settings import ExportSettings
 from piezo_model import Compensator
 from piezo_model.compensator import CORRECTION
 from piezo_model.deployment import Deployment
@@ -141,19 +140,6 @@ def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, f
     assert compensator.drive[CORRECTION] != 0.0
     it.terminate()
     it.freeInstance()
-
-
-@pytest.mark.sample(1)
-@pytest.mark.needs("cc")
-@pytest.mark.parametrize("fmi", VERSIONS)
-def test_a_falling_output_gives_the_drives_of_the_turned_one_to_the_last_digit(tmp_path: Path, fmi: int) -> None:
-    model, y_ref = a_model(), reference()[:500]
-    turned = replace(model, structure=replace(model.structure, y_scale=-model.structure.y_scale))
-    for each, name in ((model, "rising"), (turned, "falling")):
-        write_fmu(each, ExportSettings(), tmp_path / f"{name}.fmu", fmi)
-    np.testing.assert_array_equal(
-        simulated(tmp_path / "falling.fmu", -y_ref), simulated(tmp_path / "rising.fmu", y_ref)
-    )
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
@@ -292,10 +278,3 @@ def test_a_full_disk_leaves_no_half_written_file(piezobench: CommandLine, tmp_pa
     assert call.status == 2
     assert len(call.stderr.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["model.json"]
-
-
-def test_only_the_compensator_in_double_precision_becomes_an_fmu(tmp_path: Path) -> None:
-    for settings in (ExportSettings(part="learning"), ExportSettings(precision="float")):
-        with pytest.raises(ExportError, match="the compensator alone, in double precision"):
-            write_fmu(a_model(), settings, tmp_path / "it.fmu")
-    assert list(tmp_path.iterdir()) == []

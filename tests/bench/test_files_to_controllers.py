@@ -65,7 +65,6 @@ def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(
             ("identify", "stage.csv", "--out", "model.json"),
             ("compensate", "model.json", "wish.csv", "--start", "rest", "--out", "drive.csv"),
             ("export-fmu", "model.json", "it.fmu"),
-            ("export-c", "model.json", "c"),
         ):
             call = piezobench(*words, folder=folder)
             assert call.status == 0, (words, call.stderr)

@@ -24,10 +24,13 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
         {"time_s": k * SAMPLE_TIME, "voltage_V": np.sin(k / 100), "displacement_um": chance.standard_normal(k.size)},
     )
     write_table(folder / "wish.csv", {"time_s": k[:500] * SAMPLE_TIME, "reference_um": 0.1 * np.sin(k[:500] / 100)})
-    assert (
-        piezobench("identify", "noise.csv", "--out", "model.json", "--force", "--n", 2, "--m", 1, folder=folder).status
-        == 0
-    )
+    words = ("identify", "noise.csv", "--out", "model.json", "--n", 2, "--m", 1)
+    refusal = piezobench(*words, folder=folder).refusal
+    assert "noise.csv: the output is noise that does not follow the drive" in refusal
+    assert not (folder / "model.json").exists()
+    call = piezobench(*words, "--force", folder=folder)
+    assert call.status == 0
+    assert WARNING in " ".join(call.stdout.split())
     return folder
 
 

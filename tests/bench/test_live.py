@@ -13,8 +13,6 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +21,10 @@ import pyarrow as pa
 import pyarrow.parquet as parquet
 import pytest
 from browser import Browser
-from command_line import CommandLine
+from command_line import CommandLine, command_lines, of_session, wait_until_gone
 from exported_loops import a_model
 
-from bench.live.board import Board, Command
+from bench.live.board import Board
 from bench.live.device import Declared, DeviceError, DeviceFile, Simulated
 from bench.live.recorder import stream_beside
 from bench.live.reference import sine
@@ -48,15 +46,9 @@ FAULTS = {
 }
 
 
-def processes_of(root: int) -> list[int]:
-    """The processes that one has started, the loop among them."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError, IndexError):  # it has ended meanwhile
-            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == root and b"spawn_main" in (path / "cmdline").read_bytes():
-                found.append(int(path.name))
-    return sorted(found)
+def loop_of(session: int) -> int:
+    """The process of the loop."""
+    return next(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
 
 
 def wait_until(reached: Callable[[], bool]) -> None:
@@ -67,39 +59,25 @@ def wait_until(reached: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-@dataclass
 class Stage:
     """A stage in a process of its own, which writes down the drives that it gets."""
 
-    folder: Path
-    port: int = 0
-    server: subprocess.Popen[str] = field(init=False)
-    file: Path = field(init=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.file = folder, folder / "stage.py"
         self.server = subprocess.Popen(
-            [sys.executable, str(EXAMPLES / "tcp_server.py"), "0", str(self.folder / "drive.log")],
+            [sys.executable, str(EXAMPLES / "tcp_server.py"), "0", str(folder / "drive.log")],
             stdout=subprocess.PIPE,
             text=True,
         )
         assert self.server.stdout is not None
-        self.port = int(self.server.stdout.readline().split()[1])
-        self.file = self.folder / "stage.py"  # patient, since the machine may be busy with other tests
-        self.file.write_text((EXAMPLES / "tcp_stage.py").read_text().replace("timeout_s = 0.5", "timeout_s = 3.0"))
+        port = self.server.stdout.readline().split()[1]
+        text = (EXAMPLES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
+        # patient, since the machine may be busy with other tests
+        self.file.write_text(text.replace("timeout_s = 0.5", "timeout_s = 3.0"))
 
-    def start(
-        self, *words: str | Path, file: Path | None = None, before: tuple[str, ...] = ()
-    ) -> subprocess.Popen[str]:
-        """Begin a run and wait until the stage moves."""
-        run = subprocess.Popen(
-            [*before, *LIVE, "--device", file or self.file, "--sine", "2Hz:12um", "--rate", str(RATE), *words],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "TCP_STAGE": f"127.0.0.1:{self.port}"},
-        )
-        wait_until(lambda: self.drives().size >= RATE // 2 or run.poll() is not None)
-        return run
+    def wait_until_it_moves(self) -> None:
+        """Until it was driven for half a second."""
+        wait_until(lambda: self.drives().size >= RATE // 2)
 
     def drives(self) -> np.ndarray:
         """All drives so far."""
@@ -108,10 +86,9 @@ class Stage:
 
     def wait_for_rest(self) -> None:
         """Until the last drive is that of rest and no other follows."""
-        end, before = time.monotonic() + PATIENCE_S, -1
-        while not (self.drives()[-1] == 0.0 and self.drives().size == before):
-            assert time.monotonic() < end, self.drives()[-5:]
-            before = self.drives().size
+        before = -1
+        while before != (before := self.drives().size):
+            wait_until(lambda: self.drives()[-1] == 0.0)
             time.sleep(0.3)
 
     def check(self) -> None:
@@ -184,32 +161,29 @@ ENDS = {
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("how", ENDS)
 def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
-    how: str, stage: Stage, tmp_path: Path
+    how: str, stage: Stage, piezobench: CommandLine, tmp_path: Path
 ) -> None:
-    chance, record = random.Random(how), ("--record", tmp_path / "run.parquet")
-    if how in FAULTS:
-        run = stage.start("--no-page", *record, file=faulty(tmp_path, how, RATE + chance.randrange(RATE)))
-        loops = []
-    else:
-        run = stage.start("--port", str(free_port()), *record)
+    chance, record = random.Random(how), tmp_path / "run.parquet"
+    file = faulty(tmp_path, how, RATE + chance.randrange(RATE)) if how in FAULTS else stage.file
+    words = ("--device", file, "--sine", "2Hz:12um", "--rate", RATE, "--port", free_port(), "--record", record)
+    call = piezobench.start("live", *words)
+    stage.wait_until_it_moves()
+    if how not in FAULTS:
         time.sleep(chance.uniform(0.5, 2.5))
-        loops, drives = processes_of(run.pid), stage.drives().size
-        if how.startswith("kill"):
-            os.kill(loops[0] if how == "kill loop" else run.pid, signal.SIGKILL)
-        else:
-            run.send_signal(signal.Signals[how])
-    out, err = run.communicate(timeout=PATIENCE_S)
+        number = signal.SIGKILL if how.startswith("kill") else signal.Signals[how]
+        drives = stage.drives().size
+        os.kill(loop_of(call.pid) if how == "kill loop" else call.pid, number)
+    ended = call.wait()
     stage.wait_for_rest()
     status, said = ENDS[how]
-    assert run.returncode == status, err
-    assert said in out
+    assert ended.status == status, ended.stderr
+    assert said in ended.stdout
     stage.check()
     if how == "kill all but the loop":  # which ends the recording
-        shown = pa.Table.from_batches(whole_batches(stream_beside(record[1])))
-        assert drives - shown.num_rows <= 1.5 * RATE
+        assert drives - pa.Table.from_batches(whole_batches(stream_beside(record))).num_rows <= 1.5 * RATE
     else:
-        complete(stage, record[1])
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in loops))
+        complete(stage, record)
+    wait_until_gone(call.pid)
 
 
 @pytest.mark.slow
@@ -220,13 +194,16 @@ def test_a_disk_that_fills_ends_the_run_at_rest_and_leaves_what_was_recorded(sta
     small, kept = tmp_path / "small", tmp_path / "kept"
     small.mkdir()
     script = f'mount -t tmpfs -o size=100k tmpfs {small} && "$@"; status=$?; cp -r {small} {kept}; exit $status'
-    before = ("unshare", "-rm", "sh", "-c", script, "sh")
-    run = stage.start("--no-page", "--record", small / "run.parquet", before=before)
-    said, _ = run.communicate(timeout=PATIENCE_S)
+    words = ("--device", stage.file, "--sine", "2Hz:12um", "--rate", str(RATE), "--record", small / "run.parquet")
+    run = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script, "sh", *LIVE, *words, "--no-page"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     stage.wait_for_rest()
-    assert run.returncode == 0
-    assert "run.arrow" in said
-    assert "No space left" in said
+    assert "run.arrow" in run.stdout
+    assert "No space left" in run.stdout
     stage.check()
     rows = sum(batch.num_rows for batch in whole_batches(kept / "run.arrow"))
     assert rows > RATE
@@ -237,13 +214,12 @@ def test_a_disk_that_fills_ends_the_run_at_rest_and_leaves_what_was_recorded(sta
 
 
 def test_a_stage_that_cannot_be_opened_again_is_left_and_that_is_said(piezobench: CommandLine, tmp_path: Path) -> None:
-    run = subprocess.Popen([*LIVE, "--simulate", "duhem", "--no-page"], stdout=subprocess.PIPE, text=True)
-    wait_until(lambda: bool(processes_of(run.pid)))
-    time.sleep(6.0)
-    os.kill(processes_of(run.pid)[0], signal.SIGKILL)
-    said, _ = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode in (1, 2)
-    assert "cannot be opened by another process" in said or run.returncode == 2
+    call = piezobench.start("live", "--simulate", "duhem", "--no-page", "--record", tmp_path / "run.parquet")
+    wait_until((tmp_path / "run.arrow").exists)
+    os.kill(loop_of(call.pid), signal.SIGKILL)
+    ended = call.wait()
+    assert ended.status == 1
+    assert "and the stage cannot be opened by another process: its drive was" in ended.stdout
 
 
 @pytest.mark.slow
@@ -384,7 +360,7 @@ def test_the_stream_of_a_run_that_did_not_end_is_not_written_over(piezobench: Co
     assert (tmp_path / "run.arrow").read_text() == "precious"
 
 
-def test_the_board_hands_over_samples_events_and_commands_in_their_order(tmp_path: Path) -> None:
+def test_the_board_hands_over_samples_and_events_in_their_order(tmp_path: Path) -> None:
     model = a_model()
     one, other = (Board(tmp_path / "board", 10.0, model, make) for make in (True, False))
     for k in range(3000):
@@ -392,9 +368,6 @@ def test_the_board_hands_over_samples_events_and_commands_in_their_order(tmp_pat
     start, samples = other.read(0)
     assert start > 0
     np.testing.assert_array_equal(samples[:, 3], np.arange(start, 3000))
-    other.ask(Command.SET_POINT, 7.5)
-    other.ask(Command.STOP)
-    assert one.asked(0) == [(Command.SET_POINT, 7.5), (Command.STOP, 0.0)]
     one.say("fünf " * 100)
     assert other.said()[0].startswith("299.900 s: fünf")
 
