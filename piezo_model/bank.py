@@ -181,11 +181,6 @@ class CompensatorBank:
     def __len__(self) -> int:
         return self._slots.size
 
-    @property
-    def bytes_per_actuator(self) -> float:
-        """Memory that the bank has for each actuator."""
-        return self._core.block.size / len(self)
-
     def _get(self, name: str, slots: Index) -> Matrix:
         return self._views[name][slots // LANES, :, slots % LANES]
 
