@@ -112,13 +112,7 @@ class CompensatorBank:
     ) -> None:
         if count < 1 or threads < 1:
             raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
-        for name, value in (
-            ("memory_s", memory_s),
-            ("hand_over_s", hand_over_s),
-            ("reset_s", reset_s),
-            ("fade_s", fade_s),
-        ):
-            require_seconds(name, value)
+        require_seconds(memory_s=memory_s, hand_over_s=hand_over_s, reset_s=reset_s, fade_s=fade_s)
         self.options: Options = {
             "memory_s": memory_s,
             "hand_over_s": hand_over_s,
