@@ -112,13 +112,7 @@ class CompensatorBank:
     ) -> None:
         if count < 1 or threads < 1:
             raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
-        for name, value in (
-            ("memory_s", memory_s),
-            ("hand_over_s", hand_over_s),
-            ("reset_s", reset_s),
-            ("fade_s", fade_s),
-        ):
-            require_seconds(name, value)
+        require_seconds(memory_s=memory_s, hand_over_s=hand_over_s, reset_s=reset_s, fade_s=fade_s)
         self.options: Options = {
             "memory_s": memory_s,
             "hand_over_s": hand_over_s,
@@ -180,11 +174,6 @@ class CompensatorBank:
 
     def __len__(self) -> int:
         return self._slots.size
-
-    @property
-    def bytes_per_actuator(self) -> float:
-        """Memory that the bank has for each actuator."""
-        return self._core.block.size / len(self)
 
     def _get(self, name: str, slots: Index) -> Matrix:
         return self._views[name][slots // LANES, :, slots % LANES]

@@ -119,12 +119,7 @@ class HysteresisCreepModel:
             )
 
     @classmethod
-    def from_weights(
-        cls,
-        structure: ModelStructure,
-        w: ArrayLike,
-        report: Mapping[str, Any] | None = None,
-    ) -> HysteresisCreepModel:
+    def from_weights(cls, structure: ModelStructure, w: ArrayLike) -> HysteresisCreepModel:
         """Make the model of the identified unknowns w (d,) in weight coordinates and unit amplitudes, with w_H0 = 1."""
         w = np.asarray(w, dtype=np.float64)
         if w.shape != (structure.d,):
@@ -136,7 +131,6 @@ class HysteresisCreepModel:
             w[S],
             w[K],
             float(w[-1]) if structure.offset else 0.0,
-            report or {},
         )
 
     @classmethod

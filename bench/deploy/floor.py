@@ -49,14 +49,10 @@ class Floor:
         measured."""
         if not calls.size or not self.calls.size or (T := float(np.median(calls))) > deadline_us:
             return 0
-        k, K = self.late_blocks(T, deadline_us)
-        return math.ceil(min(rate_bound(k, K), k / K + UNSEEN) * calls.size)
-
-    def late_blocks(self, T: float, deadline_us: float) -> tuple[int, int]:
-        """How many blocks as long as T would have made a call of T late, and of how many."""
         n = self.calls
         excess = np.concatenate([one - np.median(one) for one in self.series if one.size])
         b = min(n.size, max(1, round(T / max(float(np.median(n)), SHORTEST_US))))
         K = n.size // b
         S = excess[: K * b].reshape(K, b).sum(axis=1)
-        return int(np.count_nonzero(T + S - np.median(S) > deadline_us)), K
+        k = int(np.count_nonzero(T + S - np.median(S) > deadline_us))
+        return math.ceil(min(rate_bound(k, K), k / K + UNSEEN) * calls.size)

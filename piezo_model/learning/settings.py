@@ -21,10 +21,11 @@ piece would be there for ever: the drive would hardly rise with the reference, s
 it is put right."""
 
 
-def require_seconds(name: str, value: float) -> None:
-    """ValueError where a setting is not a time whose samples can be counted."""
-    if not (isinstance(value, int | float) and 0.0 < value <= LONGEST_S):
-        raise ValueError(f"{name} must be a positive number of seconds up to {LONGEST_S:g}, not {value!r}")
+def require_seconds(**times: float) -> None:
+    """ValueError by the name of a setting that is not a time whose samples can be counted."""
+    for name, value in times.items():
+        if not (isinstance(value, int | float) and 0.0 < value <= LONGEST_S):
+            raise ValueError(f"{name} must be a positive number of seconds up to {LONGEST_S:g}, not {value!r}")
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class LearningSettings:
     def __post_init__(self) -> None:
         if self.mode not in get_args(Mode):
             raise ValueError(f"mode must be one of {', '.join(get_args(Mode))}, not {self.mode!r}")
-        for name in ("reset_s", "build_s", "learn_s", "memory_s", "hand_over_s", "fade_s"):
-            require_seconds(name, getattr(self, name))
+        require_seconds(reset_s=self.reset_s, build_s=self.build_s, learn_s=self.learn_s)
+        require_seconds(memory_s=self.memory_s, hand_over_s=self.hand_over_s, fade_s=self.fade_s)
         if not (isinstance(self.proximal, int | float) and 0.0 <= self.proximal < 1.0):
             raise ValueError(f"proximal must be at least 0 and below 1, not {self.proximal!r}")
         steps = self.samples_to_solve

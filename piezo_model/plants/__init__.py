@@ -5,7 +5,6 @@ A file of this folder that defines one :class:`~piezo_model.plants.actuator.Actu
 
 import dataclasses
 import importlib
-import inspect
 import pkgutil
 from typing import Any
 
@@ -19,18 +18,10 @@ __all__ = ["Actuator", "Plant", "Sensor", "get", "names", "options_of"]
 
 
 def _classes() -> dict[str, type[Actuator]]:
-    found = {}
-    for file in pkgutil.iter_modules(__path__):
-        module = importlib.import_module(f"{__name__}.{file.name}")
-        for cls in vars(module).values():
-            if (
-                inspect.isclass(cls)
-                and issubclass(cls, Actuator)
-                and cls.__module__ == module.__name__
-                and not inspect.isabstract(cls)
-            ):
-                found[file.name] = cls
-    return found
+    modules = [f"{__name__}.{file.name}" for file in pkgutil.iter_modules(__path__)]
+    for module in modules:
+        importlib.import_module(module)
+    return {cls.__module__.rpartition(".")[2]: cls for cls in Actuator.__subclasses__() if cls.__module__ in modules}
 
 
 def names() -> list[str]:

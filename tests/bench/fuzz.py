@@ -49,7 +49,7 @@ REFERENCE = Path(__file__).parents[2] / "results" / "reference"
 STRUCTURE = ModelStructure.equidistant(
     n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
 )
-MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line, {"headline": "fits"})
+MODEL = replace(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), report={"headline": "fits"})
 RUN_JSON = json.loads((REFERENCE / "run.json").read_text())
 RUN_JSON["conditions"]["parts"] = RUN_JSON["conditions"]["parts"][:1]
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))

@@ -231,23 +231,10 @@ SELDOM_LATE = np.where(np.isin(np.arange(3000), (10, 700, 2000)), 80.5, 0.5)
 
 
 @pytest.mark.parametrize(
-    ("series", "call", "deadline", "late"),
-    [
-        ([SELDOM_LATE], 0.5, 125.0, (0, 3000)),
-        ([SELDOM_LATE], 50.0, 125.0, (3, 30)),
-        ([SELDOM_LATE], 10.0, 125.0, (0, 150)),
-        ([np.full(500, 0.4), np.full(500, 0.8)], 60.0, 62.0, (0, 10)),
-    ],
-)
-def test_the_floor_is_looked_at_in_blocks_as_long_as_a_call_of_the_candidate_and_each_series_has_its_own_level(
-    series: list[np.ndarray], call: float, deadline: float, late: tuple[int, int]
-) -> None:
-    assert Floor(series).late_blocks(call, deadline) == late
-
-
-@pytest.mark.parametrize(
     ("series", "answers", "explained"),
     [
+        ([SELDOM_LATE], np.full(1000, 0.5), math.ceil(min(UNSEEN, rate_bound(0, 3000)) * 1000)),
+        pytest.param([np.full(500, 0.4), np.full(500, 0.8)], np.full(3000, 124.0), 30, id="each series has its level"),
         ([SELDOM_LATE], np.full(1000, 10.0), math.ceil(min(UNSEEN, rate_bound(0, 150)) * 1000)),
         ([SELDOM_LATE], np.full(1000, 50.0), math.ceil(1000 * min(3 / 30 + UNSEEN, rate_bound(3, 30)))),
         pytest.param([np.full(30, 1.0)], np.full(3000, 30.0), 30, id="unseen: one in a hundred at most"),
@@ -256,7 +243,7 @@ def test_the_floor_is_looked_at_in_blocks_as_long_as_a_call_of_the_candidate_and
         pytest.param([np.full(100, 0.1)], np.zeros(0), 0, id="no answers"),
     ],
 )
-def test_the_machine_explains_what_its_floor_shows_and_a_hundredth_that_was_not_seen_at_most(
+def test_the_machine_explains_what_its_floor_shows_in_blocks_as_long_as_an_answer_and_a_hundredth_unseen_at_most(
     series: list[np.ndarray], answers: np.ndarray, explained: int
 ) -> None:
     assert Floor(series).explained(answers, 125.0) == explained
@@ -516,7 +503,6 @@ def test_a_simulated_actuator_is_refused_unless_it_is_asked_for(
         (lambda data: data.update(x_limits=[1, 0]), "x_limits"),
         (lambda data: data.update(mode="lazy"), "'lazy'"),
         (lambda data: data["model"].pop("w_H"), "w_H"),
-        (lambda data: data.update(settings={"eps": 0.5}), "has no setting"),
         (lambda data: data.pop("model"), "'model' is missing"),
     ],
 )

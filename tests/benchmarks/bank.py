@@ -66,7 +66,7 @@ def cost(count: int, optima_per_s: float, sample_time: float = 1.25e-3) -> tuple
         times.append(perf_counter_ns() - begin)
         loop.drive(x)
     share = np.array(times[-REPEATS * bank.interval :]).reshape(REPEATS, -1).min(axis=0)
-    return share.mean() / count, bank.bytes_per_actuator
+    return share.mean() / count, bank._core.block.size / count
 
 
 def paced(step: Step, loop: Loop, samples: int, period_ns: int) -> tuple[Nanoseconds, Nanoseconds]:

@@ -1,13 +1,6 @@
-"""A day of self-learning in one go: loops and a bank, their error and memory by the hour, and how far each counter is
-from its end.
-
-``PYTHONPATH=. python tests/piezo_model/soak.py [SAMPLES]`` takes 7e8 samples, a day at 8 kHz, of each; the nightly test
-takes fewer.
-"""
+"""Self-learning for very many samples in one go, as of a day: loops and a bank, their error, memory and counters."""
 
 import math
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +23,7 @@ T = 125e-6
 PIECE = 80_000
 """Samples after which every reference begins again, ten seconds."""
 DAY = 700_000_000
+"""Samples at 8 kHz."""
 LOOPS = ("continuous", "cyclic", "bank")
 ACTUATORS = 16
 NOISE_UM = 0.008
@@ -153,36 +147,14 @@ class Bank:
         return found | {name: (int(value.max()), 53) for name, value in self.bank.counts.items()}
 
 
-def soak(kind: str, samples: int, stretch: int, say: bool = False) -> Soak:
+def soak(kind: str, samples: int, stretch: int) -> Soak:
     """Run so many samples, in stretches of so many (whole pieces), after ten pieces of learning."""
     loop = Bank() if kind == "bank" else Loop("continuous" if kind == "continuous" else "cyclic")
     found, pieces = Soak(), stretch // PIECE
     for _ in range(10):
         loop.piece()
-    begin = time.perf_counter()
-    for done in range(max(1, samples // stretch)):
+    for _ in range(samples // stretch):
         found.rms_um.append(math.sqrt(sum(loop.piece() for _ in range(pieces)) / pieces))
         found.resident.append(resident_bytes())
-        found.counters = loop.counters()
-        if say:
-            spent = (time.perf_counter() - begin) / ((done + 1) * pieces * PIECE) * 1e9
-            print(
-                f"{kind:10} {(done + 1) * pieces * PIECE:>11,} samples, "
-                f"{(done + 1) * pieces * PIECE * T / 3600.0:6.2f} h: "
-                f"error {found.rms_um[-1]:.5f} µm RMS, {found.resident[-1] / 2**20:.1f} MiB, {spent:.0f} ns a sample",
-                flush=True,
-            )
+    found.counters = loop.counters()
     return found
-
-
-def main() -> None:
-    samples = int(float(sys.argv[1])) if len(sys.argv) > 1 else DAY
-    for kind in sys.argv[2:] or LOOPS:
-        found = soak(kind, samples, max(PIECE, min(samples, round(3600.0 / T)) // PIECE * PIECE), say=True)
-        for name, (value, bits) in found.counters.items():
-            end = 2.0 ** (bits if bits == 53 else bits - 1)
-            print(f"{kind:10} {name:28} {bits:3} bits {value:>14,} of {end:.1e}: {value / end:.1e}", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -87,6 +87,24 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: SelfLearningCompensator(OTHER, model=MODEL),
         "the model has another structure than the one given",
     ),
+    **{
+        f"{name} of a learner, {value}": (
+            lambda name=name, value=value: SelfLearningCompensator(STRUCTURE, **{name: value}),
+            f"{name} must be {sentence}",
+        )
+        for name, value, sentence in (
+            ("mode", "sideways", "one of cyclic, continuous, not 'sideways'"),
+            ("build_s", 0.0, "a positive number of seconds up to 1e.09, not 0.0"),
+            ("learn_s", math.nan, "a positive number of seconds up to 1e.09, not nan"),
+            ("proximal", -1.0, "at least 0 and below 1, not -1.0"),
+            ("samples_to_solve", 0, r"a whole number from 1 to \d+, not 0"),
+            ("samples_to_solve", 2**70, r"a whole number from 1 to \d+, not"),
+        )
+    },
+    "a solver of a learner": (
+        lambda: SelfLearningCompensator(STRUCTURE, solver="nobody"),
+        "there is no solver 'nobody'",
+    ),
     "an empty bank": (lambda: CompensatorBank(STRUCTURE, 0), "count and threads must be at least 1"),
     "a bank without memory": (
         lambda: CompensatorBank(STRUCTURE, 2, memory_s=0.0),

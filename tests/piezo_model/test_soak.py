@@ -1,4 +1,4 @@
-"""Millions of samples in one go; ``soak.py`` runs the day."""
+"""Millions of samples in one go."""
 
 import pytest
 from soak import DAY, LOOPS, PIECE, soak
