@@ -200,7 +200,10 @@ class IdentificationProblem:
             P = 0.5 * (P + P.T)
             lb[s.slices[1]] = -np.inf
         if scaling == "raw":
-            unit, cost = self._physical_units, s.x_scale**2
+            unit, cost = np.ones(s.d), s.x_scale**2  # V/µm for slopes, V for the offset
+            unit[s.slices[1]] = s.x_scale / abs(s.y_scale)
+            if s.offset:
+                unit[-1] = s.x_scale
         else:
             diagonal = np.diag(P if like is None else like._in_slopes[0])
             unit, cost = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0
@@ -214,16 +217,6 @@ class IdentificationProblem:
         row_unit = 1.0 / np.max(np.abs(rows * D), axis=1)  # rows of largest element one
         G, h = -rows * D * row_unit[:, None], np.full(s.dead_zones, -self.min_slope) * row_unit
         return Form(Problem(P, q, G=G, h=h, lb=lb, ub=upper), c, np.diag(D))
-
-    @cached_property
-    def _physical_units(self) -> Vector:
-        """Physical value of a unit of each variable: 1 for w_H and w_K, V/µm for slopes, V for the offset."""
-        s = self.structure
-        unit = np.ones(s.d)
-        unit[s.slices[1]] = s.x_scale / abs(s.y_scale)
-        if s.offset:
-            unit[-1] = s.x_scale
-        return unit
 
     @property
     def qp(self) -> Problem:

@@ -201,9 +201,9 @@ class HysteresisCreepModel:
         """
         s = self.structure
         if _is_recording(x):
-            from piezo_model.identification.validation import start_in  # which simulates with this method
+            from piezo_model.identification.validation import start_and_transient  # which simulates with this method
 
-            state, x = start_in(self, x) if state is None else state, x.arrays()[0]
+            state, x = start_and_transient(self, x)[0] if state is None else state, x.arrays()[0]
         state = OperatorState.at_rest(s) if state is None else state
         state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))

@@ -91,21 +91,15 @@ class Validation:
             )
 
 
-def start_in(model: HysteresisCreepModel, recording: Recording) -> OperatorState:
-    """States before the first sample of a recording that explain it best; the identification's where these do as well
-    as there.
+def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
+    """The states before the first sample of a recording that explain it best, the identification's where these do as
+    well as there, and how many first samples hold a transient.
 
     Raises
     ------
     IdentificationError
         The sampling period is another one than the model's.
     """
-    return _start_and_transient(model, recording)[0]
-
-
-def _start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
-    """The states before the first sample, and the first samples that hold a transient, as the identification finds
-    them."""
     s = model.structure
     if abs(recording.sample_time / s.sample_time - 1.0) > 1e-3:
         raise IdentificationError(
@@ -144,7 +138,7 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     ):
         if own and other and own != other:
             raise IdentificationError(f"{recording.name}: its {what} is in {own} and that of the model in {other}")
-    (state, skip), lag = _start_and_transient(model, recording), model.report.get("lag")
+    (state, skip), lag = start_and_transient(model, recording), model.report.get("lag")
     (low, high), start = y_range(recording, skip), state.copy()
     span = high - low
     if lag is not None and lag["removed"]:

@@ -39,11 +39,6 @@ class Profile:
     uniform: bool
     """Goes up by nearly the same from row to row."""
 
-    @property
-    def constant(self) -> bool:
-        """All values are one."""
-        return not self.high > self.low
-
 
 def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
     """Profiles of columns by position, in one pass."""

@@ -312,7 +312,7 @@ def _find_signals(search: _Search) -> None:
         return
     _find_time_by_values(search)
     known = {k: search.profiles[k] for k in search.left() if k in search.profiles}
-    lively = [k for k, profile in known.items() if not profile.constant and not profile.counts]
+    lively = [k for k, profile in known.items() if profile.high > profile.low and not profile.counts]
     usual = [k for k in usual if k in lively]
     _by_name(search, usual)
     for group in (usual, lively):

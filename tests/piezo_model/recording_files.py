@@ -1,5 +1,8 @@
 """Files for the tests of recordings, good and bad, and how a refusal must look."""
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -34,3 +37,16 @@ def refusal(path: Path, **columns: str) -> str:
     assert path.name in sentence
     assert "\n" not in sentence
     return sentence
+
+
+@contextmanager
+def without_privileges() -> Iterator[None]:
+    """As a user whom permissions stop."""
+    superuser = os.geteuid() == 0
+    if superuser:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if superuser:
+            os.seteuid(0)

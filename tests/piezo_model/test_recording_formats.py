@@ -121,6 +121,9 @@ def mat_7_3(path: Path) -> None:
         for name, values in (("t", T), ("u", X), ("y", Y)):
             file[name] = values.reshape(1, -1)
             file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        file["#refs#/a"], file["#refs#/b"] = T[:3], T[:5]  # a cell array of unlike lengths
+        file["notes"] = np.array([file[f"#refs#/{name}"].ref for name in "ab"], h5py.ref_dtype)
+        file["notes"].attrs["MATLAB_class"] = np.bytes_("cell")
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
 
@@ -212,6 +215,10 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "MAT 5 struct": (
         mat_struct,
         {"time": "recorded/X/time", "input": "recorded/Y/Piezo voltage", "output": "recorded/Y/Position sensor"},
+    ),
+    "MAT 5 cells": (
+        lambda path: scipy.io.savemat(path, {"log": np.array([T, X, Y, T[:3]], object)}),
+        {"time": "log/1", "input": "log/2", "output": "log/3"},
     ),
     "MAT 4": (
         lambda path: scipy.io.savemat(path.with_suffix(".mat"), {"t": T, "u": X, "y": Y}, format="4"),

@@ -1,4 +1,3 @@
-import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -7,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from recording_files import HEADER, refusal, signals, text_file
+from recording_files import HEADER, refusal, signals, text_file, without_privileges
 
 from piezo_model.recordings import Recording, write_table
 
@@ -106,11 +105,5 @@ def test_an_unreadable_file_is_refused(suffix: str) -> None:
         write_table(path, signals())
         path.chmod(0)
         Path(name).chmod(0o755)
-        superuser = os.geteuid() == 0
-        if superuser:
-            os.seteuid(65534)
-        try:
+        with without_privileges():
             assert "cannot be read: Permission denied" in refusal(path)
-        finally:
-            if superuser:
-                os.seteuid(0)

@@ -7,13 +7,10 @@ import sys
 import time
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import scipy.io
 import unruly_format
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from recording_files import signals
 
 from piezo_model.recordings import Recording, RecordingError, subprocess_reader
@@ -101,30 +98,6 @@ def test_a_child_that_is_busy_ends_with_its_parent_however_that_ends(tmp_path: P
     parent.send_signal(ending)
     parent.wait()
     until(lambda: not child.exists() or "zombie" in (child / "status").read_text())
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    path = tmp_path_factory.mktemp("hdf5") / "stage.h5"
-    with h5py.File(path, "w") as file:
-        for name, values in signals().items():
-            file.create_dataset(name, data=values, chunks=(100,), compression="gzip")
-    return path.read_bytes()
-
-
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_hdf5_with_random_bytes_is_read_or_refused(whole: bytes, tmp_path: Path, data: st.DataObject) -> None:
-    broken, path = bytearray(whole), tmp_path / "stage.h5"
-    for _ in range(data.draw(st.integers(1, 20))):
-        broken[data.draw(st.integers(8, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    path.write_bytes(broken)
-    said = ""
-    try:
-        Recording.open(path)
-    except RecordingError as error:
-        said = str(error)
-    assert not said or (str(path) in said and "\n" not in said)
 
 
 def until(true: object, patience_s: float = 60.0) -> None:

@@ -1,4 +1,3 @@
-import os
 import resource
 import stat
 import tempfile
@@ -6,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_files import HEADER, signals
+from recording_files import HEADER, signals, without_privileges
 
 from piezo_model.recordings import Recording, RecordingError, write_table
 
@@ -72,16 +71,12 @@ def test_a_read_only_folder_is_refused_and_its_files_stay(suffix: str) -> None:
         before = path.read_bytes()
         path.chmod(0o444)
         Path(name).chmod(0o555)
-        superuser = os.geteuid() == 0
-        if superuser:  # whom no permission stops
-            os.seteuid(65534)
-        try:
-            with pytest.raises(RecordingError, match=r"drive.*cannot be written: Permission denied"):
-                write_table(path, {"t": [0, 1, 2]})
-        finally:
-            if superuser:
-                os.seteuid(0)
-            Path(name).chmod(0o755)
+        with (
+            without_privileges(),
+            pytest.raises(RecordingError, match=r"drive.*cannot be written: Permission denied"),
+        ):
+            write_table(path, {"t": [0, 1, 2]})
+        Path(name).chmod(0o755)
         assert path.read_bytes() == before
         assert list(Path(name).iterdir()) == [path]
 

@@ -1,7 +1,8 @@
 """MATLAB files: versions 4 to 7 by scipy, 7.3 (which is HDF5) by pymatreader.
 
 A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``) is a channel of that name, as Simulink and
-dSPACE write them; otherwise a variable is a column by its path, a matrix one column for each of its columns.
+dSPACE write them; otherwise a variable is a column by its path, a matrix one column for each of its columns, and a cell
+array one for each cell.
 """
 
 from collections.abc import Iterator
@@ -62,13 +63,11 @@ def _arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str,
         for key, item in value.items():
             if not str(key).startswith("__"):
                 yield from _arrays(f"{path}/{key}".lstrip("/"), item, units)
-    elif isinstance(value, list | tuple) and value and all(isinstance(item, dict) for item in value):
-        named = [next((item[key] for key in item if key.lower() in NAMES), None) for item in value]
-        for k, item in enumerate(value):
-            yield from _arrays(path if isinstance(named[k], str) and named[k] else f"{path}/{k + 1}", item, units)
-    elif not isinstance(value, str | bytes):
-        array = np.asarray(value) if not isinstance(value, np.ndarray) else value
-        if array.dtype == object and array.size and all(isinstance(item, dict) for item in array.ravel()):
-            yield from _arrays(path, list(array.ravel()), units)
-        elif array.dtype.kind in "iufb":
-            yield path, array
+    elif isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.dtype.kind == "O"):
+        for k, item in enumerate(np.ravel(value) if isinstance(value, np.ndarray) else value, start=1):
+            named = isinstance(item, dict) and any(
+                item[key] and isinstance(item[key], str) for key in item if key.lower() in NAMES
+            )
+            yield from _arrays(path if named else f"{path}/{k}", item, units)
+    elif np.asarray(value).dtype.kind in "iufb":
+        yield path, np.asarray(value)
