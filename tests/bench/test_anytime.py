@@ -5,7 +5,6 @@ import json
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser
@@ -21,7 +20,6 @@ from bench.races.kind import kinds
 from bench.races.oneshot.settings import AnytimeSettings
 from bench.store import Run
 from solvers.certificate import exact_cost_gap
-from solvers.descent import trajectory
 
 Points = list[tuple[float, float]]
 
@@ -209,10 +207,11 @@ def test_points_of_the_projected_steps_are_exact_gaps_of_its_iterates(raced: Rac
     points = raced.limited("projected_difference", "kernel")
     problem = raced.run.problem(points.problem_set.iloc[0], points.problem.iloc[0])
     form = problem.forms["scaled"]
-    qp, eta = form.qp, 1.0 / np.linalg.eigvalsh(form.qp.P)[-1]
+    qp = form.qp
     for limit, gap in zip(points.limit[:5], points.cost_gap[:5], strict=True):
-        w = trajectory(qp.P, qp.q, qp.lb, qp.ub, np.zeros(qp.q.size), eta, (int(limit),))[0]
-        assert gap == pytest.approx(exact_cost_gap(qp, form.certificate, w, form.c).relative, rel=1e-6)
+        solver = solvers.get("projected_difference", steps=int(limit))
+        solver.setup(qp)
+        assert gap == pytest.approx(exact_cost_gap(qp, form.certificate, solver.solve(), form.c).relative, rel=1e-6)
 
 
 @pytest.mark.slow
