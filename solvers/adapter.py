@@ -17,7 +17,22 @@ from qpsolvers import Problem, Solution
 
 from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, only_box
-from solvers.rows import Program, Stack
+from solvers.rows import Cones, Intervals, Program, Stack, Triangle
+
+# All that a file of an adapter needs.
+__all__ = [
+    "Answer",
+    "Cones",
+    "Intervals",
+    "Lane",
+    "LibrarySolver",
+    "Matrix",
+    "Program",
+    "Stack",
+    "Triangle",
+    "Unsupported",
+    "Vector",
+]
 
 
 class Answer(NamedTuple):

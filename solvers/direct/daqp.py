@@ -14,11 +14,9 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Matrix, Program, Stack, Unsupported, Vector
 from solvers.backend import DAQP
 from solvers.core import bindings
-from solvers.protocol import Matrix, Unsupported, Vector
-from solvers.rows import Program, Stack
 
 Sense = NDArray[np.intc]
 IGNORED, EQUAL = 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable

@@ -12,11 +12,10 @@ import weakref
 import daqp
 import numpy as np
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.direct import daqp as direct
 from solvers.kernel._library import CompiledLibrary, fields, opened
-from solvers.rows import Program, Stack
 
 DAQP = opened(
     "daqp",

@@ -11,11 +11,10 @@ import numpy as np
 from osqp import ext_builtin
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Intervals, Program
 from solvers.arrays import address
 from solvers.direct import osqp as direct
 from solvers.kernel._library import CompiledLibrary, fields, opened, vector
-from solvers.rows import Intervals, Program
 
 IN_LOOP = ("osqp_update_data_vec", "osqp_update_data_mat", "osqp_warm_start", "osqp_cold_start", "osqp_solve")
 OSQP = opened(

@@ -13,11 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.backend import PIQP as LIBRARY
 from solvers.kernel._library import CompiledLibrary, fields, folder, opened, vector
-from solvers.rows import Program, Stack
 
 IN_LOOP = ("piqp_update_dense", "piqp_solve")
 PIQP = opened(
