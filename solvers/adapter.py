@@ -17,7 +17,22 @@ from qpsolvers import Problem, Solution
 
 from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, only_box
-from solvers.rows import Program, Stack
+from solvers.rows import Cones, Intervals, Program, Stack, Triangle
+
+# All that a file of an adapter needs.
+__all__ = [
+    "Answer",
+    "Cones",
+    "Intervals",
+    "Lane",
+    "LibrarySolver",
+    "Matrix",
+    "Program",
+    "Stack",
+    "Triangle",
+    "Unsupported",
+    "Vector",
+]
 
 
 class Answer(NamedTuple):
@@ -49,6 +64,8 @@ class LibrarySolver(Solver):
     """Whether it cannot take a variable fixed by lb = ub."""
     at_limit: ClassVar[tuple[str, ...]] = ()
     """How its status begins where its limit of iterations ended a solve."""
+    why_refused: ClassVar[str] = ""
+    """What a refusal by ``refuse`` may mean, from a colon on."""
     program: Program
     rows: Any
     found: bool = False
@@ -122,4 +139,4 @@ class LibrarySolver(Solver):
     def refuse(self, flag: int) -> None:
         """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
         if flag < 0:
-            raise Unsupported(f"{self.name} refuses the data with exit flag {flag}")
+            raise Unsupported(f"{self.name} refuses the data with exit flag {flag}{self.why_refused}")

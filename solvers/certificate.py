@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
@@ -41,7 +40,7 @@ from solvers.exact.linear_algebra import (
     nearest_double,
     power_of_two,
 )
-from solvers.exact.problem import DoubleProblem, finite
+from solvers.exact.problem import DoubleProblem, exact, finite
 from solvers.exact.program import (
     ExactProgram,
     Infeasible,
@@ -71,6 +70,14 @@ SHIFT_SHARE = fmpq(1, 10**12)
 """Largest share of the cost that the shift may make up: the finest accuracy that an answer is judged by."""
 
 
+WORKING_SET = {
+    Kind.LOWER: "lower",
+    Kind.UPPER: "upper",
+    Kind.ROW: "rows",
+    Kind.EQUALITY: "equalities",
+    Kind.PIN: "pinned",
+}
+"""The fields of a certificate that are its working set."""
 Index = Annotated[int, msgspec.Meta(ge=0)]
 
 
@@ -110,16 +117,9 @@ class Certificate:
         except (ValueError, RecursionError) as error:
             raise ValueError(f"this is not a certificate: {error}") from None
 
-    def active(self) -> Iterator[tuple[Kind, int]]:
+    def active(self) -> list[tuple[Kind, int]]:
         """The working set by name."""
-        for kind, indices in (
-            (Kind.EQUALITY, self.equalities),
-            (Kind.LOWER, self.lower),
-            (Kind.UPPER, self.upper),
-            (Kind.ROW, self.rows),
-            (Kind.PIN, self.pinned),
-        ):
-            yield from ((kind, i) for i in indices)
+        return [(kind, i) for kind, field in WORKING_SET.items() for i in getattr(self, field)]
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     x = finite("x", x, data.q.shape)
     budget = Work(work)
     shift, definite = data.convexity_shift(budget)
-    program, factor = data.exact(shift)
+    program, factor = exact(data, shift)
     try:
         W, point = optimum(program, [program.positions[name] for name in data.guess(x)], budget)
     except Unbounded:
@@ -174,23 +174,18 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
         raise
     _check_shift(program, factor, shift, point.x)
     names = [program.constraint(k) for k in W]
-    lower, upper, rows, equalities, pinned = (
-        tuple(sorted(c.index for c in names if c.kind is kind))
-        for kind in (Kind.LOWER, Kind.UPPER, Kind.ROW, Kind.EQUALITY, Kind.PIN)
-    )
+    sets: dict[str, Any] = {
+        field: tuple(sorted(c.index for c in names if c.kind is kind)) for kind, field in WORKING_SET.items()
+    }
     value = program.value(point.x) * factor
     return Certificate(
-        data.fingerprint,
-        lower,
-        upper,
-        rows,
-        equalities,
-        pinned,
-        shift,
-        definite or is_unique(program, point),
-        _rounded(point.x),
-        str(value),
-        nearest_double(value),
+        problem=data.fingerprint,
+        **sets,
+        convexity_shift=shift,
+        unique=definite or is_unique(program, point),
+        x=_rounded(point.x),
+        value=str(value),
+        value_rounded=nearest_double(value),
     )
 
 
@@ -218,7 +213,7 @@ def _rounded(x: RationalColumn) -> tuple[float, ...]:
 
 def _stored_point(program: ExactProgram, certificate: Certificate) -> Point:
     """Line 3 of the proof."""
-    active = list(certificate.active())
+    active = certificate.active()
     for kind, i in active:
         if (kind, i) not in program.positions:
             raise NotCertified(f"proof line 3 (stationarity) fails: the problem has no {kind.value} {i}")
@@ -232,7 +227,7 @@ def _stored_point(program: ExactProgram, certificate: Certificate) -> Point:
 
 def exact_optimum(problem: Problem, certificate: Certificate) -> list[Any]:
     """x* as d rationals (flint.fmpq), rebuilt from the active set; :func:`verify` is what checks them."""
-    program, _ = DoubleProblem.of(problem).exact(certificate.convexity_shift)
+    program, _ = exact(DoubleProblem.of(problem), certificate.convexity_shift)
     return list(_stored_point(program, certificate).x.entries())
 
 
@@ -247,7 +242,7 @@ def verify(problem: Problem, certificate: Certificate) -> None:
     line("1 (problem)", certificate.problem == data.fingerprint, "the certificate belongs to other data")
     shift, definite = data.convexity_shift()
     line("2 (convexity)", certificate.convexity_shift == shift, f"the rule gives the shift {shift!r}")
-    program, factor = data.exact(shift)
+    program, factor = exact(data, shift)
     point = _stored_point(program, certificate)
     for k in point.wrong:
         line("4 (feasibility)", k in point.multipliers, f"x* breaks the {program.constraint(k)}")
@@ -295,7 +290,7 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
         raise ValueError(f"the constant term c is {c}")
     if certificate.problem != data.fingerprint:
         raise NotCertified("proof line 1 (problem) fails: the certificate belongs to other data")
-    program, factor = data.exact(certificate.convexity_shift)
+    program, factor = exact(data, certificate.convexity_shift)
     given = column(x)
     if not (data.h.size or data.b.size):
         feasible = column(np.clip(x, data.lb, data.ub))

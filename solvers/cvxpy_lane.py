@@ -27,10 +27,9 @@ import numpy as np
 import scipy.linalg
 
 from solvers import backend as known
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack
 from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
-from solvers.rows import Program, Stack
 
 # A library that is installed and does not load is absent here, and we say why; CVXPY would say so on standard error in
 # every process.

@@ -20,10 +20,9 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers import backend as known
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack
 from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
-from solvers.rows import Program, Stack
 
 BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,

@@ -81,10 +81,7 @@ class Entry:
         if self.path:
             return only_class(import_file(self.path), self.base)
         module = importlib.import_module(self.module)
-        if hasattr(module, "make"):
-            made: type[Solver] = module.make(self.name)
-            return made
-        return only_class(module, self.base)
+        return module.make(self.name) if hasattr(module, "make") else only_class(module, self.base)
 
 
 @dataclass(frozen=True)
@@ -93,10 +90,10 @@ class Described:
 
     name: str
     lane: Lane
-    algorithm: str
-    version: str
-    licence: str
-    warm_start: bool
+    algorithm: str = ""
+    version: str = ""
+    licence: str = ""
+    warm_start: bool = False
     ladder: tuple[Mapping[str, Any], ...] = ({},)
     """Of a problem whose constant is 1, its defaults included."""
     defaults: Mapping[str, Any] = field(default_factory=dict)
@@ -266,20 +263,13 @@ def describe(entry: Entry) -> Described:
     try:
         cls = entry.load()
     except ImportError as error:
-        return Described(entry.name, entry.lane, "", "", "", False, absent=str(error))
+        return Described(entry.name, entry.lane, absent=str(error))
     try:
         version = importlib.metadata.version(cls.distribution)
     except importlib.metadata.PackageNotFoundError:  # a user's own solver need not belong to a package of that name
         if entry.path is None and not entry.of_package:
-            return Described(
-                entry.name,
-                entry.lane,
-                "",
-                "",
-                "",
-                False,
-                absent=f"its class names the distribution {cls.distribution!r}, which is not installed",
-            )
+            reason = f"its class names the distribution {cls.distribution!r}, which is not installed"
+            return Described(entry.name, entry.lane, absent=reason)
         version = ""
     version = f"{version}, {cls.built_with}" if cls.built_with else version
     ladder = tuple({**cls.always, **rung} for rung in cls.ladder(1.0))

@@ -50,8 +50,8 @@ class Program:
         self.P, self.q = dense(problem)
         self.d = d = self.q.size
         lb, ub = box(problem)
-        A, b = _block(problem.A, problem.b, d)
-        G, h = _block(problem.G, problem.h, d)
+        A, b = dense_rows(problem.A, problem.b, d)
+        G, h = dense_rows(problem.G, problem.h, d)
         self._real: Mask = h < np.inf  # a row of G that forbids nothing is not a row
         G, h = G[self._real], h[self._real]
         self.R: Matrix = np.vstack([np.eye(d), A, G])
@@ -191,9 +191,9 @@ class Triangle:
         return csc_matrix((self.values(P), self.indices.copy(), self.indptr.copy()), shape=self.shape)
 
 
-def _block(matrix: Any, right: Any, d: int) -> tuple[Matrix, Vector]:
+def dense_rows(matrix: Any, right: Any, d: int) -> tuple[Matrix, Vector]:
     """Rows and right-hand side of one kind as dense arrays, with no rows where the problem has none of that kind."""
     if matrix is None:
         return np.zeros((0, d)), np.zeros(0)
     rows = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
-    return np.asarray(rows, dtype=np.float64), np.asarray(right, dtype=np.float64)
+    return np.array(rows, dtype=np.float64, ndmin=2), np.array(right, dtype=np.float64).ravel()

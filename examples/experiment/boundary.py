@@ -84,13 +84,11 @@ def slice_of(problem: IdentificationProblem) -> Slice:
 
 def trajectory(part: Slice, start: Vector, steps: int = STEPS, step_ratio: float = STEP_RATIO) -> tuple[Matrix, Matrix]:
     """Path (steps + 1, 2) of the solver from a start, and where each step would have gone without projection."""
-    engine = solvers.get("projected_difference", step_ratio=step_ratio)
+    engine = solvers.get("projected_difference", step_ratio=step_ratio, steps=1)
     engine.setup(Problem(part.P, part.q, lb=part.lb, ub=np.full(2, np.inf)))
-    engine.begin(start)  # type: ignore[attr-defined]
     path = [np.array(start)]
     for _ in range(steps):
-        engine.advance(1)  # type: ignore[attr-defined]
-        path.append(np.array(engine.answer()))  # type: ignore[attr-defined]
+        path.append(engine.solve(path[-1]))
     w = np.array(path)
     eta = 2.0 * step_ratio / float(np.linalg.eigvalsh(part.P)[-1])
     return w, w - eta * (w @ part.P + part.q)

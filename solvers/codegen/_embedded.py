@@ -19,12 +19,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack
 from solvers.arrays import address
 from solvers.backend import Backend, absolute
 from solvers.codegen._build import CORE, HERE, TIMED, Sources, built_with, library
 from solvers.protocol import Lane, Matrix, Timings, Unsupported, Vector
-from solvers.rows import Program, Stack
 from solvers.timed_calls import time_calls
 
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack
 from solvers.protocol import Vector, box_duals
-from solvers.rows import Program, Stack
 
 
 class Outcome(NamedTuple):

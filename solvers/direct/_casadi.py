@@ -18,9 +18,7 @@ from typing import Any, ClassVar
 import casadi
 import numpy as np
 
-from solvers.adapter import Answer, LibrarySolver
-from solvers.protocol import Vector
-from solvers.rows import Program, Stack
+from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
 
 
 class Conic(LibrarySolver):

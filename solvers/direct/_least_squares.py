@@ -12,9 +12,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
+from solvers.adapter import Matrix, Program, Stack, Unsupported, Vector
 from solvers.direct._box import BoxMinimiser, Outcome
-from solvers.protocol import Matrix, Unsupported, Vector
-from solvers.rows import Program, Stack
 
 
 def cholesky(P: Matrix, name: str) -> Matrix:

@@ -15,10 +15,8 @@ import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import CLARABEL
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program
 
 
 class Clarabel(LibrarySolver):

@@ -12,10 +12,8 @@ import cvxopt
 import cvxopt.solvers
 import numpy as np
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import CVXOPT
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program
 
 
 class Cvxopt(LibrarySolver):

@@ -14,11 +14,9 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Matrix, Program, Stack, Vector
 from solvers.backend import DAQP
 from solvers.core import bindings
-from solvers.protocol import Matrix, Unsupported, Vector
-from solvers.rows import Program, Stack
 
 Sense = NDArray[np.intc]
 IGNORED, EQUAL = 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
@@ -30,6 +28,7 @@ class Daqp(LibrarySolver):
     name = "daqp"
     library = DAQP
     warm_startable = True
+    why_refused = ": P is not positive semidefinite, or bounds cross"
 
     def build(self, p: Program, rows: Stack) -> None:
         self._cold = senses(p)
@@ -42,13 +41,6 @@ class Daqp(LibrarySolver):
         # The strides of what is handed over are ignored: all of it is contiguous and ours.
         self.refuse(self._model.setup(p.P, p.q, p.R[p.general], p.u, p.l, self._cold)[0])
         self._is_cold = True
-
-    def refuse(self, flag: int) -> None:
-        """Raise :class:`Unsupported` where the library refuses the data."""
-        if flag < 0:
-            raise Unsupported(
-                f"daqp refuses the data with exit flag {flag}: P is not positive semidefinite, or bounds cross"
-            )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         p = self.program

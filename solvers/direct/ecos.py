@@ -15,11 +15,9 @@ import ecos
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import ECOS
 from solvers.direct._least_squares import cholesky
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program
 
 
 class Ecos(LibrarySolver):

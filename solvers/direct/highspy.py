@@ -18,10 +18,8 @@ import highspy
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Matrix, Program, Stack, Triangle, Vector
 from solvers.backend import HIGHS
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Program, Stack, Triangle
 
 
 class Highspy(LibrarySolver):

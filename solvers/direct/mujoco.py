@@ -13,10 +13,9 @@ is one rung. It tells an indefinite P, and not whether an answer met the gradien
 import numpy as np
 from mujoco import _functions  # the package mujoco-core, which is this without the viewer and its windows
 
+from solvers.adapter import Program, Stack, Vector
 from solvers.backend import Backend
 from solvers.direct._box import BoxMinimiser, Outcome
-from solvers.protocol import Vector
-from solvers.rows import Program, Stack
 
 
 class Mujoco(BoxMinimiser):

@@ -12,10 +12,8 @@ one factorisation a step, and copies x out of the library's memory. There is no 
 import numpy as np
 import piqp
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Matrix, Program, Stack, Vector
 from solvers.backend import PIQP
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Program, Stack
 
 
 class Piqp(LibrarySolver):

@@ -12,10 +12,8 @@ library takes whole solutions of a nearby problem, not points.
 import numpy as np
 import pounce
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
 from solvers.backend import Backend, share
-from solvers.protocol import Vector
-from solvers.rows import Program, Stack
 
 
 class Pounce(LibrarySolver):

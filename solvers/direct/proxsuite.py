@@ -18,10 +18,8 @@ certain, takes no multipliers to start from, and was not faster. An update wipes
 import numpy as np
 from proxsuite import proxqp
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Intervals, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import PROXQP
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Intervals, Program
 
 
 class Proxsuite(LibrarySolver):

@@ -12,10 +12,8 @@ overwrites it, factorises and iterates. There is no warm start, only the workspa
 import numpy as np
 import pyqpmad
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
 from solvers.backend import PYQPMAD
-from solvers.protocol import Vector
-from solvers.rows import Program, Stack
 
 
 class Pyqpmad(LibrarySolver):

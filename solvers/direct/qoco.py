@@ -21,10 +21,8 @@ import numpy as np
 import qoco
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import QOCO, absolute, nothing
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program
 
 ABSTOL = 1e-9
 

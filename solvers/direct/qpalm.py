@@ -14,10 +14,8 @@ import numpy as np
 import qpalm
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Intervals, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import QPALM
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Intervals, Program
 
 
 class Qpalm(LibrarySolver):

@@ -16,10 +16,8 @@ import jax
 import numpy as np
 import qpax
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Program, Vector
 from solvers.backend import QPAX
-from solvers.protocol import Vector
-from solvers.rows import Cones, Program
 
 jax.config.update("jax_enable_x64", True)
 

@@ -12,10 +12,8 @@ left alone, the library takes the first that it finds, MKL's where its wheel bri
 import qtqp
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Unsupported, Vector
 from solvers.backend import QTQP
-from solvers.protocol import Matrix, Unsupported, Vector
-from solvers.rows import Cones, Program
 
 
 class Qtqp(LibrarySolver):

@@ -12,10 +12,8 @@ factorises and iterates. There is no object to keep, no tolerance to set and no 
 import numpy as np
 import quadprog
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import QUADPROG
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program
 
 NO_ANSWER = ("no solution", "not positive definite")  # what the library's ValueError says when the problem is at fault
 

@@ -14,11 +14,9 @@ from functools import partial
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
 from solvers.backend import Backend, absolute
 from solvers.direct._box import bound_duals, cost, inside
-from solvers.protocol import Vector
-from solvers.rows import Program, Stack
 
 
 class ScipySlsqp(LibrarySolver):

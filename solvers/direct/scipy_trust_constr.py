@@ -17,11 +17,9 @@ from functools import partial
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
 from solvers.backend import Backend, absolute, share
 from solvers.direct._box import cost, inside
-from solvers.protocol import Vector
-from solvers.rows import Program, Stack
 
 CONVERGED = (1, 2, 4)
 """The library's statuses for the gradient's test, the trust radius's, and either of them with rows violated by gtol."""

@@ -18,10 +18,8 @@ import numpy as np
 import sip_python as sip
 from scipy.sparse import csc_matrix, csr_matrix
 
-from solvers.adapter import Answer, LibrarySolver
+from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import Backend, absolute, unscaled
-from solvers.protocol import Matrix, Vector
-from solvers.rows import Cones, Program
 
 
 class Sip(LibrarySolver):

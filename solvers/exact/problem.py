@@ -18,7 +18,6 @@ import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpz
@@ -38,22 +37,12 @@ from solvers.exact.linear_algebra import (
 )
 from solvers.exact.program import Constraint, ExactProgram, Kind
 from solvers.protocol import Matrix, Vector, box, dense
+from solvers.rows import dense_rows
 
 SHIFT_LIMIT = 1e-12
 """Largest accepted shift, in units of trace(P)/d."""
 NEAR = 1e-6
 """Relative slack under which a row is guessed active; a wrong guess costs pivots, never truth."""
-
-
-def _rows(M: Any, d: int) -> Matrix:
-    """Constraint rows as a dense (m, d) array; M is an array, a scipy sparse matrix or None."""
-    if M is None:
-        return np.zeros((0, d))
-    return np.array(M if isinstance(M, np.ndarray) else M.toarray(), dtype=np.float64, ndmin=2)
-
-
-def _right(v: Any) -> Vector:
-    return np.zeros(0) if v is None else np.array(v, dtype=np.float64).ravel()
 
 
 def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Vector:
@@ -93,14 +82,16 @@ class DoubleProblem:
     def of(cls, problem: Problem) -> DoubleProblem:
         """Read a problem; raises ValueError for NaN, an infinity where none has a meaning, or a wrong shape."""
         P, q = dense(problem)
-        d, h, b = q.size, _right(problem.h), _right(problem.b)
+        d = q.size
+        G, h = dense_rows(problem.G, problem.h, d)
+        A, b = dense_rows(problem.A, problem.b, d)
         lb, ub = box(problem)
         return cls(
             finite("P", P, (d, d)),
             finite("q", q, (d,)),
-            finite("G", _rows(problem.G, d), (h.size, d)),
+            finite("G", G, (h.size, d)),
             _half_finite("h", h, h.shape, np.inf),
-            finite("A", _rows(problem.A, d), (b.size, d)),
+            finite("A", A, (b.size, d)),
             finite("b", b, b.shape),
             _half_finite("lb", lb, (d,), -np.inf),
             _half_finite("ub", ub, (d,), np.inf),
@@ -144,10 +135,6 @@ class DoubleProblem:
                 for i in np.flatnonzero(np.isfinite(bound)).tolist()
             ]
         return tuple(found)
-
-    def exact(self, shift: float) -> tuple[ExactProgram, Rational]:
-        """The exact program with P + shift·I, and the factor that turns its cost into V."""
-        return _exact(self, shift)
 
     def _is_plainly_definite(self) -> bool:
         """Whether a Cholesky factorisation in doubles proves P ≻ 0; where it does not, P may be so all the same.
@@ -224,8 +211,11 @@ class DoubleProblem:
 
 
 @lru_cache(maxsize=128)
-def _exact(data: DoubleProblem, shift: float) -> tuple[ExactProgram, Rational]:
-    """Many answers are judged on few programs, and to read one costs more than to judge an answer."""
+def exact(data: DoubleProblem, shift: float) -> tuple[ExactProgram, Rational]:
+    """The exact program with P + shift·I, and the factor that turns its cost into V.
+
+    Many answers are judged on few programs, and to read one costs more than to judge an answer.
+    """
     P, exponent = _shifted(*data._symmetric, shift)
     return ExactProgram(P, column(data.q) * power_of_two(-exponent), data.constraints()), power_of_two(exponent)
 

@@ -86,6 +86,11 @@ def fields(declarations: str) -> tuple[tuple[str, Any], ...]:
     )
 
 
+def structure(declarations: str, **more: Any) -> type[ctypes.Structure]:
+    """A structure of these fields, and of further ones of other types after them."""
+    return type("Structure", (ctypes.Structure,), {"_fields_": (*fields(declarations), *more.items())})
+
+
 def vector(pointer: int, size: int) -> Vector:
     """A copy of numbers in a library's memory, shape (size,)."""
     return np.array((ctypes.c_double * size).from_address(pointer)) if size else np.zeros(0)

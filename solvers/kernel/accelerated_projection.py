@@ -11,16 +11,14 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-import numpy as np
-from qpsolvers import Problem, Solution
+from qpsolvers import Problem
 
 from solvers.core import bindings
 from solvers.descent import ProjectedGradient
-from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Solver, Timings, Vector, box_solution, dense, only_box
+from solvers.protocol import Vector
 
 
-class AcceleratedProjection(Ours, Solver):
+class AcceleratedProjection(ProjectedGradient):
     """Accelerated projected gradient.
 
     Settings
@@ -41,12 +39,10 @@ class AcceleratedProjection(Ours, Solver):
     [0.0, 2.0]
     """
 
-    name: ClassVar[str] = "accelerated_projection"
-    lane: ClassVar[Lane] = Lane.KERNEL
-    algorithm: ClassVar[str] = "accelerated projected gradient"
-    warm_startable: ClassVar[bool] = True
-    iteration_setting: ClassVar[str | None] = "steps"
+    name = "accelerated_projection"
+    algorithm = "accelerated projected gradient"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"tolerance": 1e-13})
+    timed_loop = bindings.time_accelerated
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -54,51 +50,13 @@ class AcceleratedProjection(Ours, Solver):
         return tuple({"tolerance": 10.0**-k} for k in (3, 4, 5, 6, 8, 10, 12, 13))
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, scale and find the step.
-
-        Raises
-        ------
-        Unsupported
-            The problem has general rows.
-        ValueError
-            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds
-            cross.
-        """
-        self._lb, self._ub = only_box(problem, self.name)
+        """Allocate, scale and find the step."""
         self._tolerance, self._steps = float(self.settings["tolerance"]), int(self.settings.get("steps", 100_000))
         self._scaled = bool(self.settings.get("diagonal_scaling", True))
-        self._P, self._q = dense(problem)
-        self._method = ProjectedGradient(self._lb, self._ub, self.name)
-        self.update(self._P, self._q)
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P (a new step follows from it) or q; raises ValueError as ``setup`` does."""
-        if P is not None:
-            np.copyto(self._P, P)
-        if q is not None:
-            np.copyto(self._q, q)
-        self._method.take(None if P is None else self._P, None if q is None else self._q, 0.5, self._scaled)
+        super().setup(problem)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is ``warm_start``, or 0, clipped."""
-        self._method.start(warm_start)
-        bindings.accelerated_steps(self._method.state, self._steps, self._tolerance)
-        return self._method.answer()
-
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
-        timings = self._method.time(
-            bindings.time_accelerated, self._steps, self._tolerance, 0.5, self._scaled, P, q, warm_start, most_ns
-        )
-        last = timings[0].size - 1
-        self._P[:], self._q[:] = P[last], q[last]
-        return timings
-
-    def solution(self) -> Solution:
-        """Return the last iterate; found says whether it met the tolerance within the steps."""
-        return box_solution(
-            Problem(self._P, self._q, lb=self._lb, ub=self._ub),
-            self._method.answer(),
-            self._method.met,
-            steps=self._method.taken,
-        )
+        self.start(warm_start)
+        bindings.accelerated_steps(self.state, self._steps, self._tolerance)
+        return self.answer()

@@ -23,22 +23,22 @@ Control Optim. 14 (1976) 877.
 """
 
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, OK, REASONS, bindings, block, padded, parts
-from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
+from solvers.core import CAPPED, OK, bindings, block, padded, parts
+from solvers.ours import OurSolver
+from solvers.protocol import Matrix, Nanoseconds, Timings, Vector, box_solution, dense, only_box
 from solvers.timed_calls import follow_rows, time_calls
 
 COUNTS = ("exchanges", "refinements", "proximal_steps")
 """What the head of the state counts, in its order (BoxHead in box.h)."""
 
 
-class BoxActiveSet(Ours, Solver):
+class BoxActiveSet(OurSolver):
     """Exact box QP solver, cold or warm; it has no tolerance, so its ladder has one rung.
 
     Settings
@@ -59,10 +59,9 @@ class BoxActiveSet(Ours, Solver):
     [0.0, 2.0]
     """
 
-    name: ClassVar[str] = "box_active_set"
-    lane: ClassVar[Lane] = Lane.KERNEL
-    algorithm: ClassVar[str] = "dual active set"
-    warm_startable: ClassVar[bool] = True
+    name = "box_active_set"
+    algorithm = "dual active set"
+    warm_startable = True
 
     def setup(self, problem: Problem) -> None:
         """Allocate, scale and invert.
@@ -79,7 +78,7 @@ class BoxActiveSet(Ours, Solver):
         P, q = dense(problem)
         self._warm = bool(self.settings.get("warm", False))
         self.state = block(bindings.box_bytes(q.size))
-        _accept(bindings.box_setup(self.state, self._lb, self._ub))
+        self.accept(bindings.box_setup(self.state, self._lb, self._ub))
         self._parts = parts(self.state, bindings.box_places(self.state))
         self._answer = self._parts["answer"]
         self.counts("cap")[0] = int(self.settings.get("most_exchanges", 0))
@@ -94,7 +93,7 @@ class BoxActiveSet(Ours, Solver):
         except (TypeError, ValueError, BufferError):  # not as C wants them, which need not be wrong
             status = bindings.box_take(self.state, self._like(P, 2), self._like(q, 1))
         if status:
-            _accept(status)
+            self.accept(status)
 
     def _like(self, data: Any, ndim: int) -> Matrix | None:
         if data is None:
@@ -114,11 +113,11 @@ class BoxActiveSet(Ours, Solver):
         """
         warm = self._warm
         if warm_start is not None:
-            _accept(bindings.box_start(self.state, self._like(warm_start, 1)))
+            self.accept(bindings.box_start(self.state, self._like(warm_start, 1)))
             warm = True
         self._status = bindings.box_solve(self.state, warm)
         if self._status:
-            _accept(self._status)
+            self.accept(self._status)
         return self._answer
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
@@ -126,7 +125,7 @@ class BoxActiveSet(Ours, Solver):
         self._status, timings = time_calls(
             partial(bindings.time_box, self.state, self._warm), P, q, warm_start, most_ns
         )
-        _accept(self._status)
+        self.accept(self._status)
         return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
@@ -134,7 +133,7 @@ class BoxActiveSet(Ours, Solver):
         self._status, answers, nanoseconds = follow_rows(
             partial(bindings.box_follow, self.state), *self._data(), rows, forgetting
         )
-        _accept(self._status)
+        self.accept(self._status)
         return answers, nanoseconds
 
     def solution(self) -> Solution:
@@ -150,7 +149,7 @@ class BoxActiveSet(Ours, Solver):
             self._answer,
             self._status == OK,
             **counts,
-            regularised=self._regularised,
+            regularised=bool(self.counts("singular")[0]),
             capped=self._status == CAPPED,
         )
 
@@ -162,17 +161,8 @@ class BoxActiveSet(Ours, Solver):
         """Return a view of what the head of the state counts from this name on."""
         return self._parts[name].view(np.int32)
 
-    @property
-    def _regularised(self) -> bool:
-        return bool(self.counts("singular")[0])
-
     def _data(self) -> tuple[Matrix, Vector]:
         """P and q as they were taken; P from its scaled copy, which is exact."""
         d = self._lb.size
         P = self.part("P").reshape(d, padded(d))[:, :d]
         return P / self.part("scale") / self.part("scale")[:, None], self.part("raw_q").copy()
-
-
-def _accept(status: int) -> None:
-    if status not in (OK, CAPPED):
-        raise ValueError(f"box_active_set: {REASONS[status]}")

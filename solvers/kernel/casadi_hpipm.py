@@ -13,12 +13,11 @@ for a processor.
 
 import numpy as np
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import Vector, address
 from solvers.backend import HPIPM as LIBRARY
 from solvers.core import block
 from solvers.kernel._library import CompiledLibrary, folder, opened
-from solvers.rows import Program, Stack
 
 IN_LOOP = (
     "d_dense_qp_set_H",

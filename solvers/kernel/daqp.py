@@ -8,15 +8,15 @@ where they are, and an empty active set; ``solve`` is ``daqp_solve`` and the cop
 
 import ctypes
 import weakref
+from typing import Any
 
 import daqp
 import numpy as np
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.direct import daqp as direct
-from solvers.kernel._library import CompiledLibrary, fields, opened
-from solvers.rows import Program, Stack
+from solvers.kernel._library import CompiledLibrary, opened, structure
 
 DAQP = opened(
     "daqp",
@@ -32,38 +32,26 @@ DAQP = opened(
     ),
 )
 
+Settings = structure("""
+    double primal_tol, dual_tol, zero_tol, pivot_tol, progress_tol; int cycle_tol, iter_limit; double fval_bound,
+    eps_prox, eta_prox,
+    rho_soft, rel_subopt, abs_subopt, sing_tol, refactor_tol, time_limit, w_soft; int eq_reduction, presolve;""")
+"""``DAQPSettings``."""
 
-class Settings(ctypes.Structure):
-    """``DAQPSettings``."""
+QP = structure("int n, m, ms; double *H, *f, *A, *bupper, *blower; int *sense, *break_points, nh, problem_type;")
+"""``DAQPProblem``."""
 
-    _fields_ = fields("""
-        double primal_tol, dual_tol, zero_tol, pivot_tol, progress_tol; int cycle_tol, iter_limit; double fval_bound,
-        eps_prox, eta_prox,
-        rho_soft, rel_subopt, abs_subopt, sing_tol, refactor_tol, time_limit, w_soft; int eq_reduction, presolve;""")
+Workspace = structure("""
+    void *qp; int n, m, ms; double *M, *dupper, *dlower, *Rinv, *v; int *sense; double *scaling, *RinvD, *x,
+    *xold, *lam, *lam_star, *u,
+    fval, *L, *D, *xldl, *zldl; int reuse_ind, *WS, n_active, iterations, sing_ind, *prox_mask, n_prox; double
+    soft_slack;
+    void *settings, *bnb; int outer_iter; void *hierarchy, *avi, *eq, *timer; double *Mu, *rho_ls, *rho_us, *w_ls,
+    *w_us; int state;""")
+"""``DAQPWorkspace``."""
 
-
-class QP(ctypes.Structure):
-    """``DAQPProblem``."""
-
-    _fields_ = fields("int n, m, ms; double *H, *f, *A, *bupper, *blower; int *sense, *break_points, nh, problem_type;")
-
-
-class Workspace(ctypes.Structure):
-    """``DAQPWorkspace``."""
-
-    _fields_ = fields("""
-        void *qp; int n, m, ms; double *M, *dupper, *dlower, *Rinv, *v; int *sense; double *scaling, *RinvD, *x,
-        *xold, *lam, *lam_star, *u,
-        fval, *L, *D, *xldl, *zldl; int reuse_ind, *WS, n_active, iterations, sing_ind, *prox_mask, n_prox; double
-        soft_slack;
-        void *settings, *bnb; int outer_iter; void *hierarchy, *avi, *eq, *timer; double *Mu, *rho_ls, *rho_us, *w_ls,
-        *w_us; int state;""")
-
-
-class Result(ctypes.Structure):
-    """``DAQPResult``."""
-
-    _fields_ = fields("double *x, *lam, fval, soft_slack; int exitflag, iter, nodes; double solve_time, setup_time;")
+Result = structure("double *x, *lam, fval, soft_slack; int exitflag, iter, nodes; double solve_time, setup_time;")
+"""``DAQPResult``."""
 
 
 class Daqp(CompiledLibrary, direct.Daqp):
@@ -101,7 +89,7 @@ class Daqp(CompiledLibrary, direct.Daqp):
         return Answer(self.x, self._lam, f"exit flag {r.exitflag}", r.iter, 1e6 * r.solve_time)
 
 
-def _release(work: Workspace, *held: object) -> None:
+def _release(work: Any, *held: object) -> None:
     """Let go what the library allocated; the settings are ours, and what it has pointers to lives until now."""
     work.settings = None
     DAQP.free_daqp_workspace(ctypes.byref(work))

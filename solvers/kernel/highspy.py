@@ -11,11 +11,10 @@ from pathlib import Path
 import highspy
 import numpy as np
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Program, Stack, Triangle
 from solvers.arrays import address
 from solvers.direct import highspy as direct
 from solvers.kernel._library import CompiledLibrary, opened
-from solvers.rows import Program, Stack, Triangle
 
 IN_LOOP = (
     "Highs_passHessian",

@@ -9,10 +9,9 @@ from pathlib import Path
 
 from mujoco import _functions
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Program, Stack
 from solvers.direct import mujoco as direct
 from solvers.kernel._library import CompiledLibrary, opened
-from solvers.rows import Program, Stack
 
 VERSION = "4.0.1"
 MUJOCO = opened(

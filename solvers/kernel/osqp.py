@@ -11,11 +11,10 @@ import numpy as np
 from osqp import ext_builtin
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Intervals, Program
 from solvers.arrays import address
 from solvers.direct import osqp as direct
-from solvers.kernel._library import CompiledLibrary, fields, opened, vector
-from solvers.rows import Intervals, Program
+from solvers.kernel._library import CompiledLibrary, fields, opened, structure, vector
 
 IN_LOOP = ("osqp_update_data_vec", "osqp_update_data_mat", "osqp_warm_start", "osqp_cold_start", "osqp_solve")
 OSQP = opened(
@@ -23,24 +22,18 @@ OSQP = opened(
 )
 INFINITY = 1e30
 
+Settings = structure("""
+    int device, linsys_solver, allocate_solution, verbose, profiler_level, warm_starting, scaling, polishing;
+    double rho; int rho_is_vec;
+    double sigma, alpha; int cg_max_iter, cg_tol_reduction; double cg_tol_fraction; int cg_precond, adaptive_rho,
+    adaptive_rho_interval;
+    double adaptive_rho_fraction, adaptive_rho_tolerance; int max_iter; double eps_abs, eps_rel, eps_prim_inf,
+    eps_dual_inf;
+    int scaled_termination, check_termination, check_dualgap; double time_limit, delta; int polish_refine_iter;""")
+"""``OSQPSettings``."""
 
-class Settings(ctypes.Structure):
-    """``OSQPSettings``."""
-
-    _fields_ = fields("""
-        int device, linsys_solver, allocate_solution, verbose, profiler_level, warm_starting, scaling, polishing;
-        double rho; int rho_is_vec;
-        double sigma, alpha; int cg_max_iter, cg_tol_reduction; double cg_tol_fraction; int cg_precond, adaptive_rho,
-        adaptive_rho_interval;
-        double adaptive_rho_fraction, adaptive_rho_tolerance; int max_iter; double eps_abs, eps_rel, eps_prim_inf,
-        eps_dual_inf;
-        int scaled_termination, check_termination, check_dualgap; double time_limit, delta; int polish_refine_iter;""")
-
-
-class Matrix(ctypes.Structure):
-    """``OSQPCscMatrix``; nz is -1 for compressed columns."""
-
-    _fields_ = fields("int m, n; int *p, *i; double *x; int nzmax, nz, owned;")
+Matrix = structure("int m, n; int *p, *i; double *x; int nzmax, nz, owned;")
+"""``OSQPCscMatrix``; nz is -1 for compressed columns."""
 
 
 class Info(ctypes.Structure):
@@ -55,17 +48,11 @@ class Info(ctypes.Structure):
     )
 
 
-class Solver(ctypes.Structure):
-    """``OSQPSolver``, and the beginning of its ``OSQPSolution``."""
-
-    _fields_ = (
-        ("settings", ctypes.c_void_p),
-        ("solution", ctypes.POINTER(ctypes.c_void_p * 2)),
-        ("info", ctypes.POINTER(Info)),
-    )
+Solver = structure("void *settings;", solution=ctypes.POINTER(ctypes.c_void_p * 2), info=ctypes.POINTER(Info))
+"""``OSQPSolver``, and the beginning of its ``OSQPSolution``."""
 
 
-def compressed(matrix: csc_matrix) -> Matrix:
+def compressed(matrix: csc_matrix) -> ctypes.Structure:
     """A view of a matrix that lives at least as long."""
     m, n = matrix.shape
     return Matrix(m, n, *(part.ctypes.data for part in (matrix.indptr, matrix.indices, matrix.data)), matrix.nnz, -1, 0)

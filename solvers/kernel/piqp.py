@@ -13,11 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.backend import PIQP as LIBRARY
-from solvers.kernel._library import CompiledLibrary, fields, folder, opened, vector
-from solvers.rows import Program, Stack
+from solvers.kernel._library import CompiledLibrary, folder, opened, structure, vector
 
 IN_LOOP = ("piqp_update_dense", "piqp_solve")
 PIQP = opened(
@@ -36,41 +35,29 @@ MESSAGES = {
     -10: "PIQP_INVALID_SETTINGS",
 }
 
+Settings = structure("""
+    double rho_init, delta_init, eps_abs, eps_rel; int check_duality_gap; double eps_duality_gap_abs,
+    eps_duality_gap_rel,
+    infeasibility_threshold, reg_lower_limit, reg_finetune_lower_limit; int reg_finetune_primal_update_threshold,
+    reg_finetune_dual_update_threshold, max_iter, max_factor_retires, preconditioner_scale_cost,
+    preconditioner_reuse_on_update,
+    preconditioner_iter; double tau; int kkt_solver, iterative_refinement_always_enabled; double
+    iterative_refinement_eps_abs,
+    iterative_refinement_eps_rel; int iterative_refinement_max_iter; double
+    iterative_refinement_min_improvement_rate,
+    iterative_refinement_static_regularization_eps, iterative_refinement_static_regularization_rel; int verbose,
+    compute_timings;""")
+"""``piqp_settings``."""
 
-class Settings(ctypes.Structure):
-    """``piqp_settings``."""
+Data = structure("int n, p, m; double *P, *c, *A, *b, *G, *h_l, *h_u, *x_l, *x_u;")
+"""``piqp_data_dense``; matrices row by row, NULL for what is not there."""
 
-    _fields_ = fields("""
-        double rho_init, delta_init, eps_abs, eps_rel; int check_duality_gap; double eps_duality_gap_abs,
-        eps_duality_gap_rel,
-        infeasibility_threshold, reg_lower_limit, reg_finetune_lower_limit; int reg_finetune_primal_update_threshold,
-        reg_finetune_dual_update_threshold, max_iter, max_factor_retires, preconditioner_scale_cost,
-        preconditioner_reuse_on_update,
-        preconditioner_iter; double tau; int kkt_solver, iterative_refinement_always_enabled; double
-        iterative_refinement_eps_abs,
-        iterative_refinement_eps_rel; int iterative_refinement_max_iter; double
-        iterative_refinement_min_improvement_rate,
-        iterative_refinement_static_regularization_eps, iterative_refinement_static_regularization_rel; int verbose,
-        compute_timings;""")
+Result = structure("""
+    double *x, *y, *z_l, *z_u, *z_bl, *z_bu, *s_l, *s_u, *s_bl, *s_bu; int status, iter;""")
+"""``piqp_result``, and as far as it is read the ``piqp_info`` in it."""
 
-
-class Data(ctypes.Structure):
-    """``piqp_data_dense``; matrices row by row, NULL for what is not there."""
-
-    _fields_ = fields("int n, p, m; double *P, *c, *A, *b, *G, *h_l, *h_u, *x_l, *x_u;")
-
-
-class Result(ctypes.Structure):
-    """``piqp_result``, and as far as it is read the ``piqp_info`` in it."""
-
-    _fields_ = fields("""
-        double *x, *y, *z_l, *z_u, *z_bl, *z_bu, *s_l, *s_u, *s_bl, *s_bu; int status, iter;""")
-
-
-class Workspace(ctypes.Structure):
-    """``piqp_workspace``."""
-
-    _fields_ = (*fields("void *solver; int is_dense, n, p, m;"), ("result", ctypes.POINTER(Result)))
+Workspace = structure("void *solver; int is_dense, n, p, m;", result=ctypes.POINTER(Result))
+"""``piqp_workspace``."""
 
 
 class Piqp(CompiledLibrary):

@@ -14,18 +14,17 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from qpsolvers import Problem, Solution
+from qpsolvers import Problem
 
-from solvers.core import OK, REASONS, bindings
+from solvers.core import bindings
 from solvers.descent import ProjectedGradient
-from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, box_solution, dense, only_box
-from solvers.timed_calls import Timings, follow_rows
+from solvers.protocol import Matrix, Nanoseconds, Unsupported, Vector
+from solvers.timed_calls import follow_rows
 
 MOST_STEPS = 2**53
 
 
-class ProjectedDifference(Ours, Solver):
+class ProjectedDifference(ProjectedGradient):
     """Projected gradient with a fixed step, for problems with bounds only.
 
     A number of steps is asked for and not a tolerance, so its rungs are numbers of steps.
@@ -54,12 +53,10 @@ class ProjectedDifference(Ours, Solver):
     [0.875, 0.0]
     """
 
-    name: ClassVar[str] = "projected_difference"
-    lane: ClassVar[Lane] = Lane.KERNEL
-    algorithm: ClassVar[str] = "projected gradient"
-    warm_startable: ClassVar[bool] = True
-    iteration_setting: ClassVar[str | None] = "steps"
+    name = "projected_difference"
+    algorithm = "projected gradient"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})
+    timed_loop = bindings.time_projected
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -67,92 +64,39 @@ class ProjectedDifference(Ours, Solver):
         return tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, find the step and store P for it.
-
-        Raises
-        ------
-        Unsupported
-            The problem has general rows.
-        ValueError
-            A number is not finite where it must be, P is indefinite, bounds cross, or a setting is out of range.
-        """
-        self._lb, self._ub = only_box(problem, self.name)
-        settings = self.settings
-        numbers = {
-            "steps": settings["steps"],
-            "step_ratio": settings.get("step_ratio", 0.5),
-            "tolerance": settings.get("tolerance"),
-        }
-        for name, value in numbers.items():
-            if not (isinstance(value, Real) or (name == "tolerance" and value is None)):
-                raise ValueError(f"{self.name}: {name} must be a number, and it is {value!r}")
+        """Allocate, find the step and store P for it; raises ValueError for a setting out of range, too."""
+        numbers: dict[str, Any] = {"step_ratio": 0.5, "tolerance": None, **self.settings}
+        for name in ("steps", "step_ratio", "tolerance"):
+            if not (isinstance(numbers[name], Real) or (name == "tolerance" and numbers[name] is None)):
+                raise ValueError(f"{self.name}: {name} must be a number, and it is {numbers[name]!r}")
         if not 0 <= numbers["steps"] <= MOST_STEPS:
             raise ValueError(f"{self.name}: steps must be from 0 to {MOST_STEPS}, and it is {numbers['steps']}")
         self._steps, self._ratio = int(numbers["steps"]), float(numbers["step_ratio"])
         self._tolerance = -1.0 if numbers["tolerance"] is None else float(numbers["tolerance"])
-        self._scaled = bool(settings.get("diagonal_scaling", False))
-        if not 0 < self._ratio < (np.inf if settings.get("allow_divergence", False) else 1):
+        self._scaled = bool(numbers.get("diagonal_scaling", False))
+        if not 0 < self._ratio < (np.inf if numbers.get("allow_divergence", False) else 1):
             raise ValueError(
                 f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
                 f"{self._ratio}; allow_divergence=True permits more"
             )
-        self._P, self._q = dense(problem)
-        self._descent = ProjectedGradient(self._lb, self._ub, self.name)
-        self.update(self._P, self._q)
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P (a new step follows from it) or q; raises ValueError as ``setup`` does."""
-        if P is not None:
-            np.copyto(self._P, P)
-        if q is not None:
-            np.copyto(self._q, q)
-        self._descent.take(None if P is None else self._P, None if q is None else self._q, self._ratio, self._scaled)
+        super().setup(problem)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the last iterate, shape (d,); the first is the projection of ``warm_start``, or of 0."""
-        self.begin(warm_start)
-        self.advance(self._steps)
+        self.start(warm_start)
+        bindings.projected_steps(self.state, self._steps, self._tolerance)
         return self.answer()
-
-    def begin(self, start: Vector | None) -> None:
-        """Put the recursion at the projection of ``start`` (d,), to be moved on by ``advance`` as the machine runs."""
-        self._descent.start(start)
-
-    def advance(self, steps: int) -> None:
-        """Take so many steps from where the recursion stands."""
-        self._descent.run(steps, self._tolerance)
-
-    def answer(self) -> Vector:
-        """Return the iterate (d,) where the recursion stands."""
-        return self._descent.answer()
-
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
-        timings = self._descent.time(
-            bindings.time_projected, self._steps, self._tolerance, self._ratio, self._scaled, P, q, warm_start, most_ns
-        )
-        last = timings[0].size - 1
-        self._P[:], self._q[:] = P[last], q[last]
-        return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
         """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but
         the data."""
         if self._scaled or self._tolerance >= 0.0:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
-        loop = partial(bindings.projected_follow, self._descent.state, self._ratio, self._steps)
+        loop = partial(bindings.projected_follow, self.state, self._ratio, self._steps)
         status, answers, nanoseconds = follow_rows(loop, self._P, self._q, rows, forgetting)
-        if status != OK:
-            raise ValueError(f"{self.name}: {REASONS[status]}")
+        self.accept(status)
         return answers, nanoseconds
 
-    def solution(self) -> Solution:
-        """Return the last iterate; ``extras`` say steps and step size."""
-        x = self.answer()
-        return box_solution(
-            Problem(self._P, self._q, lb=self._lb, ub=self._ub),
-            x,
-            bool(np.isfinite(x).all()),
-            steps=self._descent.taken,
-            eta=self._descent.eta,
-        )
+    def found(self, x: Vector) -> bool:
+        """Whether the steps have not diverged; how exact x is, a number of steps does not say."""
+        return bool(np.isfinite(x).all())

@@ -7,10 +7,9 @@ overwrites them, and calls its function, which leaves its answer in our array.
 import numpy as np
 import quadprog
 
-from solvers.adapter import Answer
+from solvers.adapter import Answer, Cones, Program
 from solvers.direct import quadprog as direct
 from solvers.kernel._library import CompiledLibrary, opened
-from solvers.rows import Cones, Program
 
 QUADPROG = opened("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
 MESSAGES = ("solved", "constraints are inconsistent, no solution", "matrix G is not positive definite")

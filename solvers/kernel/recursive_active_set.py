@@ -13,14 +13,13 @@ data that have no minimum.
 
 from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, bindings, block, padded, parts
-from solvers.ours import Ours
-from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Timings, Vector, box_solution, dense, only_box
+from solvers.core import CAPPED, NOT_FINITE, OK, bindings, block, padded, parts
+from solvers.ours import OurSolver
+from solvers.protocol import Matrix, Nanoseconds, Timings, Vector, box_solution, dense, only_box
 from solvers.timed_calls import time_calls
 
 LARGEST = 1e100
@@ -29,7 +28,7 @@ FOUND = 1e-12
 """Relative violation of the optimality conditions above which an answer does not count as found."""
 
 
-class RecursiveActiveSet(Ours, Solver):
+class RecursiveActiveSet(OurSolver):
     """Exact box QP solver that takes rows.
 
     Settings
@@ -56,10 +55,9 @@ class RecursiveActiveSet(Ours, Solver):
     [1.0, 1.0]
     """
 
-    name: ClassVar[str] = "recursive_active_set"
-    lane: ClassVar[Lane] = Lane.KERNEL
-    algorithm: ClassVar[str] = "principal pivoting on a recursively updated inverse"
-    takes_rows: ClassVar[bool] = True
+    name = "recursive_active_set"
+    algorithm = "principal pivoting on a recursively updated inverse"
+    takes_rows = True
 
     def setup(self, problem: Problem) -> None:
         """Allocate, and find the optimum of the data so far.
@@ -84,11 +82,11 @@ class RecursiveActiveSet(Ours, Solver):
             raise ValueError(f"{self.name}: proximal must not be negative, but it is {proximal}")
         d = lb.size
         state, (P, q) = block(bindings.recursive_bytes(d)), dense(problem)
-        self._accept(bindings.recursive_setup(state, lb, ub, forgetting, weight, proximal))
+        self.accept(bindings.recursive_setup(state, lb, ub, forgetting, weight, proximal))
         places = bindings.recursive_places(state)
         found = parts(state, places)
         found["cap"].view(np.int32)[0] = int(self.settings.get("most_exchanges", 0))
-        self._accept(bindings.recursive_begin(state, P, q))
+        self.accept(bindings.recursive_begin(state, P, q))
         self._lb, self._ub, self._P, self._q, self.state, self._places, self._parts = lb, ub, P, q, state, places, found
         self._row, self._answer, self._forgetting, self._capped = (
             np.zeros(d + 1),
@@ -103,7 +101,7 @@ class RecursiveActiveSet(Ours, Solver):
         q = self._q if q is None else np.array(q, dtype=np.float64)
         if P.shape != self._P.shape or q.shape != self._q.shape:
             raise ValueError(f"{self.name}: P {P.shape} and q {q.shape} are not of the size of the problem set up")
-        self._accept(bindings.recursive_begin(self.state, P, q))
+        self.accept(bindings.recursive_begin(self.state, P, q))
         self._P, self._q, self._capped = P, q, False
 
     def append(self, row: Vector, target: float) -> None:
@@ -117,22 +115,12 @@ class RecursiveActiveSet(Ours, Solver):
             raise ValueError(f"{self.name}: the row holds a number that is not finite, or above {LARGEST:g}")
         self._capped = status == CAPPED
         if status not in (OK, CAPPED):
-            self.recover()
+            self.accept(bindings.recursive_recover(self.state))  # anew from the data so far, by the cold exact solver
 
-    def recover(self) -> None:
-        """Begin anew from the data so far, by the cold exact solver."""
-        self._accept(bindings.recursive_recover(self.state))
-
-    def append_many(self, rows: Matrix) -> tuple[Matrix, Nanoseconds]:
-        """Take rows (ξ, x), shape (N, d + 1), in one compiled call.
-
-        Returns
-        -------
-        answers : array (N, d)
-            The optimum after each row.
-        nanoseconds : array (N,)
-            What each took.
-        """
+    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows in one compiled call; the data are this solver's own work and part of the time."""
+        if forgetting != self._forgetting:
+            raise ValueError(f"{self.name}: was set up with forgetting {self._forgetting}, not {forgetting}")
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         d = self._q.size
         if rows.ndim != 2 or rows.shape[1] != d + 1:
@@ -145,20 +133,14 @@ class RecursiveActiveSet(Ours, Solver):
         answers, nanoseconds = np.empty((rows.shape[0], d)), np.empty(rows.shape[0], dtype=np.int64)
         status = bindings.recursive_take_rows(self.state, rows, answers, nanoseconds)
         self._capped = status == CAPPED
-        self._accept(status)
+        self.accept(status)
         return answers, nanoseconds
-
-    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows as :meth:`append_many` does; the data are this solver's own work and part of the time."""
-        if forgetting != self._forgetting:
-            raise ValueError(f"{self.name}: was set up with forgetting {self._forgetting}, not {forgetting}")
-        return self.append_many(rows)
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Start anew from each P and q, which includes finding the optimum, timed as solves; there is no update
         apart."""
         status, timings = time_calls(partial(bindings.time_recursive, self.state), P, q, warm_start, most_ns)
-        self._accept(status)
+        self.accept(status)
         last = timings[0].size - 1
         self._P, self._q, self._capped = np.array(P[last]), np.array(q[last]), status == CAPPED
         return timings
@@ -214,7 +196,3 @@ class RecursiveActiveSet(Ours, Solver):
             cold_starts=cold_starts,
             error=error,
         )
-
-    def _accept(self, status: int) -> None:
-        if status not in (OK, CAPPED):
-            raise ValueError(f"{self.name}: {REASONS[status]}")

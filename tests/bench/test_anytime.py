@@ -4,7 +4,6 @@ iterations."""
 import json
 import math
 
-import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser
@@ -18,7 +17,6 @@ from bench.derived.ranking import PACE
 from bench.races.kind import kinds
 from bench.races.oneshot.settings import AnytimeSettings
 from solvers.certificate import exact_cost_gap
-from solvers.descent import trajectory
 
 Points = list[tuple[float, float]]
 
@@ -174,10 +172,11 @@ def test_points_of_the_projected_steps_are_exact_gaps_of_its_iterates(race: Race
     points = limited(race, "projected_difference", "kernel")
     problem = race.run.problem(points.problem_set.iloc[0], points.problem.iloc[0])
     form = problem.forms["scaled"]
-    qp, eta = form.qp, 1.0 / np.linalg.eigvalsh(form.qp.P)[-1]
+    qp = form.qp
     for limit, gap in zip(points.limit[:5], points.cost_gap[:5], strict=True):
-        w = trajectory(qp.P, qp.q, qp.lb, qp.ub, np.zeros(qp.q.size), eta, (int(limit),))[0]
-        assert gap == pytest.approx(exact_cost_gap(qp, form.certificate, w, form.c).relative, rel=1e-6)
+        solver = solvers.get("projected_difference", steps=int(limit))
+        solver.setup(qp)
+        assert gap == pytest.approx(exact_cost_gap(qp, form.certificate, solver.solve(), form.c).relative, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -22,7 +22,6 @@ from piezo_model.core import bindings
 from piezo_model.signals import multi_sine
 from solvers.arrays import Matrix, Vector
 from solvers.core import BUILT_WITH
-from solvers.descent import limit
 
 SAMPLES = 64_000
 SHORT = 4_000
@@ -97,7 +96,7 @@ def projected_step(repeats: int) -> list[Row]:
     ours = min(solver.time_kernel(less[:, None, None] * P, less[:, None] * q)[1]) / steps
 
     def numpy_steps(count: int) -> Vector:
-        w, eta = np.maximum(np.zeros(q.size), lb), 0.5 * limit(P)
+        w, eta = np.maximum(np.zeros(q.size), lb), 1.0 / np.linalg.eigvalsh(P)[-1]
         for _ in range(count):
             w = np.maximum(w - eta * (P @ w + q), lb)
         return w

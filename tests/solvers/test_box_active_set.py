@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import get
-from solvers.core import OK, bindings, block
 
 EPS = np.finfo(float).eps
 quick = settings(max_examples=60, deadline=None)
@@ -41,19 +40,11 @@ def residual(P, q, lb, ub, x):
     return np.abs(wrong).max() / max(np.abs(q).max(), np.abs(x).max())
 
 
-@quick
-@given(seed=seeds, d=st.integers(1, 20), decades=st.floats(0, 7))
-def test_it_ends_at_the_exact_optimum_of_random_boxes(seed, d, decades):
+@settings(max_examples=120, deadline=None)
+@given(seed=seeds, d=st.integers(1, 20), decades=st.floats(0, 12))
+def test_it_ends_at_the_exact_optimum_and_at_condition_numbers_up_to_1e12_within_1e_12_of_its_cost(seed, d, decades):
     P, q, lb, ub = random_program(seed, d, decades)
-    assert relative_gap(P, q, lb, ub, answer(P, q, lb, ub)) < 1e-18
-
-
-@quick
-@given(seed=seeds, d=st.integers(1, 12), decades=st.floats(0, 12))
-def test_the_cost_is_the_exact_optimum_to_1e_12_for_condition_numbers_up_to_1e12(seed, d, decades):
-    P, q, lb, ub = random_program(seed, d, decades)
-    x = solver(P, q, lb, ub).solve()
-    assert relative_gap(P, q, lb, ub, x) < 1e-12
+    assert relative_gap(P, q, lb, ub, solver(P, q, lb, ub).solve()) < (1e-18 if decades <= 7 else 1e-12)
 
 
 def hard_program(kind, rng, d):
@@ -141,14 +132,6 @@ def test_directions_that_P_does_not_see_stay_at_the_warm_start_or_go_to_zero():
     s = solver(P, np.array([-2.0, -2.0, 0.0]), np.full(3, -INF), np.full(3, INF))
     np.testing.assert_allclose(s.solve(), [1.0, 1.0, 0.0], atol=1e-4)
     np.testing.assert_allclose(s.solve(np.array([3.0, 0.0, 7.0])), [2.5, -0.5, 7.0], atol=1e-4)
-
-
-@pytest.mark.parametrize("smallest", [-1e-9, -1e-3, -1.0])
-def test_an_indefinite_P_is_refused_in_one_sentence(smallest):
-    U = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
-    P = U * np.array([smallest, 0.1, 0.2, 0.5, 1.0, 2.0]) @ U.T
-    with pytest.raises(ValueError, match=r"^box_active_set: P is indefinite beyond rounding"):
-        solver((P + P.T) / 2, np.ones(6), np.zeros(6), np.ones(6))
 
 
 @quick
@@ -250,9 +233,3 @@ def test_a_cap_of_exchanges_ends_at_a_feasible_point_from_which_warm_solves_reac
         assert not s.solution().found
     assert s.solution().found
     assert 0.5 * (x - best) @ P @ (x - best) <= 1e-13 * np.abs(q) @ np.abs(best) + 1e-300
-
-
-def test_the_core_takes_a_problem_without_variables_which_the_protocol_refuses():
-    nothing, state = np.zeros(0), block(bindings.box_bytes(0))
-    assert bindings.box_setup(state, nothing, nothing) == bindings.box_take(state, np.zeros((0, 0)), nothing) == OK
-    assert bindings.box_solve(state, 0) == OK

@@ -449,8 +449,9 @@ def test_a_library_that_does_not_load_is_absent_in_silence(tmp_path: Path) -> No
 
 def test_qpsolvers_refuses_what_it_would_hand_to_scipy() -> None:
     for name in qpsolvers_lane.HANDED_TO_SCIPY & set(qpsolvers_lane.installed()):
-        with pytest.raises(Unsupported, match=name):
-            ready(Lane.QPSOLVERS, name, Problem(np.eye(2), np.ones(2)))
+        for problem in (Problem(np.eye(2), np.ones(2)), Problem(np.eye(2), np.ones(2), lb=np.full(2, -np.inf))):
+            with pytest.raises(Unsupported, match=name):
+                ready(Lane.QPSOLVERS, name, problem)
 
 
 def test_cvxpy_compiles_the_problem_once_since_it_is_dpp() -> None:
