@@ -12,7 +12,6 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench.derived.tier_settings import tier_settings
 from bench.messages.task import NO_SETTING, Task, settings_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
@@ -107,21 +106,6 @@ def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
     assert "in 2 fresh processes" in report
 
 
-def test_repeats_are_one_row_with_medians_and_spread_and_raw_times_of_each(drift_race: Race) -> None:
-    rows, times = drift_race.found.rows, drift_race.run.times()
-    assert sorted(drift_race.rows["repeat"].unique()) == [0, 1]
-    assert (rows.repeats == 2).all()
-    assert rows.task.is_unique
-    hot = times[times.what == "solve"]
-    for row in rows.itertuples():
-        ns = dict(hot[hot.task == row.task][["repeat", "ns"]].itertuples(index=False))
-        assert sorted(ns) == [0, 1]
-        p50 = [np.median(each) / 1e3 for each in ns.values()]
-        assert row.solve_us_p50 == pytest.approx(np.median(p50))
-        assert row.solve_us_spread == pytest.approx(np.ptp(p50) / np.median(p50))
-        assert row.samples == sum(each.size for each in ns.values())
-
-
 def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
     asked = (drift_race.run.path.parent / "says_who.py.pids").read_text().split()
     assert len(set(asked)) == 2 * 2  # repeats, passes
@@ -132,16 +116,10 @@ def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_one_setting_eac
     rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
     turns = times[times.what == "interleaved_solve"].set_index("task").ns
     assert {ns.size for ns in turns} == {8}
-    # by first answers
-    settings = tier_settings(clean_race.rows[clean_race.rows.solver != "null"].assign(timed_gap=np.nan))
-    high = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
-    assert (high.setting != "").all()
-    chosen = {*zip(high.scaling, high.solver, high.setting, strict=True)}
+    plan = {(each["scaling"], each["solver"], each["setting"]) for each in clean_race.run.settings["second_pass"]}
     at = [
-        (row.scaling, row.solver, row.setting) in chosen
-        or (row.scaling == "raw" and row.is_default)
-        or row.solver == "null"
-        for row in rows.itertuples()
+        key in plan or key[1] == "null"
+        for key in rows[["scaling", "solver", "setting"]].itertuples(index=False, name=None)
     ]
     quick = rows[np.array(at) & (rows.update_us + rows.solve_us_p50 <= LONGEST_US)]
     assert len(quick) >= 5
