@@ -48,8 +48,8 @@ class Percentile:
         return f"p{100.0 * self.q:.10g}"
 
 
-def needed(q: float, confidence: float = CONFIDENCE) -> int:
-    """Fewest samples whose range covers the q-quantile with the confidence asked for.
+def needed(q: float) -> int:
+    """Fewest samples whose range covers the q-quantile.
 
     Examples
     --------
@@ -59,30 +59,30 @@ def needed(q: float, confidence: float = CONFIDENCE) -> int:
     if not 0.0 < q < 1.0:
         raise ValueError(f"a percentile lies between 0 and 1 as a share, not at {q}")
     tail = max(q, 1.0 - q)
-    count = max(1, math.floor(math.log(1.0 - confidence) / math.log(tail)))
-    while q**count + (1.0 - q) ** count > 1.0 - confidence:
+    count = max(1, math.floor(math.log(1.0 - CONFIDENCE) / math.log(tail)))
+    while q**count + (1.0 - q) ** count > 1.0 - CONFIDENCE:
         count += 1
     return count
 
 
-def ranks(samples: int, q: float, confidence: float = CONFIDENCE) -> tuple[int, int]:
+def ranks(samples: int, q: float) -> tuple[int, int]:
     """Ranks l and u, counted from 1, of the interval of the q-quantile; ValueError where the sample is too small."""
-    if samples < needed(q, confidence):
-        raise ValueError(f"needs {needed(q, confidence)} samples")
-    below = above = 0.5 * (1.0 - confidence)
+    if samples < needed(q):
+        raise ValueError(f"needs {needed(q)} samples")
+    below = above = 0.5 * (1.0 - CONFIDENCE)
     if q**samples > above:  # not even the maximum leaves so little above it
         above = q**samples
-        below = 1.0 - confidence - above
+        below = 1.0 - CONFIDENCE - above
     elif (1.0 - q) ** samples > below:
         below = (1.0 - q) ** samples
-        above = 1.0 - confidence - below
+        above = 1.0 - CONFIDENCE - below
     low = int(binom.ppf(below, samples, q))  # the smallest k with F(k) ≥ below, and F(l − 1) ≤ below is wanted
     low += int(binom.cdf(low, samples, q) <= below)
     high = int(binom.isf(above, samples, q)) + 1  # the smallest k with 1 − F(k) ≤ above is u − 1
     return max(low, 1), min(high, samples)
 
 
-def percentile(sample: ArrayLike, q: float, confidence: float = CONFIDENCE) -> Percentile:
+def percentile(sample: ArrayLike, q: float) -> Percentile:
     """The q-quantile of a sample, with its interval or the reason why it is refused.
 
     Examples
@@ -94,7 +94,7 @@ def percentile(sample: ArrayLike, q: float, confidence: float = CONFIDENCE) -> P
     """
     ordered = np.sort(np.asarray(sample, dtype=np.float64))
     try:
-        low, high = ranks(ordered.size, q, confidence)
+        low, high = ranks(ordered.size, q)
     except ValueError as error:
         return Percentile(q, reason=str(error))
     rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
@@ -113,7 +113,7 @@ def tail_cells(sample: ArrayLike, quantiles: Sequence[float] = QUANTILES, digits
     return ["–" if value is None else f"{value:.{digits}f}" for value in values]
 
 
-def rate_bound(events: int, samples: int, confidence: float = CONFIDENCE) -> float:
+def rate_bound(events: int, samples: int) -> float:
     """Clopper and Pearson's upper bound of the rate of events, from how many there were in so many samples.
 
     Examples
@@ -121,4 +121,4 @@ def rate_bound(events: int, samples: int, confidence: float = CONFIDENCE) -> flo
     >>> round(rate_bound(0, 2995), 6)
     0.001
     """
-    return float(binomtest(events, samples, alternative="less").proportion_ci(confidence, method="exact").high)
+    return float(binomtest(events, samples, alternative="less").proportion_ci(CONFIDENCE, method="exact").high)

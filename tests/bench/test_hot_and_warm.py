@@ -12,7 +12,6 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench.derived.tier_settings import tier_settings
 from bench.messages.task import NO_SETTING, Task, settings_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
@@ -76,21 +75,6 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert len(both) == 2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2)
 
 
-def test_a_warm_start_has_the_setting_whose_first_answers_reach_a_billionth_else_a_millionth_else_the_default(
-    drift_race: Race,
-) -> None:
-    found = drift_race.found
-    first = tier_settings(drift_race.rows.assign(timed_gap=np.nan))
-    reached = first[first.setting != ""].set_index(["solver", "lane", "tier"]).setting
-    warm = drift_race.rows[drift_race.rows.start == "warm"]
-    for key, part in warm.groupby(["solver", "lane"]):
-        default = found.rows[
-            found.rows.is_default & (found.rows.solver == key[0]) & (found.rows.lane == key[1])
-        ].setting.iloc[0]
-        assert set(part.setting) == {reached.get((*key, "high"), reached.get((*key, "mid"), default))}
-        assert len(part) == 2 * 2  # repeats, problems
-
-
 def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_thousand_calls_in_all(
     drift_race: Race, clean_race: Race
 ) -> None:
@@ -104,12 +88,14 @@ def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_tho
         assert (samples.xs("null", level="solver") >= 3000).all()
 
 
-def test_a_solver_that_can_start_warm_takes_turns_cold_and_warm(drift_race: Race) -> None:
+def test_a_solver_that_can_start_warm_takes_turns_cold_and_warm_at_the_setting_of_the_second_pass(
+    drift_race: Race,
+) -> None:
     plan = drift_race.run.settings["second_pass"]
     chosen = {(each["solver"], each["lane"], each["setting"]) for each in plan}
     rows = drift_race.rows[drift_race.rows.solver.isin(["daqp", "box_active_set"])]
     at = rows[[key in chosen for key in zip(rows.solver, rows.lane, rows.setting, strict=True)]]
-    assert set(at.start) == {"cold", "warm"}
+    assert at.groupby("start").size().to_dict() == {"cold": 2 * 2 * 4, "warm": 2 * 2 * 4}  # repeats, problems, lanes
     assert at.interleaved_us_p50.notna().all()
 
 
@@ -118,21 +104,6 @@ def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
     assert re.search(r"\| box_active_set† \| kernel \| high \|.*\| drift \| scaled \| warm \|", report)
     assert "Started from the optimum of the problem before" in report
     assert "in 2 fresh processes" in report
-
-
-def test_repeats_are_one_row_with_medians_and_spread_and_raw_times_of_each(drift_race: Race) -> None:
-    rows, times = drift_race.found.rows, drift_race.run.times()
-    assert sorted(drift_race.rows["repeat"].unique()) == [0, 1]
-    assert (rows.repeats == 2).all()
-    assert rows.task.is_unique
-    hot = times[times.what == "solve"]
-    for row in rows.itertuples():
-        ns = dict(hot[hot.task == row.task][["repeat", "ns"]].itertuples(index=False))
-        assert sorted(ns) == [0, 1]
-        p50 = [np.median(each) / 1e3 for each in ns.values()]
-        assert row.solve_us_p50 == pytest.approx(np.median(p50))
-        assert row.solve_us_spread == pytest.approx(np.ptp(p50) / np.median(p50))
-        assert row.samples == sum(each.size for each in ns.values())
 
 
 def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
@@ -145,16 +116,10 @@ def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_one_setting_eac
     rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
     turns = times[times.what == "interleaved_solve"].set_index("task").ns
     assert {ns.size for ns in turns} == {8}
-    # by first answers
-    settings = tier_settings(clean_race.rows[clean_race.rows.solver != "null"].assign(timed_gap=np.nan))
-    high = settings[(settings.tier == "high") & (settings.scaling == "scaled")]
-    assert (high.setting != "").all()
-    chosen = {*zip(high.scaling, high.solver, high.setting, strict=True)}
+    plan = {(each["scaling"], each["solver"], each["setting"]) for each in clean_race.run.settings["second_pass"]}
     at = [
-        (row.scaling, row.solver, row.setting) in chosen
-        or (row.scaling == "raw" and row.is_default)
-        or row.solver == "null"
-        for row in rows.itertuples()
+        key in plan or key[1] == "null"
+        for key in rows[["scaling", "solver", "setting"]].itertuples(index=False, name=None)
     ]
     quick = rows[np.array(at) & (rows.update_us + rows.solve_us_p50 <= LONGEST_US)]
     assert len(quick) >= 5

@@ -1,24 +1,18 @@
-"""A new kind of race is one new folder and nothing else: that of the documentation, and one with problems, settings and
-times of its own."""
+"""A new kind of race is one new folder and nothing else: that of the documentation."""
 
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import documents
-import numpy as np
 import pandas as pd
 import pytest
-from conftest import saved
 
 import bench
 from bench.races.kind import kinds
-from bench.store import Run
 
 PAGE = Path(__file__).parents[2] / "docs" / "adding-a-race.md"
-RESTART = Path(__file__).with_name("restart_race")
 STOP = """        if task.repeat and (self.run.path.parent / "stop").exists():
             raise OSError("the coin rolled away")
 """
@@ -26,22 +20,19 @@ STOP = """        if task.repeat and (self.run.path.parent / "stop").exists():
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package as it is, by links, and two folders beside those of the other races; the race of the page can be
-    stopped after a task."""
+    """The package as it is, by links, and a folder beside those of the other races, whose race can be stopped after a
+    task."""
     root, real = tmp_path_factory.mktemp("root"), Path(bench.__file__).parent
-    races = root / "bench" / "races"
-    for name in ("toss", "restart"):
-        (races / name).mkdir(parents=True)
-        (races / name / "__init__.py").touch()
+    toss = root / "bench" / "races" / "toss"
+    toss.mkdir(parents=True)
+    (toss / "__init__.py").touch()
     for source in (*real.iterdir(), *(real / "races").iterdir()):
         target = root / "bench" / source.relative_to(real)
         if not target.exists():
             target.symlink_to(source)
     for block in documents.blocks(PAGE):
         text = re.sub(r"( +def judged\(.*\n)", rf"\1{STOP}", block.text)
-        (races / "toss" / block.rest.removeprefix('title="').removesuffix('"')).write_text(text)
-    for path in RESTART.glob("*.py"):
-        (races / "restart" / path.name).symlink_to(path)
+        (toss / block.rest.removeprefix('title="').removesuffix('"')).write_text(text)
     return root
 
 
@@ -94,53 +85,3 @@ def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> No
     refused = piezobench(root, "race", "--race", "loop", "--tosses", 4)
     assert refused.returncode == 2
     assert "--tosses: is for the race toss; the race loop does not use it" in refused.stderr
-
-
-@pytest.mark.slow
-def test_a_kind_with_problems_and_times_of_its_own_is_watched_killed_and_resumed_like_any_other(root: Path) -> None:
-    run = Run(root / "jumped")
-    words = (
-        "race",
-        "--race",
-        "restart",
-        "--jumps",
-        3,
-        "--known-s",
-        0.25,
-        "--solver",
-        "daqp",
-        "--solver",
-        "osqp",
-        "--lane",
-        "direct",
-        "--repeats",
-        2,
-        "--tier",
-        "default",
-        "--tier",
-        "high",
-        "--out",
-        root,
-        "--name",
-        "jumped",
-    )
-    with subprocess.Popen(
-        [sys.executable, "-m", "bench", *map(str, words)], cwd=root, stdout=subprocess.DEVNULL
-    ) as race:
-        while race.poll() is None and len(list((run.path / "tasks").glob("[!.]*.npz"))) < 3:
-            time.sleep(0.01)
-        race.kill()
-    kept = saved(run, "first")
-    assert 3 <= len(kept) < 2 * 2 * 3
-    resumed = piezobench(root, "resume", run.path)
-    assert resumed.returncode == 0, resumed.stderr
-    assert "of 16 solver lanes were right after the jump." in resumed.stdout
-    assert run.settings["settings"]["known_s"] == 0.25
-    rows, times = pd.read_parquet(run.path / "restart.parquet"), run.times().set_index("task").ns
-    assert len(rows) == 2 * 2 * 2 * 2  # repeats, problems, solvers, tiers
-    assert (rows[(rows.solver == "daqp")].status == "ok").all()
-    assert (rows.answers == 3).all()
-    assert (rows.first_us_p50 > 0.0).all()
-    assert all(np.array_equal(times[task], ns) for task, ns in kept.items())
-    assert len(run.settings["conditions"]["parts"]) == 2 * 2
-    assert not run.sentinel_samples().empty

@@ -39,6 +39,8 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
             status=("status", least_good),
             rms_percent=("rms_percent", root_mean_square),
             max_percent=("max_percent", "max"),
+            rms_um=("rms_um", root_mean_square),
+            max_um=("max_um", "max"),
             straight_rms_percent=("straight_rms_percent", root_mean_square),
             hand_overs=("hand_overs", "min"),
             refused=("refused", "max"),
@@ -47,8 +49,6 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
         )
         .reset_index()
     )
-    table["rms_um"] = table.rms_percent / 100.0 * RANGE_UM
-    table["max_um"] = table.max_percent / 100.0 * RANGE_UM
     table["label"] = [
         f"{marked(line.solver)}, {settings_label(line.settings) or tier_label(line.tier, line.basis)}"
         for line in table.itertuples()

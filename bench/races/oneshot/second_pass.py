@@ -8,8 +8,8 @@ measures some of the rows again from which they follow, and a resumed race has t
 
 Where solvers take turns, each sits ready in its own process, all on the same core, and has one update and solve a
 round, in a shuffled order; between two turns of one solver all others have had theirs, so that it finds the caches as
-they left them. A compensator that has other work in a sampling period sits between this and the hot figures. So a
-problem is never divided between workers.
+they left them. Cold solves have rounds of their own, and so have warm ones. A compensator that has other work in a
+sampling period sits between this and the hot figures. So a problem is never divided between workers.
 """
 
 import math
@@ -73,7 +73,7 @@ class SecondPass(Pass):
                     self.measure(run, pool, task, fresh, Effort(1.0, 1, self.calls), look_closer=False)
             elif not run.is_done(task):
                 self.measure(run, pool, task, FreshData(self.form, effort.most), effort, look_closer=True)
-        for start in ("cold", "warm") if self.settings.rounds else ():  # a process has one solver ready at a time
+        for start in ("cold", "warm") if self.settings.rounds else ():
             self._take_turns(run, pool, [task for task in self.turns if task.start == start])
         return [run.task(task)[0][0] for task in self.tasks]
 
@@ -106,7 +106,7 @@ def take_turns(
     Parameters
     ----------
     tasks : sequence of Task
-        All on one problem in one scaling.
+        All on one problem in one scaling, one of each solver lane, whose process has one solver ready.
     children : mapping
         By name and lane.
     form : CertifiedForm

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from bench.messages.task import Setting, Task, limited, settings_of
 from bench.problems.protocol import RaceProblem
+from bench.races.chosen_settings import default_setting
 from bench.races.settings import RaceSettings, option
 from piezo_model.identification_problem import Scaling
 from solvers import Lane
@@ -54,8 +55,8 @@ def tasks_of(
     for solver in field:
         if solver.lane is Lane.CVXPY and number not in evenly(len(problems), MOST_OF_CVXPY):
             continue
-        chosen = measured(solver) if first else settings_of(solver)
-        asked: list[tuple[Setting, dict[str, int]]] = [(each, {}) for each in chosen if first or each.is_default]
+        chosen = measured(solver) if first else [default_setting(solver)]
+        asked: list[tuple[Setting, dict[str, int]]] = [(setting, {}) for setting in chosen]
         if solver.iteration_setting and first:
             rungs = {setting.text for setting in settings_of(solver)}
             limits = {limit: limited(solver, limit) for limit in settings.iteration_limits}

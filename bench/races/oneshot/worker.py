@@ -65,12 +65,9 @@ class OneShot(Request):
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task, at first once more to warm up; the same failures come again then."""
 
-        def another() -> TimedSolver:
-            return TimedSolver(cls, self.task, Problem(**self.fields), self.c, self.warm_start, self.times_itself)
-
         def work() -> Outcome:
-            solver = _waiting[self.task.key] = another()
-            return solver.begin(another)
+            solver = _waiting[self.task.key] = TimedSolver(cls, self)
+            return solver.begin()
 
         _waiting.clear()
         if first:
@@ -117,45 +114,32 @@ _waiting: dict[str, TimedSolver] = {}
 
 
 class TimedSolver:
-    """A solver that is set up on a problem, with data of its own for updates.
+    """A solver that is set up on the problem of a request, with data of its own for updates."""
 
-    Parameters
-    ----------
-    cls, task, problem, c, warm_start, times_itself
-        As of :class:`OneShot`.
-    """
-
-    def __init__(
-        self, cls: type[Solver], task: Task, problem: Problem, c: float, warm_start: Vector | None, times_itself: bool
-    ) -> None:
-        self._given = problem, warm_start
+    def __init__(self, cls: type[Solver], request: OneShot) -> None:
+        self._cls, self._request, self._given = cls, request, Problem(**request.fields)
         # A solver that writes into one spoils neither the other nor ours.
-        self._handed, self._updated = copied(problem), copied(problem)
-        self._start = None if warm_start is None else warm_start.copy()
-        self._time = time_kernel if times_itself else time_block
-        self.asked = task.asked(cls, c)
+        self._handed, self._updated = copied(self._given), copied(self._given)
+        self._start = None if request.warm_start is None else request.warm_start.copy()
+        self._time = time_kernel if request.times_itself else time_block
+        self.asked = request.task.asked(cls, request.c)
         self.solver = cls(**self.asked)
-        P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
-        self._update = partial(self.solver.update, P=P, q=self._updated.q)  # update takes dense data
         self._solve: Callable[[], Any] = (
             self.solver.solve if self._start is None else partial(self.solver.solve, self._start)
         )
         self._setups: list[int] = []
-        # the iterate at the limit is what is asked for, whatever the solver says of it
-        self._limited = task.setting.rung_text != ""
-        self._first: Vector = np.zeros(0)
         self._spoiled = False
 
-    def begin(self, another: Callable[[], TimedSolver]) -> Outcome:
+    def begin(self) -> Outcome:
         """Set up and solve the first problem, untimed but for the set-up."""
-        self._another = another
-        self._setups = [self.setup()]
+        self._setups.append(self.setup())
         found = self._solve()
         self._first = x = real(found)
         info = solver_info(self.solver.solution())
-        if self._limited and not np.isfinite(x).all() and (stood := self.solver.iterate()) is not None:
-            x = real(stood)
-        info["found"] |= self._limited and bool(np.isfinite(x).all())
+        if self._request.task.setting.rung_text:  # the iterate at the limit is the answer, whatever the solver reports
+            if not np.isfinite(x).all() and (stood := self.solver.iterate()) is not None:
+                x = real(stood)
+            info["found"] |= bool(np.isfinite(x).all())
         return Outcome(
             x=x, asked=self.asked, returned="" if type(found) is np.ndarray else type(found).__name__, **info
         )
@@ -179,12 +163,13 @@ class TimedSolver:
 
     def end(self, budget_s: float) -> Outcome:
         """Whether the first data give the first answer again, and whether inputs are as they were."""
-        self._update()
+        P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
+        self.solver.update(P=P, q=self._updated.q)  # which takes dense data
         again = real(self._solve())
         changed = self.were_inputs_changed()
         for _ in range(2):
             if sum(self._setups) < budget_s * 1e9:
-                self._setups.append(self._another().setup())
+                self._setups.append(TimedSolver(self._cls, self._request).setup())
         return Outcome(
             found=True,
             repeatable=bool(np.array_equal(self._first, again, equal_nan=True)),
@@ -194,11 +179,12 @@ class TimedSolver:
 
     def were_inputs_changed(self) -> bool:
         """Whether the solver wrote into what it was given."""
-        problem, warm_start = self._given
         pairs = [
-            pair for taken in (self._handed, self._updated) for pair in zip(arrays(problem), arrays(taken), strict=True)
+            pair
+            for taken in (self._handed, self._updated)
+            for pair in zip(arrays(self._given), arrays(taken), strict=True)
         ]
-        pairs += [] if warm_start is None else [(warm_start, self._start)]
+        pairs += [] if self._start is None else [(self._request.warm_start, self._start)]
         return self._spoiled or any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
