@@ -26,7 +26,7 @@ from bench.messages.task import NO_SETTING, Outcome, Task
 from bench.problem_files import read
 from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
-from bench.problems.certifying import Prover, proven
+from bench.problems.certifying import prove, proven
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
 from bench.processes.solver_child import SolverChild
@@ -159,7 +159,7 @@ def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_proc
     first = make("foreign", options=options)
     proven = next(first.problems())
     with monkeypatch.context() as patch:
-        patch.setattr(Prover, "prove", lambda *_: pytest.fail("a proof was looked for again"))
+        patch.setattr("bench.problems.foreign.prove", lambda *_: pytest.fail("a proof was looked for again"))
         again = make("foreign", options=options)
         assert [{s: f.certificate for s, f in problem.forms.items()} for problem in again.problems()] == [
             {s: f.certificate for s, f in proven.forms.items()}
@@ -342,7 +342,7 @@ def test_a_folder_without_programs_and_a_limit_that_is_no_number_are_refused(tmp
 @pytest.mark.parametrize("pause", [0.0, 0.05, 0.3, 1.0, 3.0])
 def test_provers_that_are_left_while_they_start_or_work_end(pause: float) -> None:
     before = set(multiprocessing.active_children())
-    looked = proven(lambda prover, seconds: seconds and prover.prove(time.sleep, seconds), [0.0] + 9 * [3600.0])
+    looked = proven(lambda child, seconds: seconds and prove(child, time.sleep, seconds), [0.0] + 9 * [3600.0])
     with closing(looked):
         next(looked)
         time.sleep(pause)
@@ -352,4 +352,4 @@ def test_provers_that_are_left_while_they_start_or_work_end(pause: float) -> Non
 def test_an_interrupt_ends_the_proof_that_is_waited_for() -> None:
     threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
-        next(proven(lambda prover, seconds: prover.prove(time.sleep, seconds), [3600.0]))
+        next(proven(lambda child, seconds: prove(child, time.sleep, seconds), [3600.0]))

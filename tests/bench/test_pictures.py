@@ -3,7 +3,6 @@ the time goes."""
 
 from collections.abc import Callable
 
-import numpy as np
 import pandas as pd
 import pytest
 from measured_rows import ladder, measured, row
@@ -163,13 +162,6 @@ def test_our_solvers_stand_first_and_the_five_fastest_others_follow_in_their_fas
     ]
     assert table.name.tolist()[4:] == [f"{solver} (direct)" for solver in "bcdef"]
     assert table[18].iloc[-1] == 8.0 * 18
-
-
-def test_a_size_with_a_wrong_answer_has_no_time() -> None:
-    few = [one for one in sized() if one["solver"] in ("box_active_set", "a")]
-    line = pictures.time_by_size(measured(few)).set_index("name").loc["a (direct)"]
-    assert np.isnan(line[60])
-    assert line[8] == 24.0
 
 
 def test_a_size_of_several_problems_has_their_median_where_all_are_right() -> None:
