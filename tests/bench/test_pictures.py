@@ -12,6 +12,7 @@ from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, PAPER
 from bench.derived.summary import summary
 from bench.messages.task import Row
+from bench.report.plot import BEST
 
 NAN = float("nan")
 SPEED = {"box_active_set": 1.0, "recursive_active_set": 2.0, "a": 3.0, "b": 4.0, "c": 5.0, "d": 6.0, "e": 7.0, "f": 8.0}
@@ -90,11 +91,12 @@ def test_the_papers_method_is_there_twice_at_the_pace_of_its_samples_and_of_the_
 
 
 def test_the_best_lines_of_each_view_come_first_and_are_marked() -> None:
-    table = pd.DataFrame({"view": [*"aaaabb"], "name": [*"pqrpqr"], "score": [3.0, 1.0, 2.0, 0.5, 9.0, 8.0]})
-    found = pictures.ranked(table, table.score, most=2)
-    assert found["view"].tolist() == [*"aaaabb"]
-    assert found.name.tolist() == [*"ppqrrq"]
-    assert found.front.tolist() == [True, True, True, False, True, True]
+    names = [chr(ord("a") + i) for i in range(BEST + 2)]
+    table = pd.DataFrame({"view": "one", "name": [*names, "a"], "score": [*range(BEST + 2, 0, -1), 0.5]})
+    found = pictures.ranked(pd.concat([table, table[:2].assign(view="two")]), table.score)
+    assert found["view"].tolist() == ["one"] * (BEST + 3) + ["two"] * 2
+    assert found.name.tolist() == ["a", "a", *names[:0:-1], "b", "a"]
+    assert found.name[~found.front].tolist() == ["c", "b"]
 
 
 def profile(rows: list[Row]) -> dict[tuple[str, float], float]:
