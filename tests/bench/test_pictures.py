@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pandas as pd
 import pytest
-from measured_rows import ladder, measured, row
+from measured_rows import ladder, measured, row, steps
 
 from bench.derived import pictures
 from bench.derived.measurements import Measurements
@@ -78,9 +78,7 @@ def test_wrappers_and_scalings_have_views_of_their_own_and_floor_and_warm_starts
 def test_the_papers_method_is_there_twice_at_the_pace_of_its_samples_and_of_the_machine() -> None:
     table = picture(
         [
-            *ladder(
-                {"p1": [0.5, 1e-4]}, solver=PAPER, lane="kernel", periods=[100.0, 15_200.0], solve_us_p50=[2.0, 300.0]
-            ),
+            *steps({"p1": [0.5, 1e-4]}, solve_us_p50=[2.0, 300.0]),
             row(),
         ]
     )
