@@ -62,7 +62,7 @@ lint: $(VENV)/.dev    ## style and types
 	$(BIN)/ruff format --check
 	$(BIN)/clang-format --dry-run -Werror $$(find bench examples piezo_model solvers tests -name '*.[ch]')
 	$(BIN)/mypy
-	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters experiment problem_sets)) tests/benchmarks/[!t]*.py
+	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters comparison experiment problem_sets)) tests/benchmarks/[!t]*.py
 
 docs: $(VENV)/.docs   ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

@@ -4,7 +4,7 @@
     error = max(stage excess / 0.01, violation / 1e-3)                           for the tier `stage`, by the first
     answer
 
-An answer is right at a margin m where m · error ≤ 1. A library's defaults are judged like `low`.
+An answer is right where error ≤ 1, and at a margin m where m · error ≤ 1. A library's defaults are judged like `low`.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ def measured(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[~(skipped & known)]
 
 
-def right(rows: pd.DataFrame, tier: Tier, margin: float = 1.0) -> pd.Series[bool]:
-    """Whether each answer is so many times as exact as a tier asks."""
-    return margin * error(rows, tier) <= 1.0
+def right(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:
+    """Whether each answer is as exact as a tier asks."""
+    return error(rows, tier) <= 1.0
 
 
 def worst(values: pd.Series) -> float:

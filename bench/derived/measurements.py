@@ -86,19 +86,15 @@ class Measurements:
 
     @cached_property
     def scaling(self) -> str:
-        """The scaling of the first screen, in which all settings were measured."""
-        return scaling_of(self.every)
+        """The scaling of the first screen, in which most settings were measured; that of the scaled data where there
+        is no difference."""
+        counts = self.every.scaling.value_counts()
+        return "scaled" if counts.empty or counts.get("scaled", 0) == counts.max() else str(counts.idxmax())
 
     @cached_property
     def problems(self) -> int:
         """How many there are."""
         return int(self.rows.groupby(["problem_set", "problem"]).ngroups)
-
-
-def scaling_of(rows: pd.DataFrame) -> str:
-    """The scaling in which most settings were measured; that of the scaled data where there is no difference."""
-    counts = rows.scaling.value_counts()
-    return "scaled" if counts.empty or counts.get("scaled", 0) == counts.max() else str(counts.idxmax())
 
 
 def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting") -> pd.DataFrame:

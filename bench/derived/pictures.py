@@ -42,15 +42,15 @@ def named(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def ranked(table: pd.DataFrame, score: pd.Series, most: int = BEST) -> pd.DataFrame:
+def ranked(table: pd.DataFrame, score: pd.Series) -> pd.DataFrame:
     """The lines of each view by the least score of their rows, the best first, and ``front``, whether a line is among
-    so many best."""
+    the BEST."""
     names = table.assign(score=score).groupby(["view", "name"]).score.min().sort_values(kind="stable")
     place = names.groupby(level="view").cumcount()
     at = place.reindex(pd.MultiIndex.from_frame(table[["view", "name"]])).to_numpy()
     views = table["view"].map({view: i for i, view in enumerate(dict.fromkeys(table["view"]))})
     return (
-        table.assign(views=views, at=at, front=at < most)
+        table.assign(views=views, at=at, front=at < BEST)
         .sort_values(["views", "at"], kind="stable", ignore_index=True)
         .drop(columns=["views", "at"])
     )

@@ -15,6 +15,7 @@ Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming p
 
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,8 @@ from bench.problem_files.program import (
 FIXED = (slice(1, 3), slice(4, 12), slice(14, 22), slice(24, 36), slice(39, 47), slice(49, 61))
 QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
 SECTIONS = ("NAME", "OBJSENSE", "ROWS", "COLUMNS", "RHS", "RANGES", "BOUNDS", *QUADRATIC, "ENDATA")
+FIELDS = {"ROWS": (1,), "BOUNDS": (2, 3), "RHS": (2, 3, 4, 5), "RANGES": (2, 3, 4, 5)}
+"""Fields of a line after the kind of row or bound, where these are not three or five."""
 SENSES = {"MIN": 1.0, "MINIMIZE": 1.0, "MAX": -1.0, "MAXIMIZE": -1.0}
 WITHOUT_VALUE = ("FR", "MI", "PL")
 BOUNDS = ("LO", "UP", "FX", *WITHOUT_VALUE)
@@ -52,18 +55,17 @@ def read_qps(path: Path) -> ReadProgram:
         lines = content.decode("latin-1").splitlines()  # a character a byte, so that two names never become one
     try:
         return _Reading(fixed=False).take(lines)
-    except ValueError as error:
-        try:
+    except ValueError:
+        with suppress(ValueError):
             return _Reading(fixed=True).take(lines)
-        except ValueError:
-            raise error from None
+        raise
 
 
 class _Reading:
     """What has been read of a file so far."""
 
     def __init__(self, fixed: bool) -> None:
-        self.fixed, self.section, self.sign, self.whole_P = fixed, "", 1.0, False
+        self.fixed, self.section, self.sign = fixed, "", 1.0
         self.kinds: dict[str, str] = {}
         """Of rows."""
         self.columns: dict[str, int] = {}
@@ -71,7 +73,8 @@ class _Reading:
         """Numbers by section, those of BOUNDS as lower and upper, and by row, column or a pair of them."""
         self.vectors: dict[str, str] = {}
         """Name of the one right-hand side, range and bound vector."""
-        self.seen: set[str] = set()
+        self.seen: dict[str, str] = {}
+        """Sections, that of P under "quadratic"."""
 
     def take(self, lines: Sequence[str]) -> ReadProgram:
         for number, line in enumerate(lines, 1):
@@ -90,8 +93,7 @@ class _Reading:
         require(self.section in SECTIONS, f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
         kind = "quadratic" if self.section in QUADRATIC else self.section
         require(kind not in self.seen, f"a second {kind} section")
-        self.seen.add(kind)
-        self.whole_P |= self.section == "QMATRIX"
+        self.seen[kind] = self.section
         if self.section == "OBJSENSE" and len(words) > 1:
             self._sense(words[1])
 
@@ -101,11 +103,14 @@ class _Reading:
             return
         require(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
         kind, head, pairs = self._fixed_fields(line) if self.fixed else self._free_fields(line.split())
+        if self.section in ("RHS", "RANGES", "BOUNDS"):
+            one = self.vectors.setdefault(self.section, head)
+            require(one == head, f"a second vector {head!r} in the section {self.section}")
         if self.section == "ROWS":
             require(kind.upper() in ("N", "E", "L", "G"), f"the kind of row {kind!r} is not one of N, E, L, G")
             _put(self.kinds, head, kind.upper(), "row")
         elif self.section == "BOUNDS":
-            self._bound(kind.upper(), head, *pairs[0])
+            self._bound(kind.upper(), *pairs[0])
         else:
             for name, text in pairs:
                 self._element(head, name, text)
@@ -122,20 +127,11 @@ class _Reading:
     def _free_fields(self, words: list[str]) -> Fields:
         """A name of a vector may be left out, and so may the value of a bound that has none."""
         require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
-        kind = words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
+        counts, kind = FIELDS.get(self.section, (3, 5)), words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
         if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # though some files give one
             words = [*words[: 2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
-        if self.section == "ROWS":
-            require(len(words) == 1, f"has {len(words) + 1} fields where 2 are needed")
-            return kind, words[0], []
-        head = words.pop(0) if len(words) in (3, 5) else ""
-        if self.section == "BOUNDS":
-            require(len(words) == 2, f"has {len(words)} fields where 2 are needed")
-        else:
-            require(
-                2 <= len(words) <= 4 and (head or self.section in ("RHS", "RANGES")),
-                "is no name followed by one or two pairs of name and number",
-            )
+        require(len(words) in counts, f"has {len(words)} fields where {' or '.join(map(str, counts))} are needed")
+        head = words.pop(0) if len(words) % 2 else ""
         return kind, head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
@@ -147,7 +143,7 @@ class _Reading:
         require(quadratic or name in self.kinds, f"there is no row {name!r}")
         if quadratic:
             require(
-                self.whole_P or head == name or (name, head) not in self.values["quadratic"],
+                self.section == "QMATRIX" or head == name or (name, head) not in self.values["quadratic"],
                 f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX",
             )
             _put(self.values["quadratic"], (head, name), value, "element")
@@ -155,21 +151,13 @@ class _Reading:
             self.columns.setdefault(head, len(self.columns))
             _put(self.values["COLUMNS"], (name, head), value, "element")
         else:
-            self._only_vector(head)
             require(
                 self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
                 f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for",
             )
             _put(self.values[self.section], name, value, "row")
 
-    def _only_vector(self, head: str) -> None:
-        require(
-            self.vectors.setdefault(self.section, head) == head,
-            f"a second vector {head!r} in the section {self.section}",
-        )
-
-    def _bound(self, kind: str, head: str, column: str, text: str) -> None:
-        self._only_vector(head)
+    def _bound(self, kind: str, column: str, text: str) -> None:
         require(column in self.columns, f"there is no column {column!r}")
         require(kind in BOUNDS, f"the kind of bound {kind!r} is not one of {', '.join(BOUNDS)}")
         value = 0.0 if kind in WITHOUT_VALUE else float(with_infinities(_number(text)))
@@ -214,7 +202,7 @@ class _Reading:
             [lower.get(column, -np.inf if high < 0.0 else 0.0) for column, high in zip(self.columns, ub, strict=True)]
         )
         elements = [(self.columns[a], self.columns[b], value) for (a, b), value in self.values["quadratic"].items()]
-        if not self.whole_P:
+        if self.seen.get("quadratic") != "QMATRIX":
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
         qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, C, l, u, lb, ub)

@@ -22,7 +22,7 @@ from scipy.sparse import csc_matrix
 
 from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
-from piezo_model.child_process import START_LIMIT_S, LateError, LostError
+from piezo_model.child_process import LateError, LostError
 from solvers.arrays import Vector
 from solvers.certificate import Certificate, NotCertified, certify
 
@@ -43,51 +43,46 @@ HANG_S = 3600.0
 """Seconds after which a library that was asked for a start hangs; no proof takes so long."""
 
 
-class Prover(ForkedChild):
-    """A process that looks for proofs; another one starts after it was lost."""
+def prove(child: ForkedChild, function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function of a module in a process that looks for proofs; it starts again after it was lost.
 
-    def prove(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Call a function of a module.
-
-        Raises
-        ------
-        NotCertified
-            As the function raises it, or because the process died.
-        """
-        try:
-            if not self.is_running:
-                self.call(START_LIMIT_S, _imported)  # which is not part of a proof
-            found = self.call(HANG_S, _attempt, function, arguments)
-        except (LateError, LostError) as error:
-            raise ProverLost(f"the process that looked for a proof ended with {error}") from None
-        if isinstance(found, NotCertified):
-            raise found
-        return found
+    Raises
+    ------
+    NotCertified
+        As the function raises it, or because the process died.
+    """
+    try:
+        found = child.call(HANG_S, _attempt, function, arguments)
+    except (LateError, LostError) as error:
+        raise ProverLost(f"the process that looked for a proof ended with {error}") from None
+    if isinstance(found, NotCertified):
+        raise found
+    return found
 
 
-def proven(function: Callable[[Prover, S], T], items: Iterable[S]) -> Generator[T]:
+def proven(function: Callable[[ForkedChild, S], T], items: Iterable[S]) -> Generator[T]:
     """What a function returns for each item, in their order, with a process a core that looks for proofs; begun are
     only a few more than are asked for.
 
     Examples
     --------
-    >>> list(proven(lambda prover, number: number + 1, range(4)))
+    >>> list(proven(lambda child, number: number + 1, range(4)))
     [1, 2, 3, 4]
     """
     with ExitStack() as stack:
-        provers = [stack.enter_context(Prover()) for _ in cores.usable()]
-        idle: SimpleQueue[Prover] = SimpleQueue()
-        for prover in provers:
-            idle.put(prover)
+        children = [stack.enter_context(ForkedChild()) for _ in cores.usable()]
+        idle: SimpleQueue[ForkedChild] = SimpleQueue()
+        for child in children:
+            idle.put(child)
 
-        def with_prover(item: S) -> T:
-            prover = idle.get()
+        def with_child(item: S) -> T:
+            child = idle.get()
             try:
-                return function(prover, item)
+                return function(child, item)
             finally:
-                idle.put(prover)
+                idle.put(child)
 
-        threads, begun = ThreadPoolExecutor(len(provers)), deque[Future[T]]()
+        threads, begun = ThreadPoolExecutor(len(children)), deque[Future[T]]()
 
         def first() -> T:
             found = begun[0].result()
@@ -96,22 +91,18 @@ def proven(function: Callable[[Prover, S], T], items: Iterable[S]) -> Generator[
 
         try:
             for item in items:
-                begun.append(threads.submit(with_prover, item))
-                if len(begun) > 2 * len(provers):
+                begun.append(threads.submit(with_child, item))
+                if len(begun) > 2 * len(children):
                     yield first()
             while begun:
                 yield first()
         finally:
             threads.shutdown(wait=False, cancel_futures=True)
             while not all(future.done() for future in begun):
-                for prover in provers:
-                    prover.interrupt()  # a process that is just starting is ended in a later round
+                for child in children:
+                    child.interrupt()  # a process that is just starting is ended in a later round
                 time.sleep(0.02)
             threads.shutdown()
-
-
-def _imported() -> None:
-    """To find this in a process takes importing everything."""
 
 
 def _attempt(function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotCertified:

@@ -22,9 +22,10 @@ from scipy.sparse import csc_matrix, diags, identity
 from bench.problem_files import READERS, ProblemFileError, ReadProgram, read
 from bench.problem_files.npz import opened
 from bench.problems import proof_cache
-from bench.problems.certifying import Prover, ProverLost, both_proofs, proven, require_size
+from bench.problems.certifying import ProverLost, both_proofs, prove, proven, require_size
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
+from bench.processes.forked_child import ForkedChild
 from solvers.certificate import WORK, NotCertified, verify
 
 Source = Callable[[], ReadProgram | RaceProblem]
@@ -61,26 +62,26 @@ class ForeignPrograms(ProblemSet):
                 else:
                     yield found
 
-    def _made(self, prover: Prover, source: tuple[str, Source]) -> RaceProblem | str:
+    def _made(self, child: ForkedChild, source: tuple[str, Source]) -> RaceProblem | str:
         """The problem, or why there is none."""
         name, read = source
         try:
             given = read()
             if isinstance(given, ReadProgram):
-                return self._certified(name, given, prover)
-            prover.prove(replay, given)
+                return self._certified(name, given, child)
+            prove(child, replay, given)
             return replace(given, set_name=self.name, name=name)
         except (ProblemFileError, NotCertified) as error:
             return str(error)
 
-    def _certified(self, name: str, program: ReadProgram, prover: Prover) -> RaceProblem:
+    def _certified(self, name: str, program: ReadProgram, child: ForkedChild) -> RaceProblem:
         require_size(program.qp)
         scaled = equilibrated(program.qp)
         key = proof_cache.key([program.qp, scaled.qp], self.work)
         proofs = proof_cache.load(key)
         if proofs is None:
             try:
-                proofs = list(prover.prove(both_proofs, program.qp, scaled.qp, scaled.unit, self.work))
+                proofs = list(prove(child, both_proofs, program.qp, scaled.qp, scaled.unit, self.work))
             except ProverLost:
                 raise
             except NotCertified as error:

@@ -9,7 +9,7 @@ draws, against optima that are proven only then, and that no process of a solver
 """
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from qpsolvers import Problem
@@ -60,7 +60,8 @@ class FreshData:
                 }
             )
         )
-        self._certified: dict[int, CertifiedForm | None] = {}
+        self.certified = cache(self._certify)
+        """The program of a call with its proven optimum; None where there is no proof."""
 
     def block(self, first: int, last: int) -> tuple[Matrix, Matrix]:
         """P (n, d, d) and q (n, d) of the calls from ``first`` to ``last`` − 1, symmetric to the last bit where the
@@ -83,20 +84,15 @@ class FreshData:
             q += share[:, None] * self._q[k]
         return P, q * factors
 
-    def certified(self, call: int) -> CertifiedForm | None:
-        """The program of a call with its proven optimum; None where there is no proof."""
-        if call not in self._certified:
-            (P,), (q,) = self.block(call, call + 1)
-            qp, c = self._form.qp, float(self._shares[call] @ self._c)
-            mixed = Problem(P, q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
-            try:
-                proof = certify(mixed, np.array(self._form.certificate.x))
-                self._certified[call] = CertifiedForm(
-                    mixed, c, self._form.to_weights, proof, cost_unit=self._form.cost_unit
-                )
-            except NotCertified:  # nothing is judged on what cannot be proven
-                self._certified[call] = None
-        return self._certified[call]
+    def _certify(self, call: int) -> CertifiedForm | None:
+        (P,), (q,) = self.block(call, call + 1)
+        qp, c = self._form.qp, float(self._shares[call] @ self._c)
+        mixed = Problem(P, q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
+        try:
+            proof = certify(mixed, np.array(self._form.certificate.x))
+        except NotCertified:  # nothing is judged on what cannot be proven
+            return None
+        return CertifiedForm(mixed, c, self._form.to_weights, proof, cost_unit=self._form.cost_unit)
 
     @cached_property
     def calls_at_once(self) -> int:

@@ -222,9 +222,8 @@ def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict
 def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
     """The plots under each other in dark ink on white, in the view that is shown by default."""
     parts = [specification(table, plot) for plot in plots]
-    params: dict[
-        str, dict[str, Any]
-    ] = {}  # belong to the whole drawing, and nothing is bound to what a reader could turn
+    # they belong to the whole drawing, and nothing is bound to what a reader could turn
+    params: dict[str, dict[str, Any]] = {}
     for part in parts:
         params |= {param["name"]: {"name": param["name"], "value": param["value"]} for param in part.pop("params")}
         part["width"] = WIDTH
@@ -240,9 +239,8 @@ def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
     drawn: str = vl_convert.vegalite_to_svg(
         json.dumps(whole).replace(INK, SVG_INK), vl_version=VEGA_LITE, allowed_base_urls=[]
     )
-    numbers: dict[
-        str, int
-    ] = {}  # Vega counts its clip paths on through a process; the same plot shall be the same file
+    # Vega counts its clip paths on through a process; the same plot shall be the same file
+    numbers: dict[str, int] = {}
     return re.sub(
         r'(id="|url\(#)clip(\d+)', lambda found: f"{found[1]}clip{numbers.setdefault(found[2], len(numbers))}", drawn
     )

@@ -10,6 +10,7 @@ that are missed though it was said that there is no difference.
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -57,15 +58,15 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=200)
     asked = parser.parse_args()
     kinds: dict[str, Callable[[np.random.Generator], list[Vector]]] = {
-        f"{lanes} lanes, {problems} problems, offset {offset}": lambda chance, size=(lanes, problems, offset): ratios(
-            chance, *size
+        f"{lanes} lanes, {problems} problems, offset {offset}": partial(
+            ratios, lanes=lanes, problems=problems, offset=offset
         )
         for lanes, problems in ((68, 36), (68, 12), (40, 18), (10, 6), (5, 3))
         for offset in (0.004, 0.008, 0.015)
     }
     if asked.runs:
         own = noise_of(*map(Run.open, asked.runs))
-        kinds = {" and ".join(path.name for path in asked.runs): lambda chance: resampled(chance, own)}
+        kinds = {" and ".join(path.name for path in asked.runs): partial(resampled, own=own)}
     for name, make in kinds.items():
         print(
             f"{name}: {', '.join(f'{what} {100.0 * share:.1f} %' for what, share in rates(make, asked.pairs).items())}",

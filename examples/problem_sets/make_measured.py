@@ -6,12 +6,15 @@
 Each argument names a file of the set and the recording that it is made from. Lengths in metres become micrometres.
 """
 
+import json
 import sys
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from bench.problems.measured import FOLDER, write
+from bench.problems.measured import FOLDER
 from bench.problems.protocol import Validation
 from bench.problems.recorded import KEPT_BACK, counted, part, sensor_noise
 from piezo_model import DataBasis, IdentificationProblem, Recording
@@ -46,6 +49,31 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
         programs,
         Validation(found.structure, basis.state.copy(), x_unseen, y_unseen, sensor_noise(whole.arrays()[1])),
     )
+
+
+def write(path: Path, programs: Sequence[Sequence[IdentificationProblem]], unseen: Validation) -> None:
+    """Write programs of one structure, for each phase its windows, and the data that follow, rounded to single
+    precision.
+
+    Of each P the upper triangle is kept, row by row.
+    """
+    meta = {
+        "structure": unseen.structure.to_dict(),
+        "noise_um": unseen.noise_um,
+        "excitation": [[asdict(problem.excitation) for problem in windows] for windows in programs],
+    }
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            meta=np.array(json.dumps(meta)),
+            P=np.array([[problem.P[np.triu_indices_from(problem.P)] for problem in windows] for windows in programs]),
+            q=np.array([[problem.q for problem in windows] for windows in programs]),
+            c=np.array([[problem.c for problem in windows] for windows in programs]),
+            play=unseen.state.play,
+            creep=unseen.state.creep,
+            x=unseen.x.astype(np.float32),
+            y=unseen.y.astype(np.float32),
+        )
 
 
 def in_micrometres(recording: Recording) -> Recording:

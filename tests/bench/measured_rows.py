@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
+from bench.derived.ranking import PAPER
 from bench.derived.table import ONESHOT
 from bench.messages.task import Row
 from bench.races.metrics import Judgement
@@ -73,6 +74,12 @@ def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
                 )
             )
     return found
+
+
+def steps(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
+    """The paper's method of 100 and of 15 200 steps."""
+    settings, periods = ['{"steps": 100}', '{"steps": 15200}'], [100.0, 15_200.0]
+    return ladder(gaps, solver=PAPER, lane="kernel", settings=settings, periods=periods, **known)
 
 
 def table(rows: Iterable[Row]) -> pd.DataFrame:

@@ -24,8 +24,9 @@ from qpsolvers import Problem
 from bench.messages import user_cache
 from bench.messages.task import NO_SETTING, Outcome, Task
 from bench.problem_files import read
+from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
-from bench.problems.certifying import Prover, proven
+from bench.problems.certifying import prove, proven
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
 from bench.processes.solver_child import SolverChild
@@ -96,20 +97,11 @@ def test_scaling_is_by_powers_of_two_and_rounds_nothing(tmp_path: Path, seed: in
         qp.ub / badly,
     )
     scaled = equilibrated(qp)
-    D, kappa = scaled.unit, scaled.cost
-    assert np.all(np.frexp(np.append(D, kappa))[0] == 0.5)
-    back = sp.diags(1.0 / D)
-    np.testing.assert_array_equal(dense(back @ scaled.qp.P @ back) / kappa, dense(qp.P))
-    np.testing.assert_array_equal(scaled.qp.q / D / kappa, qp.q)
-    for M, right, M_scaled, right_scaled in (
-        (qp.G, qp.h, scaled.qp.G, scaled.qp.h),
-        (qp.A, qp.b, scaled.qp.A, scaled.qp.b),
-    ):
-        E = dense(abs(M_scaled @ back)).max(axis=1) / dense(abs(M)).max(axis=1)
-        np.testing.assert_array_equal(dense(sp.diags(1.0 / E) @ M_scaled @ back), dense(M))
-        np.testing.assert_array_equal(right_scaled / E, right)
-    np.testing.assert_array_equal(scaled.qp.lb * D, qp.lb)
-    largest = dense(sp.vstack([abs(scaled.qp.P / kappa), abs(scaled.qp.G), abs(scaled.qp.A)]).max(axis=0))
+    for name, value in fields_of(qp).items():
+        significands = [np.frexp(dense(each))[0] for each in (value, getattr(scaled.qp, name))]
+        np.testing.assert_array_equal(*significands)
+    np.testing.assert_array_equal(scaled.qp.lb * scaled.unit, qp.lb)
+    largest = dense(sp.vstack([abs(scaled.qp.P / scaled.cost), abs(scaled.qp.G), abs(scaled.qp.A)]).max(axis=0))
     assert largest.min() > 0.2
     assert largest.max() < 5.0
 
@@ -167,7 +159,7 @@ def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_proc
     first = make("foreign", options=options)
     proven = next(first.problems())
     with monkeypatch.context() as patch:
-        patch.setattr(Prover, "prove", lambda *_: pytest.fail("a proof was looked for again"))
+        patch.setattr("bench.problems.foreign.prove", lambda *_: pytest.fail("a proof was looked for again"))
         again = make("foreign", options=options)
         assert [{s: f.certificate for s, f in problem.forms.items()} for problem in again.problems()] == [
             {s: f.certificate for s, f in proven.forms.items()}
@@ -350,7 +342,7 @@ def test_a_folder_without_programs_and_a_limit_that_is_no_number_are_refused(tmp
 @pytest.mark.parametrize("pause", [0.0, 0.05, 0.3, 1.0, 3.0])
 def test_provers_that_are_left_while_they_start_or_work_end(pause: float) -> None:
     before = set(multiprocessing.active_children())
-    looked = proven(lambda prover, seconds: seconds and prover.prove(time.sleep, seconds), [0.0] + 9 * [3600.0])
+    looked = proven(lambda child, seconds: seconds and prove(child, time.sleep, seconds), [0.0] + 9 * [3600.0])
     with closing(looked):
         next(looked)
         time.sleep(pause)
@@ -360,4 +352,4 @@ def test_provers_that_are_left_while_they_start_or_work_end(pause: float) -> Non
 def test_an_interrupt_ends_the_proof_that_is_waited_for() -> None:
     threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
-        next(proven(lambda prover, seconds: prover.prove(time.sleep, seconds), [3600.0]))
+        next(proven(lambda child, seconds: prove(child, time.sleep, seconds), [3600.0]))

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from measured_rows import ladder, measured, row, table
 
-from bench.derived.measurements import at_tiers, over_repeats, scaling_of
+from bench.derived.measurements import at_tiers, over_repeats
 from bench.derived.tier_settings import tier_settings
 from solvers import Tier
 
@@ -134,7 +134,7 @@ def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_a
     ],
 )
 def test_the_scaling_of_the_first_screen_is_that_in_which_most_was_measured(scalings: list[str], told: str) -> None:
-    assert scaling_of(table([row(problem=f"p{i}", scaling=scaling) for i, scaling in enumerate(scalings)])) == told
+    assert measured([row(problem=f"p{i}", scaling=scaling) for i, scaling in enumerate(scalings)]).scaling == told
 
 
 def test_a_tier_has_the_rows_of_its_setting_once_and_the_default_is_judged_like_low() -> None:

@@ -4,19 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from measured_rows import ladder, measured, row
+from measured_rows import ladder, measured, row, steps
 
 from bench.derived.ranking import PACE, PAPER, Line, Result, ranking, short_table
 from bench.messages.task import Row
 from solvers import Tier
 
 NAN = float("nan")
-STEPS = ['{"steps": 100}', '{"steps": 15200}']
-
-
-def steps(gaps: dict[str, list[float]], **known: object) -> list[Row]:
-    """The paper's method of 100 and of 15 200 steps."""
-    return ladder(gaps, solver=PAPER, lane="kernel", settings=STEPS, periods=[100.0, 15_200.0], **known)
 
 
 def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:

@@ -5,9 +5,8 @@ import re
 
 import pandas as pd
 import pytest
-from measured_rows import ladder, measured, row
+from measured_rows import ladder, measured, row, steps
 
-from bench.derived.ranking import PAPER
 from bench.derived.summary import summary
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.messages.task import Row
@@ -27,18 +26,6 @@ def field() -> list[Row]:
         *ladder(RIGHT, solver="daqp", lane="qpsolvers", solve_us_p50=0.1),
         *ladder({"p1": [1e-12], "p2": [1e-5], "p3": [1.0]}, solver="lost"),
     ]
-
-
-def steps(gaps: dict[str, list[float]], **known: object) -> list[Row]:
-    """The paper's method of 100 and of 15 200 steps."""
-    return ladder(
-        gaps,
-        solver=PAPER,
-        lane="kernel",
-        settings=['{"steps": 100}', '{"steps": 15200}'],
-        periods=[100.0, 15_200.0],
-        **known,
-    )
 
 
 def test_the_fastest_of_each_lane_stands_beside_the_best_other_in_it_and_wrappers_are_left_to_the_table() -> None:

@@ -6,9 +6,7 @@ seed s counts every seventh sample from the s-th on, so that other seeds see oth
 half of them makes its neighbouring window.
 """
 
-import json
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TypedDict
 
@@ -55,34 +53,12 @@ class Meta(TypedDict):
     excitation: list[list[Excitation]]
 
 
-def write(path: Path, programs: Sequence[Sequence[IdentificationProblem]], unseen: Validation) -> None:
-    """Write programs of one structure, for each phase its windows, and the data that follow, rounded to single
-    precision.
-
-    Of each P the upper triangle is kept, row by row.
-    """
-    meta = {
-        "structure": unseen.structure.to_dict(),
-        "noise_um": unseen.noise_um,
-        "excitation": [[asdict(problem.excitation) for problem in windows] for windows in programs],
-    }
-    with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            meta=np.array(json.dumps(meta)),
-            P=np.array([[problem.P[np.triu_indices_from(problem.P)] for problem in windows] for windows in programs]),
-            q=np.array([[problem.q for problem in windows] for windows in programs]),
-            c=np.array([[problem.c for problem in windows] for windows in programs]),
-            play=unseen.state.play,
-            creep=unseen.state.creep,
-            x=unseen.x.astype(np.float32),
-            y=unseen.y.astype(np.float32),
-        )
-
-
 def read(path: Path, seed: int) -> tuple[list[IdentificationProblem], Validation]:
     """The programs of a seed, counted round by the phases that there are, the one of the longest window last, and the
-    data that follow."""
+    data that follow.
+
+    A file has for each phase its windows; of each P it has the upper triangle, row by row.
+    """
     with opened(path) as data:
         meta = decoded(str(data["meta"]), Meta)
         structure, phase = meta["structure"], seed % len(data["c"])
