@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model.self_learning import SelfLearningCompensator
+from piezo_model.stage.stage import coupled
 from solvers.arrays import Matrix
 
 
@@ -50,14 +51,9 @@ class SelfLearningStage:
         if self.D.shape != (2, 2) or not np.isfinite(self.D).all():
             raise ValueError(f"the decoupling matrix must be 2 by 2 numbers, not {self.D.tolist()}")
 
-    def to_axes(self, y: Matrix) -> Matrix:
-        """Platform coordinates (N, 2) in the coordinates q of the axes; every row on its own, to the last bit."""
-        D = self.D
-        return np.column_stack([D[i, 0] * y[:, 0] + D[i, 1] * y[:, 1] for i in range(2)])
-
     def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Matrix:
         """One sample, as of :meth:`SelfLearningCompensator.step`: references, measured outputs and drives (2,)."""
-        wanted, measured = (self.to_axes(np.asarray(v, dtype=np.float64)[None])[0] for v in (y_ref, y_measured_before))
+        wanted, measured = coupled(self.D, np.array([y_ref, y_measured_before], dtype=np.float64))
         return np.array([learner.step(float(wanted[i]), float(measured[i])) for i, learner in enumerate(self.learners)])
 
     def run(self, y_ref: ArrayLike, stage: Callable[[Matrix], Matrix]) -> tuple[Matrix, Matrix]:
@@ -73,7 +69,7 @@ class SelfLearningStage:
         y_ref = np.asarray(y_ref, dtype=np.float64)
         if y_ref.ndim != 2 or y_ref.shape[1] != 2:
             raise ValueError(f"the reference of a stage must be of shape (N, 2), not {y_ref.shape}")
-        wanted = self.to_axes(y_ref)
+        wanted = coupled(self.D, y_ref)
         x, y = np.empty_like(wanted), np.empty_like(wanted)
         done = 0
         while done < len(wanted):
@@ -82,8 +78,8 @@ class SelfLearningStage:
             for i, learner in enumerate(self.learners):
                 x[chunk, i] = learner.drive(wanted[chunk, i])
             y[chunk] = stage(x[chunk])
-            measured = self.to_axes(y[chunk])
+            measured = coupled(self.D, y[chunk])
             for i, learner in enumerate(self.learners):
-                learner.observe(np.ascontiguousarray(x[chunk, i]), np.ascontiguousarray(measured[:, i]))
+                learner.observe(x[chunk, i], measured[:, i])
             done = chunk.stop
         return x, y
