@@ -99,14 +99,11 @@ def _sources(folder: Path) -> Sources:
         ],
         folder,
     )
-    files: dict[str, None] = {}
-    options: dict[str, None] = {}
-    for entry in json.loads((folder / "build" / "compile_commands.json").read_text(encoding="utf-8")):
-        # Beside the library there are examples, and the solver's own targets with the same files once more.
-        if "/cpg.dir/" in entry["command"] or "/solver_code/lib/" in entry["file"]:
-            files[entry["file"]] = None
-            options |= {word: None for word in shlex.split(entry["command"]) if word.startswith(("-I", "-D"))}
-    return Sources(tuple(map(Path, files)), tuple(options))
+    compiled = json.loads((folder / "build" / "compile_commands.json").read_text(encoding="utf-8"))
+    # Beside the library there are examples, and the solver's own targets with the same files once more.
+    wanted = [each for each in compiled if "/cpg.dir/" in each["command"] or "/solver_code/lib/" in each["file"]]
+    words = [word for each in wanted for word in shlex.split(each["command"]) if word.startswith(("-I", "-D"))]
+    return Sources(tuple(dict.fromkeys(Path(each["file"]) for each in wanted)), tuple(dict.fromkeys(words)))
 
 
 def make(name: str) -> type[Solver]:

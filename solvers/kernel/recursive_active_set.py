@@ -150,12 +150,10 @@ class RecursiveActiveSet(OurSolver):
         optimum."""
         return self._answer
 
-    def problem(self) -> Problem:
-        """Return the program whose optimum the answer is, proximal term included, in the user's variables."""
-        return self._problem_of(self._parts)
-
-    def _problem_of(self, of: Mapping[str, Vector]) -> Problem:
-        d = self._lb.size
+    def problem(self, of: Mapping[str, Vector] | None = None) -> Problem:
+        """Return the program whose optimum the answer is, proximal term included, in the user's variables; of a copy
+        of the state where its parts are given."""
+        d, of = self._lb.size, self._parts if of is None else of
         row_weight, root_weight = of["row_weight"]
         decay = row_weight / root_weight**2
         G = of["G"].reshape(padded(d + 1), -1)[: d + 1, : d + 1]
@@ -187,7 +185,7 @@ class RecursiveActiveSet(OurSolver):
         exchanges, refreshes, cold_starts, _ = found["counts"].view(np.uint32).tolist()
         error, x = bindings.recursive_error(state), found["answer"].copy()
         return box_solution(
-            self._problem_of(found),
+            self.problem(found),
             x,
             error <= FOUND,
             status="capped" if capped else "solved",
