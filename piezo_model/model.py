@@ -24,12 +24,13 @@ from numpy.typing import ArrayLike
 
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
-from piezo_model.core import State, bindings
+from piezo_model.core import bindings
 from piezo_model.inverse import invert_superposition
 from piezo_model.json_file import Number
-from piezo_model.operator_state import OperatorState, States, pad, write_operators
+from piezo_model.operator_state import OperatorState, States, operator_arrays, pad
 from piezo_model.structure import SMALLEST, ModelStructure
 from solvers.arrays import Vector
+from solvers.core import padded
 
 if TYPE_CHECKING:
     from piezo_model.identification.validation import Validation
@@ -161,18 +162,13 @@ class HysteresisCreepModel:
         return slopes
 
     @cached_property
-    def _core(self) -> State:
-        """The model of ``core/model.h``."""
+    def _arrays(self) -> tuple[Vector | float, ...]:
+        """What the core's ``model_simulate`` takes before states and samples."""
         s = self.structure
-        core = State(
-            bindings.model_bytes(*s.shape),
-            lambda block: bindings.model_setup(block, *s.shape, float(self.offset)),
-        )
         w_S, r_S = invert_superposition(self.w_S_inverse, np.array(s.dead_zone_thresholds))
-        write_operators(core, s, r_S)
-        core["w_S"][: w_S.size], core["w_H"][: s.n + 1] = w_S, self.w_H
-        core["w_K"][:] = np.tile(pad(self.w_K, s.lanes), len(s.creep_rates))  # for every state, rate by rate
-        return core
+        w_K = np.tile(pad(self.w_K, s.lanes), len(s.creep_rates))  # for every state, rate by rate
+        weights = pad(w_S, padded(w_S.size)), pad(self.w_H, s.lanes), w_K
+        return *operator_arrays(s, r_S).values(), *weights, float(self.offset)
 
     def simulate(self, x: ArrayLike | Recording, state: OperatorState | None = None) -> Vector:
         """Output of the model.
@@ -208,7 +204,7 @@ class HysteresisCreepModel:
         state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
         y = np.empty_like(unit_x)
-        bindings.model_simulate(self._core.block, state.play, state.creep, unit_x, y)
+        bindings.model_simulate(*self._arrays, state.play, state.creep, unit_x, y)
         return s.y_centre + s.y_scale * y
 
     @property

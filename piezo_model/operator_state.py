@@ -111,14 +111,22 @@ class OperatorState:
         return OperatorState(self.play.copy(), self.creep.copy())
 
 
-def write_operators(core: State, structure: ModelStructure, dead_zones: ArrayLike) -> None:
-    """Write thresholds and gains of play and creep, and the limits of dead zones of these thresholds, to a state of the
-    core."""
+def operator_arrays(structure: ModelStructure, dead_zones: ArrayLike) -> dict[str, Vector]:
+    """Thresholds and gains of play and creep, and the limits of dead zones of these thresholds, by their names in
+    ``core/operators.h``."""
     low, high = dead_zone_limits(dead_zones)
-    core["r"][:] = padded_thresholds(structure)
-    core["a"][:] = creep_gain(structure.creep_rates, structure.sample_time)
-    core["low"][:] = pad(low, padded(low.size), -np.inf)
-    core["high"][:] = pad(high, padded(high.size), np.inf)
+    return {
+        "r": padded_thresholds(structure),
+        "a": creep_gain(structure.creep_rates, structure.sample_time),
+        "low": pad(low, padded(low.size), -np.inf),
+        "high": pad(high, padded(high.size), np.inf),
+    }
+
+
+def write_operators(core: State, structure: ModelStructure, dead_zones: ArrayLike) -> None:
+    """Write the arrays of the operators to a state of the core."""
+    for name, values in operator_arrays(structure, dead_zones).items():
+        core[name][:] = values
 
 
 def padded_thresholds(structure: ModelStructure) -> Vector:

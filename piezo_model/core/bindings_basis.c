@@ -55,7 +55,6 @@ static void write_rows(const Basis *b, int64_t samples, const double *x, const d
     F(basis_bytes, SHAPED, "size of a data basis.", 0, WHOLE_RESULT = basis_bytes(SHAPE_AT(0)))                        \
     F(basis_setup, "state@, " SHAPED ", forgetting", "make a block a data basis; where its vectors stand.",            \
       NEED_BYTES(0, basis_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
-    F(basis_clear, "state@BAS1", "forget the rows.", 0, basis_clear(BASIS))                                            \
     F(basis_update, "state@BAS1, x[n], y[n]", "count samples.", SAMPLES_LAST,                                          \
       update(BASIS, LENGTH(n), REALS(1), REALS(2)))                                                                    \
     F(basis_advance, "state@BAS1, x[n]", "move the states on and count nothing.", SAMPLES_LAST,                        \

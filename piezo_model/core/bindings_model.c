@@ -30,16 +30,14 @@ static void dead_zones(int64_t samples, int n, const double *u, const double *lo
     }
 }
 
-static void set_up(Arguments *a, void *memory, Shape s, double offset)
-{
-    const Model m = model_setup(memory, s, offset);
-    const Part parts[] = {{"r", m.operators.r, lanes(s)},  {"a", m.operators.a, s.rates},
-                          {"low", m.S.low, zone_lanes(s)}, {"high", m.S.high, zone_lanes(s)},
-                          {"w_S", m.S.w, zone_lanes(s)},   {"w_H", m.w_H, lanes(s)},
-                          {"w_K", m.w_K, creep_lanes(s)}};
-    RETURN_PARTS(memory, parts);
-}
-
+/* Its padding has no weight, so that it may count. */
+#define MODEL                                                                                                          \
+    ((Model){{SIZE(l) - 1, SIZE(z), SIZE(m), 0},                                                                       \
+             {REALS(0), REALS(1)},                                                                                     \
+             {REALS(2), REALS(3), REALS(4)},                                                                           \
+             REALS(5),                                                                                                 \
+             REALS(6),                                                                                                 \
+             NUMBER(7)})
 #define BINDINGS(F)                                                                                                    \
     F(play, "x[n], r[i], z[i]=, out[n,i]=", "play operators over samples; z moves on.", SAMPLES_LAST,                  \
       plays(LENGTH(n), SIZE(i), REALS(0), REALS(1), REALS(2), REALS(3)))                                               \
@@ -47,9 +45,10 @@ static void set_up(Arguments *a, void *memory, Shape s, double offset)
       creeps(LENGTH(n), SIZE(i), REALS(0), REALS(1), REALS(2), REALS(3), REALS(4)))                                    \
     F(dead_zone, "u[n], low[i], high[i], out[n,i]=", "dead zones over samples.", SAMPLES_LAST,                         \
       dead_zones(LENGTH(n), SIZE(i), REALS(0), REALS(1), REALS(2), REALS(3)))                                          \
-    F(model_bytes, SHAPED, "size of a model.", 0, WHOLE_RESULT = model_bytes(SHAPE_AT(0)))                             \
-    F(model_setup, "state@, " SHAPED ", constant", "make a block a model; where its vectors stand.",                   \
-      NEED_BYTES(0, model_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
-    F(model_simulate, "state@MOD1, play[l]=, creep[c]=, x[n], y[n]=", "outputs for inputs; the states move on.",       \
-      SAMPLES_LAST, model_simulate((Model[]){model_at(MEMORY(0))}, REALS(3), LENGTH(n), REALS(1), REALS(2), REALS(4)))
+    F(model_simulate,                                                                                                  \
+      "r[l], a[m], low[z], high[z], w_S[z], w_H[l], w_K[c], constant, play[l]=, creep[c]=, x[n], y[n]=",               \
+      "outputs of a model for inputs; the states move on.",                                                            \
+      (NEED_SIZE(l, padded(SIZE(l))), NEED_SIZE(z, padded(SIZE(z))), NEED_SIZE(c, LENGTH(m) * LENGTH(l)),              \
+       SAMPLES_LAST),                                                                                                  \
+      model_simulate(&MODEL, REALS(10), LENGTH(n), REALS(8), REALS(9), REALS(11)))
 MAKE_BINDINGS(model)

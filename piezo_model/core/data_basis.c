@@ -28,15 +28,8 @@ void basis_setup(void *memory, Shape shape, real forgetting)
     new_shaped_state(memory, BASIS_KIND, shape, basis_bytes(shape));
     Basis b = basis_at(memory);
     b.head->forgetting = forgetting;
-    basis_clear(&b);
-}
-
-void basis_clear(Basis *b)
-{
-    b->head->filled = b->head->samples = 0;
-    b->span[X_MIN] = b->span[Y_MIN] = REAL_INFINITY;
-    b->span[X_MAX] = b->span[Y_MAX] = -REAL_INFINITY;
-    memset(b->gram, 0, sizeof(real) * (size_t)symmetric_nums(row_width(b->shape)));
+    b.span[X_MIN] = b.span[Y_MIN] = REAL_INFINITY;
+    b.span[X_MAX] = b.span[Y_MAX] = -REAL_INFINITY;
 }
 
 void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram)

@@ -2,7 +2,7 @@
  *
  *     gram = sum of lambda^(N-k) row_k row_k',   lambda <= 1.
  *
- * Rows are gathered in blocks of fixed size counted from the last time it was cleared, so that the same samples give
+ * Rows are gathered in blocks of fixed size counted from the first sample, so that the same samples give
  * the same bits in whatever chunks they come.
  *
  * Source: the paper's equations (3) to (6).
@@ -18,7 +18,7 @@ enum { BASIS_BLOCK = 64 }; /* rows gathered before they are added, few enough to
 typedef struct {
     ShapedHead shaped;
     real forgetting;         /* lambda */
-    int64_t filled, samples; /* rows that wait for their block to be full; samples counted since it was cleared */
+    int64_t filled, samples; /* rows that wait for their block to be full; samples counted */
 } BasisHead;
 
 enum { X_MIN, X_MAX, Y_MIN, Y_MAX }; /* of the span */
@@ -38,8 +38,6 @@ CORE_API int64_t basis_bytes(Shape shape);
 CORE_API Basis basis_at(void *memory);
 /* Make a block of basis_bytes(shape) bytes a data basis; parameters and states are still to be written. */
 CORE_API void basis_setup(void *memory, Shape shape, real forgetting);
-/* Forget the rows; the states stay, since they follow the actuator for as long as it is powered. */
-CORE_API void basis_clear(Basis *b);
 /* Count one sample in unit amplitudes. */
 CORE_API void basis_count(Basis *b, real x, real y);
 /* gram <- lambda^count gram + the last `count` rows; the rows are room for their weighted copies. */

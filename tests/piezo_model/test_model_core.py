@@ -30,28 +30,31 @@ MAIN = """
 #include "model.h"
 #include <stdio.h>
 
-static _Alignas(64) char model[1 << 16], basis[1 << 20], compensator[1 << 16];
-static double x[SAMPLES], y[SAMPLES], play[64], creep[256];
+static _Alignas(64) char basis[1 << 20], compensator[1 << 16];
+static double model[MODEL], x[SAMPLES], y[SAMPLES], play[64], creep[256];
 
 int main(void)
 {
     const size_t sizes[] = {SIZES};
-    Model m;
     Basis b;
     Compensator c;
-    if (fread(model, 1, sizes[0], stdin) + fread(basis, 1, sizes[1], stdin) + fread(compensator, 1, sizes[2], stdin)
-        + fread(x, 1, sizeof x, stdin) != sizes[0] + sizes[1] + sizes[2] + sizeof x) {
+    if (fread(model, 1, sizeof model, stdin) + fread(basis, 1, sizes[0], stdin)
+        + fread(compensator, 1, sizes[1], stdin) + fread(x, 1, sizeof x, stdin)
+        != sizeof model + sizes[0] + sizes[1] + sizeof x) {
         return 1;
     }
-    m = model_at(model);
     b = basis_at(basis);
     c = compensator_at(compensator);
+    const int k = lanes(c.shape), zones = zone_lanes(c.shape);
+    double *const a = model + k, *const low = a + c.shape.rates, *const high = low + zones, *const w_S = high + zones;
+    double *const w_H = w_S + zones, *const w_K = w_H + k;
+    const Model m = {c.shape, {model, a}, {low, high, w_S}, w_H, w_K, model[MODEL - 1]};
     model_simulate(&m, x, SAMPLES, play, creep, y);
     for (int k = 0; k < SAMPLES; ++k) {
         basis_count(&b, x[k], y[k]);
         y[k] = compensator_step(&c, y[k], NULL);
         if (k == SAMPLES / 2) {
-            const int n = c.shape.n + 1, zones = c.shape.zones;
+            const int n = c.shape.n + 1, zones = c.shape.zones; /* without padding */
             double weights[64];
             memcpy(weights, c.inverse.w_H, (size_t)n * sizeof *weights);
             memcpy(weights + n, c.inverse.w_S, (size_t)zones * sizeof *weights);
@@ -61,8 +64,8 @@ int main(void)
         }
     }
     fwrite(y, 1, sizeof y, stdout);
-    fwrite(basis, 1, sizes[1], stdout);
-    fwrite(compensator, 1, sizes[2], stdout);
+    fwrite(basis, 1, sizes[0], stdout);
+    fwrite(compensator, 1, sizes[1], stdout);
     return 0;
 }
 """
@@ -81,8 +84,9 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
     model, samples = a_model(), 1000
     x = np.sin(np.arange(samples) / 30) * np.cos(np.arange(samples) / 170)
     basis, compensator = DataBasis(STRUCTURE, forgetting=0.999), Compensator(model, (0.0, 150.0), rate_limit=5e4)
-    given = b"".join(state.block.tobytes() for state in (model._core, basis._core, compensator._core)) + x.tobytes()
-    sizes = [state.block.size for state in (model._core, basis._core, compensator._core)]
+    states, arrays = (basis._core, compensator._core), np.hstack(model._arrays)
+    given = b"".join([arrays.tobytes(), *(state.block.tobytes() for state in states), x.tobytes()])
+    sizes = ",".join(str(state.block.size) for state in states)
 
     y, drive, play, creep = (
         np.empty(samples),
@@ -90,7 +94,7 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
         np.zeros(STRUCTURE.lanes),
         np.zeros(3 * STRUCTURE.lanes),
     )
-    bindings.model_simulate(model._core.block, play, creep, x, y)
+    bindings.model_simulate(*model._arrays, play, creep, x, y)
     bindings.basis_update(basis._core.block, x, y)
     for k in range(samples):
         drive[k] = bindings.compensator_step(compensator._core.block, float(y[k]))
@@ -102,7 +106,7 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
 
     source, target = tmp_path / "main.c", tmp_path / "program"
     source.write_text(MAIN, encoding="utf-8")
-    words = [f"-DSAMPLES={samples}", f"-DSIZES={','.join(map(str, sizes))}"]
+    words = [f"-DSAMPLES={samples}", f"-DSIZES={sizes}", f"-DMODEL={arrays.size}"]
     sets = [f"-march=x86-64-v{level}" for level in range(2, solvers_bindings.processor_level() + 1)] or ["-DCORE_PLAIN"]
     for options in [
         ["-O0", sets[-1]],
