@@ -132,7 +132,7 @@ class Compensator:
         self._core["play"][:], self._core["creep"][:] = state.play, state.creep
         self.drive[:] = drive_memory(s, *self._x_limits)
         self.drive[BUMP:] = drive
-        bindings.compensator_take(self._core.block, model.all_weights)
+        bindings.compensator_set_weights(self._core.block, model.all_weights)
 
     @property
     def state(self) -> OperatorState:

@@ -53,7 +53,7 @@ class ProjectedGradient(OurSolver):
         if q is not None:
             np.copyto(self._q, q)
             q = self._q
-        status = bindings.descent_take(self.state, P, q, self._ratio, int(self._scaled))
+        status = bindings.descent_set_data(self.state, P, q, self._ratio, int(self._scaled))
         if status == NOT_FINITE:
             raise ValueError(f"{self.name}: {'q' if P is None or np.isfinite(P).all() else 'P'} must be finite")
         self.accept(status)

@@ -31,9 +31,9 @@ Bank bank_at(void *memory)
 {
     Bank b = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
     Arena arena = after_head(memory);
-    b.drive_settings = arena_take(&arena, sizeof *b.drive_settings);
-    b.learner_settings = arena_take(&arena, sizeof *b.learner_settings);
-    b.regressors = take_regressors(&arena, b.shape);
+    b.drive_settings = arena_part(&arena, sizeof *b.drive_settings);
+    b.learner_settings = arena_part(&arena, sizeof *b.learner_settings);
+    b.regressors = regressors_at(&arena, b.shape);
     b.drivers = (char *)memory + HEAD_BYTES + parameter_bytes(b.shape);
     b.learners = b.drivers + b.head->tiles * driver_bytes(b.shape, b.head->block);
     b.notes = b.learners + b.head->tiles * learner_part_bytes(b.shape);
@@ -51,7 +51,7 @@ Controller tile_controller(const Bank *b, int64_t tile)
     c.compensator.memory = (DriveMemory *)(void *)nums(&arena, memory_nums());
     c.compensator.play = nums(&arena, play_vectors(s));
     c.compensator.creep = nums(&arena, creep_vectors(s));
-    c.compensator.inverse = take_inverse(&arena, s);
+    c.compensator.inverse = inverse_at(&arena, s);
     c.mailbox = mailbox_at((char *)c.compensator.memory + bytes_of(memory_nums() + state_nums(s) + inverse_nums(s)), s);
     return c;
 }
@@ -66,8 +66,8 @@ Learner tile_learner(const Bank *b, int64_t tile, void *thread_workspace)
                  .regressors = b->regressors,
                  .mailbox = tile_controller(b, tile).mailbox,
                  .workspace = thread_workspace};
-    l.clock = arena_take(&arena, sizeof *l.clock);
-    tile_learner_take(&l, &arena, &notes);
+    l.clock = arena_part(&arena, sizeof *l.clock);
+    tile_learner_lay_out(&l, &arena, &notes);
     return l;
 }
 

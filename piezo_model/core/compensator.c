@@ -135,13 +135,13 @@ Compensator compensator_at(void *memory)
     Compensator c = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
     Arena arena = after_head(memory);
     c.settings = (const DriveSettings *)(void *)reals(&arena, 2, LANES);
-    c.operators = take_operators(&arena, c.shape);
+    c.operators = operators_at(&arena, c.shape);
     c.low = reals(&arena, 1, zone_lanes(c.shape));
     c.high = reals(&arena, 1, zone_lanes(c.shape));
     c.memory = (DriveMemory *)(void *)reals(&arena, 2, LANES);
     c.play = nums(&arena, lanes(c.shape));
     c.creep = nums(&arena, CREEP_VECTORS * creep_lanes(c.shape));
-    c.inverse = take_inverse(&arena, c.shape);
+    c.inverse = inverse_at(&arena, c.shape);
     return c;
 }
 
@@ -151,7 +151,7 @@ Compensator compensator_setup(void *memory, Shape shape)
     return compensator_at(memory);
 }
 
-void compensator_take(const Compensator *c, const real *weights)
+void compensator_set_weights(const Compensator *c, const real *weights)
 {
     const Inverse *const p = &c->inverse;
     const int n = c->shape.n, zones = c->shape.zones;

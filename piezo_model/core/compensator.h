@@ -49,7 +49,7 @@ typedef struct {
 
 CORE_INLINE int inverse_nums(Shape s) { return 4 * NUMS(s.n + 1) + NUMS(s.zones) + NUMS(creep_weights(s)) + NUMS(1); }
 
-CORE_INLINE Inverse take_inverse(Arena *arena, Shape s)
+CORE_INLINE Inverse inverse_at(Arena *arena, Shape s)
 {
     Inverse p;
     p.w_H = nums(arena, NUMS(s.n + 1));
@@ -103,7 +103,7 @@ CORE_API Compensator compensator_at(void *memory);
  * written. */
 CORE_API Compensator compensator_setup(void *memory, Shape shape);
 /* Invert the model of all these weights, w_H0 ... w_Hn, w'_S, w_K, offset, which must be those of a valid model. */
-CORE_API void compensator_take(const Compensator *c, const real *weights);
+CORE_API void compensator_set_weights(const Compensator *c, const real *weights);
 #endif
 
 #endif

@@ -75,7 +75,7 @@ static int find_offer(const Controller *c, Change *change, uint32_t *answered)
     const int current = *o->epoch == m->epoch;
     if (current) {
         const num unknown = differs(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
-        change->inverse = take_inverse(&arena, c->compensator.shape);
+        change->inverse = inverse_at(&arena, c->compensator.shape);
         change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
         CORE_RELEASE(&m->late, m->late + (m->samples > *o->due));
     }

@@ -48,7 +48,7 @@ int64_t cyclic_bytes(Shape s)
     return numbers * (int64_t)sizeof(real) + arena_bytes(descent_bytes(d));
 }
 
-Cyclic take_cyclic(Arena *arena, Shape s)
+Cyclic cyclic_at(Arena *arena, Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
@@ -67,7 +67,7 @@ Cyclic take_cyclic(Arena *arena, Shape s)
                               {&c.past, all},
                               {&c.P, padded(d * d)}};
     LAY_OUT(arena, extents);
-    c.descent = descent_at(arena_take(arena, (size_t)descent_bytes(d)));
+    c.descent = descent_at(arena_part(arena, (size_t)descent_bytes(d)));
     c.answer = c.descent.answer;
     return c;
 }
@@ -213,7 +213,7 @@ static int begin_steps(const Learner *l)
     ProjectedGradient descent = l->cyclic.descent;
     const Cyclic *const c = &l->cyclic;
     if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK
-        || descent_take(&descent, c->P, c->q, l->settings->step_ratio, 0) != OK) {
+        || descent_set_data(&descent, c->P, c->q, l->settings->step_ratio, 0) != OK) {
         return 0;
     }
     descent_start(&descent, c->start);

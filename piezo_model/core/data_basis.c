@@ -11,7 +11,7 @@ Basis basis_at(void *memory)
     const Shape s = SHAPE((const ShapedHead *)memory);
     Basis b = {.head = memory, .shape = s};
     Arena arena = after_head(memory);
-    b.regressors = take_regressors(&arena, s);
+    b.regressors = regressors_at(&arena, s);
     const Extent extents[] = {{&b.play, lanes(s)},
                               {&b.creep, creep_lanes(s)},
                               {&b.start_play, lanes(s)},

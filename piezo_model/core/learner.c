@@ -1,6 +1,6 @@
 #include "learner.h"
 
-static Note take_note(Arena *arena, Shape s)
+static Note note_at(Arena *arena, Shape s)
 {
     Note n;
     n.gram = nums(arena, symmetric_nums(unknowns(s) + 1));
@@ -9,7 +9,7 @@ static Note take_note(Arena *arena, Shape s)
     return n;
 }
 
-void N(learner_take)(Learner *l, Arena *own, Arena *notes)
+void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes)
 {
     const Shape s = l->shape;
     l->memory = (LearnerMemory *)(void *)nums(own, NUMS((int)(sizeof(LearnerMemory) / sizeof(num))));
@@ -17,8 +17,8 @@ void N(learner_take)(Learner *l, Arena *own, Arena *notes)
     l->before = nums(own, NUMS(l->d));
     l->candidate = nums(own, NUMS(l->d));
     l->gram = nums(own, symmetric_nums(l->d + 1));
-    l->older = take_note(notes, s);
-    l->newer = take_note(notes, s);
+    l->older = note_at(notes, s);
+    l->newer = note_at(notes, s);
 }
 
 /* How many samples of a block are good. */
@@ -177,15 +177,15 @@ Learner learner_at(void *memory)
     Arena arena = after_head(memory);
     Learner l = {.shape = s, .d = unknowns(s), .mailbox = mailbox_at(arena.at, s)};
     arena.at += mailbox_bytes(l.shape, head->block, head->blocks);
-    l.settings = arena_take(&arena, sizeof *l.settings);
-    l.clock = arena_take(&arena, sizeof *l.clock);
-    l.regressors = take_regressors(&arena, l.shape);
+    l.settings = arena_part(&arena, sizeof *l.settings);
+    l.clock = arena_part(&arena, sizeof *l.clock);
+    l.regressors = regressors_at(&arena, l.shape);
     Arena none = {NULL};
-    learner_take(&l, &arena, way == CYCLIC ? &none : &arena);
+    learner_lay_out(&l, &arena, way == CYCLIC ? &none : &arena);
     l.seen_play = reals(&arena, 1, lanes(l.shape));
     l.seen_creep = reals(&arena, 1, creep_lanes(l.shape));
     if (way == CYCLIC) {
-        l.cyclic = take_cyclic(&arena, l.shape);
+        l.cyclic = cyclic_at(&arena, l.shape);
     }
     l.workspace = arena.at;
     return l;

@@ -160,7 +160,7 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
     w.rows = nums(&arena, block * row_nums(s) + LANES);
     w.play = nums(&arena, play_vectors(s) * (LANES / WIDTH));
     w.creep = nums(&arena, creep_vectors(s) * (LANES / WIDTH));
-    w.inverse = take_inverse(&arena, s);
+    w.inverse = inverse_at(&arena, s);
     w.solver = (char *)memory + workspace_bytes(s, block, way);
     if (way == CYCLIC) {
         return w;
@@ -176,7 +176,7 @@ CORE_INLINE Workspace workspace_of(const Learner *l)
                         WIDTH == 1 ? (int)WAY(l->settings) : CONTINUOUS);
 }
 /* Lay out what a learner has for itself, and its two notes. */
-CORE_API void N(learner_take)(Learner *l, Arena *own, Arena *notes);
+CORE_API void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes);
 
 /* Learn from the next block, if there is one; what came of it. */
 CORE_API int N(learner_learn)(const Learner *l);
@@ -213,7 +213,7 @@ CORE_API void learner_begin(const Learner *l, int resets);
 CORE_API int cyclic_block(const Learner *l, const Passed *b);
 CORE_API void cyclic_enter(const Learner *l, int phase);
 CORE_API int64_t cyclic_bytes(Shape shape);
-CORE_API Cyclic take_cyclic(Arena *arena, Shape shape);
+CORE_API Cyclic cyclic_at(Arena *arena, Shape shape);
 #endif
 
 /* The unknowns v of all weights of a model. */

@@ -20,13 +20,13 @@
     ((real)1e-30) /* what fades and is smaller becomes zero, before it is too small for normal numbers, which are      \
                      quick */
 
-CORE_INLINE vec8 play8(vec8 x, vec8 r, vec8 z) { return larger(sub(x, r), smaller(add(x, r), z)); }
+CORE_INLINE vec8 play8(vec8 x, vec8 r, vec8 z) { return maximum(sub(x, r), minimum(add(x, r), z)); }
 
 CORE_INLINE vec8 creep8(vec8 x, vec8 r, vec8 a, vec8 z) { return plus_product(z, a, sub(play8(x, r, z), z)); }
 
 CORE_INLINE vec8 dead_zone8(vec8 u, vec8 low, vec8 high)
 {
-    return add(larger(sub(u, high), zeros()), smaller(sub(u, low), zeros()));
+    return add(maximum(sub(u, high), zeros()), minimum(sub(u, low), zeros()));
 }
 
 CORE_INLINE vec8 flushed8(vec8 a) { return where_less(splat(TINY), magnitude(a), a, zeros()); }
@@ -50,7 +50,7 @@ typedef struct {
     real *low, *high, *w; /* limits and weights, zone_lanes; padding is -inf, inf and 0 */
 } Superposition;
 
-CORE_INLINE Operators take_operators(Arena *arena, Shape s)
+CORE_INLINE Operators operators_at(Arena *arena, Shape s)
 {
     Operators p;
     p.r = reals(arena, 1, lanes(s));

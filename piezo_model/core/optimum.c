@@ -50,7 +50,7 @@ static int solve(const Learner *l, int lane)
         return 0;
     }
     Box s = box_at(w->solver);
-    if (box_take_hessian(&s, w->P) != OK || box_take_linear(&s, w->q) != OK || box_start(&s, w->start) != OK
+    if (box_set_hessian(&s, w->P) != OK || box_set_linear(&s, w->q) != OK || box_start(&s, w->start) != OK
         || box_solve(&s, 1) != OK) {
         return 0;
     }

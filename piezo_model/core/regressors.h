@@ -23,14 +23,14 @@ typedef struct {
 CORE_INLINE int row_width(Shape s) { return unknowns(s) + 1; }
 /* Nums of a row in memory: vectors are written and read beyond the last column. */
 CORE_INLINE int row_nums(Shape s) { return NUMS(row_width(s) + 1) + NUMS(LANES); }
-CORE_INLINE Regressors take_regressors(Arena *arena, Shape s)
+CORE_INLINE Regressors regressors_at(Arena *arena, Shape s)
 {
     Regressors p;
     const Extent extents[] = {{&p.low, zone_lanes(s)},
                               {&p.high, zone_lanes(s)},
                               {&p.outer_low, zone_lanes(s)},
                               {&p.outer_high, zone_lanes(s)}};
-    p.operators = take_operators(arena, s);
+    p.operators = operators_at(arena, s);
     LAY_OUT(arena, extents);
     return p;
 }

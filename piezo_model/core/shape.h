@@ -26,7 +26,7 @@ static const Shape exported_shape = CORE_SHAPE;
 #endif
 
 /* A part of a state for a struct. */
-CORE_INLINE void *arena_take(Arena *arena, size_t bytes)
+CORE_INLINE void *arena_part(Arena *arena, size_t bytes)
 {
     void *const first = arena->at;
     arena->at += arena_bytes((int64_t)bytes);

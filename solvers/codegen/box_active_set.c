@@ -18,8 +18,8 @@ void embedded_setup(const double *lb, const double *ub, const double *settings)
 
 void embedded_update(const double *P, const double *q)
 {
-    status = box_take_hessian(&solver, P);
-    status = status == OK ? box_take_linear(&solver, q) : status;
+    status = box_set_hessian(&solver, P);
+    status = status == OK ? box_set_linear(&solver, q) : status;
 }
 
 int embedded_solve(const double *start)

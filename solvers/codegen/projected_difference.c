@@ -20,7 +20,7 @@ void embedded_setup(const double *lb, const double *ub, const double *settings)
     solver = descent_at(&memory);
 }
 
-void embedded_update(const double *P, const double *q) { status = descent_take(&solver, P, q, ratio, 0); }
+void embedded_update(const double *P, const double *q) { status = descent_set_data(&solver, P, q, ratio, 0); }
 
 int embedded_solve(const double *start)
 {

@@ -25,8 +25,8 @@ static void places(Arguments *a, const Box *s)
 
 static int update(void *solver, const double *P, const double *q)
 {
-    const int status = P != NULL ? box_take_hessian(solver, P) : OK;
-    return status == OK && q != NULL ? box_take_linear(solver, q) : status;
+    const int status = P != NULL ? box_set_hessian(solver, P) : OK;
+    return status == OK && q != NULL ? box_set_linear(solver, q) : status;
 }
 
 static int solve_from(Box *s, const double *start, double *x, int warm)
@@ -89,7 +89,7 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
     F(box_places, "state@BOX1", "where its vectors and counts stand.", 0, places(&a, BOX))                             \
     F(box_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, box_bytes(SIZE(d))),         \
       WHOLE_RESULT = box_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                                \
-    F(box_take, "state@BOX1, P[d,d]?, q[d]?", "new data, None for what stays; a status.", SIZE(d) >= LONG_FROM,        \
+    F(box_set_data, "state@BOX1, P[d,d]?, q[d]?", "new data, None for what stays; a status.", SIZE(d) >= LONG_FROM,    \
       WHOLE_RESULT = update(BOX, REALS(1), REALS(2)))                                                                  \
     F(box_start, "state@BOX1, x[d]", "begin a warm solve at x; a status.", 0, WHOLE_RESULT = box_start(BOX, REALS(1))) \
     F(box_solve, "state@BOX1, warm#0:1", "solve; a status.", SIZE(d) >= LONG_FROM,                                     \

@@ -19,7 +19,7 @@ typedef struct {
 static int update(void *solver, const double *P, const double *q)
 {
     const TimedProjectedGradient *const t = solver;
-    return descent_take(t->s, P, q, t->ratio, t->scaled);
+    return descent_set_data(t->s, P, q, t->ratio, t->scaled);
 }
 
 static int solve(void *solver, const double *start, double *x)
@@ -49,8 +49,8 @@ static void places(Arguments *a, const ProjectedGradient *s)
     F(descent_places, "state@DSC1", "where its vectors stand.", 0, places(&a, DESCENT))                                \
     F(descent_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, descent_bytes(SIZE(d))), \
       WHOLE_RESULT = descent_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                            \
-    F(descent_take, "state@DSC1, P[d,d]?, q[d]?, ratio, scaled#0:1", "new data, None for what stays; a status.", 0,    \
-      WHOLE_RESULT = descent_take(DESCENT, REALS(1), REALS(2), NUMBER(3), INT(4)))                                     \
+    F(descent_set_data, "state@DSC1, P[d,d]?, q[d]?, ratio, scaled#0:1", "new data, None for what stays; a status.",   \
+      0, WHOLE_RESULT = descent_set_data(DESCENT, REALS(1), REALS(2), NUMBER(3), INT(4)))                              \
     F(descent_start, "state@DSC1, x[d]?", "begin at x, at 0 for None.", 0, descent_start(DESCENT, REALS(1)))           \
     F(descent_answer, "state@DSC1", "write the answer.", 0, descent_answer(DESCENT))                                   \
     F(projected_steps, "state@DSC1, steps#0:, tolerance", "how many were taken.", WHOLE(1) > 100,                      \

@@ -41,7 +41,7 @@ static int take_rows(Recursive *s, int64_t count, const double *rows, double *an
     int status = OK;
     for (int64_t k = 0; k < count && (status == OK || status == CAPPED); ++k) {
         const int64_t start = monotonic_ns();
-        status = recursive_take(s, rows + k * (s->d + 1));
+        status = recursive_append(s, rows + k * (s->d + 1));
         if (status == SINGULAR || status == CYCLING) {
             status = recursive_recover(s);
         }
@@ -86,10 +86,10 @@ static int solve(void *solver, const double *start, double *x)
       WHOLE_RESULT = recursive_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2), NUMBER(3), NUMBER(4), NUMBER(5)))         \
     F(recursive_begin, "state@SWP1, P[d,d], q[d]", "start from these data; a status.", 1,                              \
       WHOLE_RESULT = begin(RECURSIVE, REALS(1), REALS(2)))                                                             \
-    F(recursive_take, "state@SWP1, row[d+1]", "take a row (xi, x) and answer; a status.", 0,                           \
+    F(recursive_append, "state@SWP1, row[d+1]", "take a row (xi, x) and answer; a status.", 0,                         \
       Recursive *const s = RECURSIVE;                                                                                  \
-      WHOLE_RESULT = answered(s, recursive_take(s, REALS(1))))                                                         \
-    F(recursive_take_rows,                                                                                             \
+      WHOLE_RESULT = answered(s, recursive_append(s, REALS(1))))                                                       \
+    F(recursive_append_rows,                                                                                           \
       "state@SWP1, rows[n,d+1], answers[n,d]=, nanoseconds[n]q=", "take rows and recover where it must be; a status.", \
       LENGTH(n) > 1, WHOLE_RESULT = take_rows(RECURSIVE, LENGTH(n), REALS(1), REALS(2), WHOLES(3)))                    \
     F(recursive_recover, "state@SWP1", "begin anew from the data so far; a status.", 0,                                \

@@ -52,10 +52,10 @@ CORE_API Box box_at(void *memory);
 /* Make a block of box_bytes(d) bytes a state of d variables with the bounds lb, ub (d); OK, NOT_FINITE or CROSSED. */
 CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
 /* Take other bounds, before other data; OK, NOT_FINITE or CROSSED. */
-CORE_API int box_take_bounds(Box *s, const real *lb, const real *ub);
+CORE_API int box_set_bounds(Box *s, const real *lb, const real *ub);
 /* Take P (d, d) or q (d); OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
-CORE_API int box_take_hessian(Box *s, const real *P);
-CORE_API int box_take_linear(Box *s, const real *q);
+CORE_API int box_set_hessian(Box *s, const real *P);
+CORE_API int box_set_linear(Box *s, const real *q);
 /* Begin a warm solve at x (d): at a bound what touches it, else free; OK or NOT_FINITE. */
 CORE_API int box_start(Box *s, const real *x);
 /* Solve, cold from "all free", warm from the last sides or those of box_start; the answer stands in s->answer. */

@@ -68,10 +68,10 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
         memset(last, 0, (size_t)s.ld * sizeof(real));
         last[d] = 1;
     }
-    return box_take_bounds(&s, lb, ub);
+    return box_set_bounds(&s, lb, ub);
 }
 
-int box_take_bounds(Box *s, const real *lb, const real *ub)
+int box_set_bounds(Box *s, const real *lb, const real *ub)
 {
     for (int j = 0; j < s->d; ++j) {
         if (!(lb[j] == lb[j] && ub[j] == ub[j])) {
@@ -120,7 +120,7 @@ static int copy_checked(Box *s, const real *P)
     return scaled_symmetric(P, s->d, s->ld, s->scale, s->P);
 }
 
-int box_take_hessian(Box *s, const real *P)
+int box_set_hessian(Box *s, const real *P)
 {
     int status = OK;
     s->head->singular = 0;
@@ -134,7 +134,7 @@ int box_take_hessian(Box *s, const real *P)
     return status;
 }
 
-int box_take_linear(Box *s, const real *q)
+int box_set_linear(Box *s, const real *q)
 {
     vec8 nothing = zeros();
     memcpy(s->raw_q, q, (size_t)s->d * sizeof(real));
@@ -161,7 +161,7 @@ int box_start(Box *s, const real *x)
 static void write_answer(const Box *s)
 {
     for (int b = 0; b < s->ld; b += LANES) {
-        const vec8 x = larger(smaller(load(s->x + b), load(s->hi + b)), load(s->lo + b));
+        const vec8 x = maximum(minimum(load(s->x + b), load(s->hi + b)), load(s->lo + b));
         store(s->answer + b, mul(load(s->scale + b), x));
     }
 }
@@ -189,8 +189,8 @@ int box_solve(Box *s, int warm)
 
 int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)
 {
-    int status = box_take_bounds(s, lb, ub);
-    status = status == OK ? box_take_hessian(s, P) : status;
-    status = status == OK ? box_take_linear(s, q) : status;
+    int status = box_set_bounds(s, lb, ub);
+    status = status == OK ? box_set_hessian(s, P) : status;
+    status = status == OK ? box_set_linear(s, q) : status;
     return status == OK ? box_solve(s, 0) : status;
 }

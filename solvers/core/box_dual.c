@@ -58,11 +58,11 @@ enum { MOST_ROUNDS = 12 };  /* of exchanges and a refinement, within which the a
 CORE_INLINE void keep_gains(const Box *s, int b, vec8 basic, vec8 weight, vec8 *broken, vec8 *wrong)
 {
     const vec8 above = sub(basic, load(s->high + b)), below = sub(load(s->low + b), basic);
-    const vec8 violation = larger(larger(above, below), zeros()), gain = mul(mul(violation, violation), weight);
+    const vec8 violation = maximum(maximum(above, below), zeros()), gain = mul(mul(violation, violation), weight);
     const vec8 of_free = mul(gain, load(s->is_free + b));
     store(s->gain + b, gain);
-    *broken = larger(*broken, of_free);
-    *wrong = larger(*wrong, sub(gain, of_free));
+    *broken = maximum(*broken, of_free);
+    *wrong = maximum(*wrong, sub(gain, of_free));
 }
 
 /* The largest entry of a vector. */
@@ -70,7 +70,7 @@ CORE_INLINE real largest(const real *a, int ld)
 {
     vec8 most = zeros();
     for (int b = 0; b < ld; b += LANES) {
-        most = larger(most, magnitude(load(a + b)));
+        most = maximum(most, magnitude(load(a + b)));
     }
     return largest8(most);
 }
@@ -364,7 +364,7 @@ static int refine(const Box *s, Search *search)
         const vec8 g = load(s->g + b), free = load(s->is_free + b);
         const vec8 beyond = mul(sub(g, clip(g, sub(zeros(), tolerance), tolerance)), load(s->unit + b));
         const vec8 basic = sub(mul(sub(splat(1), free), beyond), mul(free, load(s->x + b)));
-        residual = larger(magnitude(mul(g, free)), residual);
+        residual = maximum(magnitude(mul(g, free)), residual);
         total = add(total, g);
         store(s->basic + b, basic);
         keep_gains(s, b, basic, load(s->weight + b), &broken, &wrong);

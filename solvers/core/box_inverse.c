@@ -141,7 +141,7 @@ CORE_INLINE int invert_scaled(Box *s, const real *P, int ld)
         s->inverse_diagonal[j] = s->M[(size_t)j * (size_t)ld + (size_t)j];
     }
     for (int j = 0; j < ld; j += LANES) {
-        longest = larger(longest, magnitude(load(s->inverse_diagonal + j)));
+        longest = maximum(longest, magnitude(load(s->inverse_diagonal + j)));
     }
     return positive && largest8(longest) <= LARGEST_INVERSE;
 }

@@ -49,7 +49,7 @@ int descent_setup(void *memory, int d, const real *lb, const real *ub)
     return OK;
 }
 
-int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled)
+int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled)
 {
     const int d = s->d, ld = s->ld;
     if (q != NULL) {

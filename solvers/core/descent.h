@@ -38,7 +38,7 @@ CORE_API ProjectedGradient descent_at(void *memory);
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
 /* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or
  * INDEFINITE. */
-CORE_API int descent_take(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
+CORE_API int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), of 0 for NULL. */
 CORE_API void descent_start(ProjectedGradient *s, const real *x);
 /* Up to `steps` steps; those taken. See descent.c and acceleration.c for the rule that ends them early. */

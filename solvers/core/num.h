@@ -46,8 +46,8 @@ CORE_INLINE num times(num a, num b) { return mul(a, b); }
 CORE_INLINE num divided(num a, num b) { return divide(a, b); }
 CORE_INLINE num plus_times(num c, num a, num b) { return plus_product(c, a, b); }
 CORE_INLINE num minus_times(num c, num a, num b) { return sub_mul(c, a, b); }
-CORE_INLINE num greatest(num a, num b) { return larger(a, b); } /* b where either is NaN */
-CORE_INLINE num lowest(num a, num b) { return smaller(a, b); }
+CORE_INLINE num greatest(num a, num b) { return maximum(a, b); } /* b where either is NaN */
+CORE_INLINE num lowest(num a, num b) { return minimum(a, b); }
 CORE_INLINE num absolute(num a) { return magnitude(a); }
 CORE_INLINE num if_less(num a, num b, num x, num y) { return where_less(a, b, x, y); }
 CORE_INLINE int any(num a) { return largest8(a) > 0; }

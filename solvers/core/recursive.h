@@ -72,11 +72,11 @@ CORE_API Recursive recursive_at(void *memory);
 CORE_API int recursive_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight,
                              double proximal);
 /* Start from P (d, d), q (d) and twice the constant of the cost, at the optimum that the cold solver finds, from the
- * present answer where `warm`. OK or a status of box_take and box_solve, and then nothing has changed. */
+ * present answer where `warm`. OK or a status of box_set_data and box_solve, and then nothing has changed. */
 CORE_API int recursive_begin(Recursive *s, const real *P, const real *q, real constant, int warm);
 /* Take one row (xi, x) of d + 1 numbers and restore optimality; OK or CAPPED, or SINGULAR or CYCLING where only
  * recursive_recover helps; the row is in G then. NOT_FINITE, and nothing changed, for a row that cannot be taken. */
-CORE_API int recursive_take(Recursive *s, const real *row);
+CORE_API int recursive_append(Recursive *s, const real *row);
 /* Make M anew at once with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or
  * CYCLING. */
 CORE_API int recursive_refresh(Recursive *s);

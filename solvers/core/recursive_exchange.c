@@ -39,7 +39,7 @@ int recursive_violated(const Recursive *s)
     for (int b = 0; b < s->ld; b += LANES) {
         const vec8 value = load(last + b);
         const vec8 room = mul(load(s->is_free + b), add(load(s->width + b), value));
-        worst = smaller(worst, smaller(mul(load(s->side + b), value), room));
+        worst = minimum(worst, minimum(mul(load(s->side + b), value), room));
     }
     return sum8(worst) < 0;
 }

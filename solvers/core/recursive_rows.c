@@ -87,7 +87,7 @@ static void rescale(Recursive *s)
     s->head->root_weight /= (double)RESCALED;
 }
 
-int recursive_take(Recursive *s, const real *row)
+int recursive_append(Recursive *s, const real *row)
 {
     const int d = s->d;
     real target = row[d];

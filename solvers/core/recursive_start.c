@@ -66,8 +66,8 @@ static void place_variable(const Recursive *s, int j)
 /* The solution of a problem by the cold solver. */
 static int solve_cold(Recursive *s, const real *P, const real *q, int warm)
 {
-    int status = box_take_hessian(&s->cold, P);
-    status = status != OK ? status : box_take_linear(&s->cold, q);
+    int status = box_set_hessian(&s->cold, P);
+    status = status != OK ? status : box_set_linear(&s->cold, q);
     if (status == OK && warm && box_start(&s->cold, s->answer) == OK && box_solve(&s->cold, 1) == OK) {
         return OK;
     }

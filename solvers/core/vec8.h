@@ -7,7 +7,7 @@
  *
  *     ((l0 + l4) + (l2 + l6)) + ((l1 + l5) + (l3 + l7)).
  *
- * Comparisons with NaN are false: larger(a, b) = a > b ? a : b, so a NaN on either side gives b.
+ * Comparisons with NaN are false: maximum(a, b) = a > b ? a : b, so a NaN on either side gives b.
  *
  * `real` is double, or float with -DCORE_FLOAT; -DCORE_PLAIN chooses the plain numbers.
  */
@@ -144,7 +144,7 @@ CORE_INLINE part part_of(part_bits a)
 #define CHOOSE(condition, a, b) part_of((bits_of(a) & (condition)) | (bits_of(b) & ~(condition)))
 #endif
 
-CORE_INLINE part larger_part(part a, part b)
+CORE_INLINE part maximum_part(part a, part b)
 {
 #if PARTS == 1 && !defined(CORE_FLOAT)
     return (part)_mm512_max_pd((__m512d)a, (__m512d)b);
@@ -157,7 +157,7 @@ CORE_INLINE part larger_part(part a, part b)
 #endif
 }
 
-CORE_INLINE part smaller_part(part a, part b)
+CORE_INLINE part minimum_part(part a, part b)
 {
 #if PARTS == 1 && !defined(CORE_FLOAT)
     return (part)_mm512_min_pd((__m512d)a, (__m512d)b);
@@ -199,11 +199,11 @@ CORE_INLINE vec8 mul(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #define ONE_OF(p, i) a.p / b.p
 CORE_INLINE vec8 divide(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
-#define ONE_OF(p, i) larger_part(a.p, b.p)
-CORE_INLINE vec8 larger(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
+#define ONE_OF(p, i) maximum_part(a.p, b.p)
+CORE_INLINE vec8 maximum(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
-#define ONE_OF(p, i) smaller_part(a.p, b.p)
-CORE_INLINE vec8 smaller(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
+#define ONE_OF(p, i) minimum_part(a.p, b.p)
+CORE_INLINE vec8 minimum(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) CHOOSE(a.p < b.p, x.p, y.p)
 /* Lane by lane x where a < b, else y; y where either is NaN. */
@@ -248,8 +248,8 @@ CORE_INLINE vec8 zeros(void) { return splat((real)0); }
 /* c + a b and c - a b, the product rounded first. */
 CORE_INLINE vec8 plus_product(vec8 c, vec8 a, vec8 b) { return add(c, mul(a, b)); }
 CORE_INLINE vec8 sub_mul(vec8 c, vec8 a, vec8 b) { return sub(c, mul(a, b)); }
-CORE_INLINE vec8 magnitude(vec8 a) { return larger(a, sub(zeros(), a)); }
-CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return smaller(larger(a, lower), upper); }
+CORE_INLINE vec8 magnitude(vec8 a) { return maximum(a, sub(zeros(), a)); }
+CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return minimum(maximum(a, lower), upper); }
 
 /* Two numbers left of eight: l0, l2, l4, l6 under `onto` in the first, the odd ones in the second. */
 #if PARTS == 1 && !defined(CORE_FLOAT)
@@ -279,7 +279,7 @@ CORE_INLINE real sum8(vec8 a)
 #undef PLUS
 
 #if PARTS == 4
-#define LARGER(a, b) larger_part(a, b)
+#define LARGER(a, b) maximum_part(a, b)
 #else
 #define LARGER(a, b) ((a) > (b) ? (a) : (b))
 #endif

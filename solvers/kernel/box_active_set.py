@@ -89,9 +89,9 @@ class BoxActiveSet(OurSolver):
         """Take new P or q of the same shape; refused data (ValueError, as in ``setup``) leave no valid problem
         behind."""
         try:
-            status = bindings.box_take(self.state, P, q)
+            status = bindings.box_set_data(self.state, P, q)
         except (TypeError, ValueError, BufferError):  # not as C wants them, which need not be wrong
-            status = bindings.box_take(self.state, self._like(P, 2), self._like(q, 1))
+            status = bindings.box_set_data(self.state, self._like(P, 2), self._like(q, 1))
         if status:
             self.accept(status)
 

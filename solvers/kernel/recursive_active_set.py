@@ -110,7 +110,7 @@ class RecursiveActiveSet(OurSolver):
         if np.shape(row) != self._q.shape:
             raise ValueError(f"{self.name}: a row has {self._q.size} numbers, not shape {np.shape(row)}")
         self._row[:-1], self._row[-1] = row, target
-        status = bindings.recursive_take(self.state, self._row)
+        status = bindings.recursive_append(self.state, self._row)
         if status == NOT_FINITE:
             raise ValueError(f"{self.name}: the row holds a number that is not finite, or above {LARGEST:g}")
         self._capped = status == CAPPED
@@ -131,7 +131,7 @@ class RecursiveActiveSet(OurSolver):
                 f"{self.name}: row {int(np.argmin(usable))} holds a number that is not finite, or above {LARGEST:g}"
             )
         answers, nanoseconds = np.empty((rows.shape[0], d)), np.empty(rows.shape[0], dtype=np.int64)
-        status = bindings.recursive_take_rows(self.state, rows, answers, nanoseconds)
+        status = bindings.recursive_append_rows(self.state, rows, answers, nanoseconds)
         self._capped = status == CAPPED
         self.accept(status)
         return answers, nanoseconds

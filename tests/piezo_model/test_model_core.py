@@ -60,7 +60,7 @@ int main(void)
             memcpy(weights + n, c.inverse.w_S, (size_t)zones * sizeof *weights);
             memcpy(weights + n + zones, c.inverse.w_K, (size_t)n * sizeof *weights);
             weights[2 * n + zones] = 2 * c.inverse.offset[0];
-            compensator_take(&c, weights);
+            compensator_set_weights(&c, weights);
         }
     }
     fwrite(y, 1, sizeof y, stdout);
@@ -101,7 +101,7 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
         if k == samples // 2:
             weights = compensator.model.all_weights.copy()
             weights[-1] *= 2.0
-            bindings.compensator_take(compensator._core.block, weights)
+            bindings.compensator_set_weights(compensator._core.block, weights)
     expected = drive.tobytes() + basis._core.block.tobytes() + compensator._core.block.tobytes()
 
     source, target = tmp_path / "main.c", tmp_path / "program"

@@ -210,13 +210,13 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
     d, out = q.size, []
     for P, linear in programs:
         box, swept = block(c.box_bytes(d)), block(c.recursive_bytes(d))
-        out.append([c.box_setup(box, lb, ub), c.box_take(box, P, linear), c.box_solve(box, 0), c.box_solve(box, 1)])
+        out.append([c.box_setup(box, lb, ub), c.box_set_data(box, P, linear), c.box_solve(box, 0), c.box_solve(box, 1)])
         out.append(box.tobytes())
         out.append([c.recursive_setup(swept, lb, ub, 0.9, 1.0, 1e-10), c.recursive_begin(swept, P, linear)])
         answers, nanoseconds = np.empty((40, d)), np.empty(40, np.int64)
         out.append(
             [
-                c.recursive_take_rows(swept, rows, answers, nanoseconds),
+                c.recursive_append_rows(swept, rows, answers, nanoseconds),
                 answers.tobytes(),
                 swept.tobytes(),
                 c.recursive_error(swept),
@@ -225,7 +225,9 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
         for method in (c.projected_steps, c.accelerated_steps):
             descent = block(c.descent_bytes(d))
             c.descent_setup(descent, lb, ub)
-            out.append([c.descent_take(descent, P, q, 0.5, 1), c.descent_start(descent, q), method(descent, 50, 0.0)])
+            out.append(
+                [c.descent_set_data(descent, P, q, 0.5, 1), c.descent_start(descent, q), method(descent, 50, 0.0)]
+            )
             c.descent_answer(descent)
             out.append(descent.tobytes())
     return out
@@ -271,9 +273,13 @@ def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, er
         (lambda: bindings.processor_level(1), TypeError, "takes 0 arguments, not 1"),
         (lambda: bindings.projected_steps(a_state(), 1, "a"), TypeError, "must be real number"),
         (lambda: bindings.projected_steps(a_state(), -1, 0.0), ValueError, "argument 2 must be from 0 to"),
-        (lambda: bindings.descent_take(a_state(), np.eye(2), None, 0.5, 1), ValueError, "argument 2 has not the shape"),
         (
-            lambda: bindings.descent_take(a_state(), None, np.ones(2), 0.5, 1),
+            lambda: bindings.descent_set_data(a_state(), np.eye(2), None, 0.5, 1),
+            ValueError,
+            "argument 2 has not the shape",
+        ),
+        (
+            lambda: bindings.descent_set_data(a_state(), None, np.ones(2), 0.5, 1),
             ValueError,
             "argument 3 has not the shape",
         ),
@@ -342,7 +348,7 @@ def test_a_state_copied_byte_by_byte_goes_on_with_the_same_bits():
     A = rng.normal(size=(20, 9))
     one = block(bindings.descent_bytes(9))
     bindings.descent_setup(one, np.zeros(9), np.full(9, np.inf))
-    bindings.descent_take(one, A.T @ A, rng.normal(size=9), 0.5, 1)
+    bindings.descent_set_data(one, A.T @ A, rng.normal(size=9), 0.5, 1)
     bindings.projected_steps(one, 10, -1.0)
     other = block(one.size)
     other[:] = np.frombuffer(one.tobytes(), np.uint8)

@@ -195,8 +195,8 @@ def test_exchanges_that_do_not_end_fall_back_on_the_cold_solver(monkeypatch):
     rng = np.random.default_rng(9)
     stream = Stream(np.eye(8), rng.normal(size=8), np.zeros(8), np.full(8, INF))
     # What the step returns where both refreshes end in vain; the row is in the Gram matrix by then.
-    taken = bindings.recursive_take
-    monkeypatch.setattr(bindings, "recursive_take", lambda *arrays: max(taken(*arrays), BREAKDOWN))
+    taken = bindings.recursive_append
+    monkeypatch.setattr(bindings, "recursive_append", lambda *arrays: max(taken(*arrays), BREAKDOWN))
     for k in range(5):
         stream.append(rng.normal(size=9))
         assert stream.gap() < 1e-12

@@ -117,7 +117,7 @@ void piezo_reset(piezo_axis *axis)
     for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
         weights[i] = (real)exported[i];
     }
-    compensator_take(&c, weights);
+    compensator_set_weights(&c, weights);
 #if PIEZO_LEARNING
     memset(axis->learned, 0, sizeof axis->learned);
     piezo_learner_reset(axis->learner.bytes);
@@ -172,7 +172,7 @@ piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *given, piezo
     }
     if (status == PIEZO_OK) {
         const real before = compensator_now(&c);
-        compensator_take(&c, weights);
+        compensator_set_weights(&c, weights);
         settings_of(&c)->decay = fade;
         c.memory->bump = fade > 0 ? c.memory->bump + before - compensator_now(&c) : 0;
         begin_learning(axis);

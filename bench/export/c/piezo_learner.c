@@ -96,7 +96,7 @@ static int solve_cycle(const Learner *l)
         return 0;
     }
     Box box = box_at(memory);
-    if (box_take_hessian(&box, c->P) != OK || box_take_linear(&box, c->q) != OK || box_start(&box, c->start) != OK) {
+    if (box_set_hessian(&box, c->P) != OK || box_set_linear(&box, c->q) != OK || box_start(&box, c->start) != OK) {
         return 0;
     }
     const int status = box_solve(&box, 1);
@@ -109,7 +109,7 @@ static int solve_cycle(const Learner *l)
     const Cyclic *const c = &l->cyclic;
     ProjectedGradient descent = c->descent;
     if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK
-        || descent_take(&descent, c->P, c->q, 0.5, 1) != OK) {
+        || descent_set_data(&descent, c->P, c->q, 0.5, 1) != OK) {
         return 0;
     }
     descent_start(&descent, c->start);
