@@ -14,7 +14,6 @@ from bench.problems.simulation import Experiment
 from bench.races.stream import worker as stream_worker
 from bench.races.stream.stream_problem import StreamProblem, make, regressor_rows
 from bench.races.stream.worker import StreamRequest
-from piezo_model import DataBasis, OperatorState
 from solvers import Lane, Unsupported
 from solvers.certificate import certify, verify
 from solvers.forgetting import absorb
@@ -26,13 +25,8 @@ def short() -> StreamProblem:
 
 
 def test_the_rows_are_those_of_the_data_basis() -> None:
-    experiment = Experiment("bouc_wen", "multi_sine", n=3, m=2, build_s=0.5)
-    plant = experiment.sensor()
-    x = experiment.reference("multi_sine", 0.5, plant)
-    y = plant.run(x)
-    structure = experiment.structure(plant, x, y)
-    basis = DataBasis(structure, OperatorState.at_rest(structure))
-    rows = regressor_rows(structure, OperatorState.at_rest(structure), x, y)
+    _, x, y, basis = Experiment("bouc_wen", "multi_sine", n=3, m=2, build_s=0.5).measured(0.5)
+    rows = regressor_rows(basis.structure, basis.state.copy(), x, y)
     basis.update(x, y)
     np.testing.assert_allclose(rows[:, 1:].T @ rows[:, 1:] / x.size, basis.P, rtol=1e-11, atol=1e-15)
     np.testing.assert_allclose(rows[:, 1:].T @ rows[:, 0] / x.size, basis.q, rtol=1e-11, atol=1e-15)
