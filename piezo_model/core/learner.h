@@ -12,8 +12,6 @@
 #define CORE_LEARNER_H
 
 #include "box.h"
-#include "num.h"
-#include "box.h"
 #include "descent.h"
 #include "mailbox.h"
 #include "regressors.h"

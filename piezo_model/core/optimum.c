@@ -46,18 +46,11 @@ void N(learner_program)(const Learner *l, int lane)
 static int solve(const Learner *l, int lane)
 {
     const Workspace work = workspace_of(l), *const w = &work;
-    if (box_setup(w->solver, l->d, w->lb, w->ub) != OK) {
-        return 0;
+    const int found = box_solve_from(w->solver, l->d, w->P, w->q, w->lb, w->ub, w->start) == OK;
+    for (int i = 0; found && i < l->d; ++i) {
+        *entry(l->candidate, i, lane) = box_at(w->solver).answer[i];
     }
-    Box s = box_at(w->solver);
-    if (box_set_hessian(&s, w->P) != OK || box_set_linear(&s, w->q) != OK || box_start(&s, w->start) != OK
-        || box_solve(&s, 1) != OK) {
-        return 0;
-    }
-    for (int i = 0; i < l->d; ++i) {
-        *entry(l->candidate, i, lane) = s.answer[i];
-    }
-    return 1;
+    return found;
 }
 
 int N(learner_optimum)(const Learner *l, num which)

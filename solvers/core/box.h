@@ -60,6 +60,9 @@ CORE_API int box_set_linear(Box *s, const real *q);
 CORE_API int box_start(Box *s, const real *x);
 /* Solve, cold from "all free", warm from the last sides or those of box_start; the answer stands in s->answer. */
 CORE_API int box_solve(Box *s, int warm);
+/* Make a block a state and solve one program warm from x (d). */
+CORE_API int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub,
+                            const real *x);
 /* Solve another program cold, with nothing in its answer of the one before. */
 CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub);
 

@@ -187,6 +187,16 @@ int box_solve(Box *s, int warm)
     return status;
 }
 
+int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub, const real *x)
+{
+    int status = box_setup(memory, d, lb, ub);
+    Box s = box_at(memory);
+    status = status == OK ? box_set_hessian(&s, P) : status;
+    status = status == OK ? box_set_linear(&s, q) : status;
+    status = status == OK ? box_start(&s, x) : status;
+    return status == OK ? box_solve(&s, 1) : status;
+}
+
 int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)
 {
     int status = box_set_bounds(s, lb, ub);

@@ -120,6 +120,14 @@ static int with_gain(const Box *s, real gain)
     return chosen;
 }
 
+/* The interval of a variable on its side, with this slack of a multiplier. */
+CORE_INLINE void set_interval(const Box *s, int j, real slack)
+{
+    const int side = s->side[j], is_fixed = s->lo[j] == s->hi[j];
+    s->low[j] = side == FREE ? -s->hi[j] : side == LOWER && !is_fixed ? -slack * s->unit[j] : -REAL_INFINITY;
+    s->high[j] = side == FREE ? -s->lo[j] : side == UPPER && !is_fixed ? slack * s->unit[j] : REAL_INFINITY;
+}
+
 /* An exchange of variable j. */
 typedef struct {
     int j;
@@ -130,15 +138,14 @@ typedef struct {
 /* Take a free variable to a bound. */
 static Exchange hold(const Box *s, int j, int side, real slack)
 {
-    const real p = s->diagonal[j], weight = s->weight[j], lo = s->lo[j], hi = s->hi[j];
-    const real bound = side == LOWER ? lo : hi, way = bound + s->basic[j];
+    const real p = s->diagonal[j], weight = s->weight[j];
+    const real bound = side == LOWER ? s->lo[j] : s->hi[j], way = bound + s->basic[j];
     const Exchange e = {j, way * weight, -weight, way, -p, 0};
     s->side[j] = side;
     s->held[j] = bound;
     s->is_free[j] = 0;
     s->unit[j] = -p;
-    s->low[j] = side == LOWER && lo < hi ? slack * p : -REAL_INFINITY;
-    s->high[j] = side == UPPER && lo < hi ? -slack * p : REAL_INFINITY;
+    set_interval(s, j, slack);
     return e;
 }
 
@@ -151,8 +158,7 @@ static Exchange release(const Box *s, int j)
     s->held[j] = 0;
     s->is_free[j] = 1;
     s->unit[j] = 1;
-    s->low[j] = -s->hi[j];
-    s->high[j] = -s->lo[j];
+    set_interval(s, j, 0);
     return e;
 }
 
@@ -331,17 +337,6 @@ static void newton_step(const Box *s, int count)
     }
 }
 
-/* The intervals of all variables, with this slack of a multiplier. */
-static void set_intervals(const Box *s, real slack)
-{
-    for (int j = 0; j < s->d; ++j) {
-        const int side = s->lo[j] < s->hi[j] ? s->side[j] : FREE;
-        const int fixed = s->side[j] != FREE && side == FREE;
-        s->low[j] = side == LOWER ? -slack * s->unit[j] : side == UPPER || fixed ? -REAL_INFINITY : -s->hi[j];
-        s->high[j] = side == UPPER ? slack * s->unit[j] : side == LOWER || fixed ? REAL_INFINITY : -s->lo[j];
-    }
-}
-
 /* Refine x, renew g and `basic` from it and the gains from these; whether g_F is zero to rounding. */
 static int refine(const Box *s, Search *search)
 {
@@ -356,8 +351,8 @@ static int refine(const Box *s, Search *search)
     ++s->head->refinements;
     search->precise = measure_rounding(s, search);
     search->slack = s->head->singular ? 4 * (real)s->d * search->rounding : 0;
-    if (s->head->singular) {
-        set_intervals(s, search->slack);
+    for (int j = 0; s->head->singular && j < s->d; ++j) {
+        set_interval(s, j, search->slack);
     }
     const vec8 tolerance = splat(4 * (real)s->d * search->rounding);
     for (int b = 0; b < ld; b += LANES) {

@@ -92,16 +92,11 @@ static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
     void *const memory = workspace_of(l).solver;
-    if (box_setup(memory, l->d, c->lower, c->upper) != OK) {
-        return 0;
+    const int found = box_solve_from(memory, l->d, c->P, c->q, c->lower, c->upper, c->start) == OK;
+    if (found) {
+        memcpy(c->answer, box_at(memory).answer, (size_t)l->d * sizeof(real));
     }
-    Box box = box_at(memory);
-    if (box_set_hessian(&box, c->P) != OK || box_set_linear(&box, c->q) != OK || box_start(&box, c->start) != OK) {
-        return 0;
-    }
-    const int status = box_solve(&box, 1);
-    memcpy(c->answer, box.answer, (size_t)l->d * sizeof(real));
-    return status == OK || status == CAPPED;
+    return found;
 }
 #elif PIEZO_LEARNING == PIEZO_ACCELERATED
 static int solve_cycle(const Learner *l)
