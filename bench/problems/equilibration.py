@@ -1,4 +1,4 @@
-"""Scaling of a program with general rows by powers of two, so that scaling rounds nothing.
+"""Scaling of a program with general rows by powers of two, which is free of rounding errors.
 
 With x = D z the cost is multiplied by κ and the rows by E:
 
@@ -6,8 +6,8 @@ With x = D z the cost is multiplied by κ and the rows by E:
 
 D and E bring the rows and columns of [P Cᵀ; C 0] near the largest element one (D. Ruiz, "A scaling algorithm to
 equilibrate both rows and columns norms in matrices", RAL-TR-2001-034), κ the cost, as OSQP does it (B. Stellato and
-others, Math. Program. Comput. 12, 2020, section 5.1). All are rounded to powers of two: the scaled program is the given
-one to the last bit, its optimum is the same, and a diagonal of P lies between about 1/4 and 4 rather than at one.
+others, Math. Program. Comput. 12, 2020, section 5.1). All are rounded to powers of two, so that the scaled program is
+exactly the given one and has the same optimum; its P has a diagonal between about 1/4 and 4 instead of ones.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ PASSES = 10
 
 @dataclass(frozen=True)
 class Scaled:
-    """A scaled program; x = ``unit`` · z."""
+    """A scaled program in z, with x = ``unit`` · z."""
 
     qp: Problem
     unit: Vector
@@ -38,7 +38,7 @@ def equilibrated(qp: Problem) -> Scaled:
     Parameters
     ----------
     qp : qpsolvers.Problem
-        d variables; matrices dense or sparse, as they are in the answer.
+        Of d variables; matrices that are dense stay dense, and sparse ones stay sparse.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def equilibrated(qp: Problem) -> Scaled:
 
 
 def _largest(M: Any, axis: int) -> Vector:
-    """Largest element of each column (axis 0) or row (axis 1) of a matrix without negative ones."""
+    """Largest element of each column (axis 0) or row (axis 1) of a non-negative matrix."""
     if 0 in M.shape:
         return np.zeros(M.shape[1 - axis])
     return np.asarray(M.max(axis=axis).toarray(), dtype=np.float64).ravel()
@@ -79,7 +79,7 @@ def _power_of_two(values: Vector) -> Vector:
 
 
 def _times(left: Vector, M: Any, right: Vector) -> Any:
-    """diag(left) M diag(right), sparse where M is."""
+    """diag(left) M diag(right), sparse if M is."""
     return left[:, None] * M * right if isinstance(M, np.ndarray) else csc_matrix(diags(left) @ M @ diags(right))
 
 

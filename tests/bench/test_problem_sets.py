@@ -66,7 +66,7 @@ def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_
         np.allclose(problem.forms["scaled"].qp.P.diagonal()[problem.forms["scaled"].qp.P.diagonal() > 0], 1.0)
         for problem in bare
     )
-    finite = [problem.condition for problem in bare if np.isfinite(problem.condition)]
+    finite = [value for problem in bare if np.isfinite(value := problem.forms["scaled"].condition)]
     assert min(finite) < 3e4
     assert max(finite) > 5e11
     assert len({int(np.log10(value)) for value in finite}) >= 6
