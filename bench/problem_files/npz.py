@@ -105,17 +105,17 @@ def read_npz(path: Path) -> ReadProgram:
     """Read a program under the names above, with an optional constant term ``c`` or ``r``; ValueError for an invalid
     file."""
     with opened(path) as arrays:
-        found = {name: _field(path, arrays, name) for name in QP_FIELDS}
+        fields = {name: _field(path, arrays, name) for name in QP_FIELDS}
         unread = [name for name in ("l", "u") if name in arrays]
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
     for name in ("P", "q"):
-        require(found[name] is not None, f"holds no {name}; a program has P and q at least")
+        require(fields[name] is not None, f"holds no {name}; a program has P and q at least")
     require(
         not unread, f"holds {' and '.join(unread)}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub"
     )
-    found |= {name: vector(name, found[name]) for name in ("q", "h", "b", "lb", "ub") if found[name] is not None}
-    found |= {name: with_infinities(found[name]) for name in ("h", "lb", "ub") if found[name] is not None}
-    return ReadProgram(checked(Problem(**found)), constant)
+    fields |= {name: vector(name, fields[name]) for name in ("q", "h", "b", "lb", "ub") if fields[name] is not None}
+    fields |= {name: with_infinities(fields[name]) for name in ("h", "lb", "ub") if fields[name] is not None}
+    return ReadProgram(checked(Problem(**fields)), constant)
 
 
 def _field(path: Path, arrays: Any, name: str) -> Any:

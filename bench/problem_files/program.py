@@ -111,7 +111,7 @@ def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: A
     )
     require(
         indptr[0] == 0 and indptr[-1] == data.size and (indptr[1:] >= indptr[:-1]).all(),
-        f"{name} has columns that do not begin where the one before ends",
+        f"{name} has columns that do not begin at the end of the previous one",
     )
     require(
         not indices.size or (indices.min() >= 0 and indices.max() < rows),

@@ -12,12 +12,12 @@ __all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_op
 
 def all_sets() -> dict[str, type[ProblemSet]]:
     """Every problem set by name."""
-    found = {}
+    classes = {}
     for file in pkgutil.iter_modules(__path__):
         for cls in vars(importlib.import_module(f"{__name__}.{file.name}")).values():
             if inspect.isclass(cls) and issubclass(cls, ProblemSet) and not inspect.isabstract(cls):
-                found[cls.name] = cls
-    return found
+                classes[cls.name] = cls
+    return classes
 
 
 def sets() -> dict[str, type[ProblemSet]]:

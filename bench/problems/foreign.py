@@ -63,11 +63,11 @@ class ForeignPrograms(ProblemSet):
         """Read, scale and certify, several in parallel; failures are left out with the reason."""
         sources = self.sources()
         with closing(proven(self._made, sources)) as made:
-            for (name, _), found in zip(sources, made, strict=True):
-                if isinstance(found, str):
-                    self.left_out[name] = found
+            for (name, _), problem in zip(sources, made, strict=True):
+                if isinstance(problem, str):
+                    self.left_out[name] = problem
                 else:
-                    yield found
+                    yield problem
 
     def _made(self, child: ForkedChild, source: tuple[str, Source]) -> RaceProblem | str:
         """The problem, or the reason why there is none."""

@@ -108,7 +108,7 @@ class Validation:
         except ValueError:
             return float("nan")
         error = model.simulate(self.x, self.state.copy()) - self.y
-        return float(100.0 * np.sqrt(np.mean(error**2)) / np.ptp(self.y))
+        return float(100.0 * np.sqrt(np.mean(error**2)) / self.span_um)
 
     @property
     def span_um(self) -> float:

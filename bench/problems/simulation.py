@@ -1,4 +1,4 @@
-"""Certified problems of a simulated actuator under a drive, of which most problem sets consist.
+"""Certified problems of a simulated actuator under a drive; most problem sets consist of them.
 
 No actuator is in the model class. Each starts at the low end of its major loop, is driven for the building phase and
 measured with noise and quantisation; the unseen data for validation follow, under another drive.

@@ -18,7 +18,7 @@ from piezo_model.signals import decaying_triangle, random_walk, smoothed, stairc
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
 from piezo_model.stage.stage import Stage
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Matrix
 
 AXES = ("x", "y")
 LEVELS = 9
@@ -222,8 +222,3 @@ def at_low_end(structure: ModelStructure) -> OperatorState:
 def percent(error_um: Matrix) -> Matrix:
     """Errors in µm as percent of the reference's range."""
     return 100.0 / RANGE_UM * error_um
-
-
-def rms(error: Matrix) -> Vector:
-    """Root of the mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.stage.setup import AXES, StageSetup, percent, rms
+from bench.stage.setup import AXES, StageSetup, percent
 from piezo_model import Compensator, SelfLearningCompensator
 from piezo_model.stage.learning import SelfLearningStage
 from piezo_model.stage.stage import Stage
@@ -43,7 +43,7 @@ class Trial:
 
     def rms_percent(self, cycle: int = -1) -> Vector:
         """RMS error of each axis in one cycle, percent of the reference's range."""
-        return rms(percent(self.cycle_error_um(cycle)))
+        return np.asarray(np.sqrt(np.mean(percent(self.cycle_error_um(cycle)) ** 2, axis=0)))
 
 
 def straight(setup: StageSetup, slope: Vector | None = None, offset_V: Vector | None = None) -> Trial:

@@ -86,9 +86,8 @@ class Streamed:
         return rows.iloc[0]
 
     def ns(self, row: pd.Series, what: str) -> np.ndarray:
-        found = self.times[(self.times.task == row.task) & (self.times.what == what)]
-        assert len(found) == 1
-        return np.asarray(found.ns.iloc[0])
+        (ns,) = self.times.ns[(self.times.task == row.task) & (self.times.what == what)]
+        return np.asarray(ns)
 
     def timeline(self, row: pd.Series) -> Timeline:
         began, service = self.ns(row, "began"), self.ns(row, "service")
@@ -291,28 +290,21 @@ def test_a_method_of_steps_has_a_row_for_each_number_of_steps(streamed: Streamed
 
 
 def paced_row(solver: str, samples: int, missed: int, stalls: int, **more: Any) -> dict[str, Any]:
-    row: dict[str, Any] = dict.fromkeys(STREAM.columns, float("nan"))
-    return {
-        **row,
-        "task": solver,
-        "solver": solver,
-        "lane": "direct",
-        "tier": "high",
-        "setting": "{}",
-        "basis": "reference",
-        "settings": "{}",
-        "repeat": 0,
-        "status": "ok",
-        "message": "",
-        "paced": True,
-        "samples": samples,
-        "solves": samples,
-        "stopped": "",
-        "missed": missed,
-        "stalls": stalls,
-        "unanswered": 0,
-        **more,
-    }
+    return STREAM.row(
+        task=solver,
+        solver=solver,
+        lane="direct",
+        tier="high",
+        setting="{}",
+        basis="reference",
+        settings="{}",
+        status="ok",
+        paced=True,
+        samples=samples,
+        solves=samples,
+        missed=missed,
+        stalls=stalls,
+    ) | {"unanswered": 0, **more}
 
 
 def summary_of(rows: list[dict[str, Any]], **response: np.ndarray) -> pd.DataFrame:
@@ -356,7 +348,7 @@ def test_the_bound_of_the_machines_misses_counts_stalls_by_their_length(
 @pytest.mark.parametrize(("missed", "says"), [(50, False), (51, True)])
 def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(missed: int, says: bool) -> None:
     rows = [paced_row("null", 5000, missed, missed), paced_row("daqp", 5000, 0, 0)]
-    table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), {"samples": 5000, "give_up": 0}
+    table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000)
     said = stream_summary.verdict(table, settings)
     assert said[0].startswith("This run cannot say who keeps the schedule") == says
     assert any("solver lane keeps the schedule" in sentence for sentence in said) != says
@@ -370,7 +362,7 @@ def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(m
 )
 def test_every_table_marks_an_untested_setting(basis: str, shown: str) -> None:
     rows = [paced_row("null", 5000, 0, 0, tier="default", basis="default"), paced_row("daqp", 5000, 0, 0, basis=basis)]
-    found = report.report_of(summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), {"samples": 5000, "give_up": 0})
+    found = report.report_of(summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000))
     for table in (found.table, *found.tables[:3]):
         assert [row[2] for row in table.rows] == ["default", shown]
     assert found.summary.set_index("solver").basis.to_dict() == {"null": "default", "daqp": basis}
@@ -385,7 +377,7 @@ def test_a_percentile_at_the_floor_is_marked_and_an_unsupported_one_is_refused()
     assert lines["at_floor_p50"].to_dict() == {"null": True, "near": False, "far": False}
     assert lines["at_floor_p99.9"].to_dict() == {"null": True, "near": True, "far": False}
     assert np.isnan(lines["response_p99.99_us"].to_numpy()).all()
-    responses = report.report_of(table, {"samples": 5000, "give_up": 0}).tables[0]
+    responses = report.report_of(table, StreamSettings(samples=5000)).tables[0]
     cells = {row[0]: row[4:8] for row in responses.rows}
     assert cells["near"][2].endswith("≈ floor")
     assert not cells["far"][2].endswith("≈ floor")
@@ -403,7 +395,7 @@ def test_the_corrected_percentile_of_a_compiled_loop_counts_the_samples_that_wou
     loop = paced_row("loop", 30_000, 0, 0, paced=False)
     for row, size, shown in ((loop, us.size, None), (loop, 29_955, "needs 29956")):
         table = summary_of([row | {"samples": size}], loop=us[:size])
-        (cells,) = report.report_of(table, {"samples": 200, "give_up": 0}).tables[3].rows
+        (cells,) = report.report_of(table, StreamSettings(samples=200)).tables[3].rows
         expected = number(np.quantile(waited, 0.9999, method="inverted_cdf"))
         assert cells[4 + len(QUANTILES) + 1] == (shown or expected)
     assert len(waited) > us.size

@@ -118,9 +118,9 @@ class BatchRequest(Request):
                 if not self.effort.goes_on(len(times), spent):
                     break
                 cpu, wall = time.process_time_ns(), time.perf_counter_ns()
-                found = [np.array(solve(*batch)) for batch in group]
+                copies = [np.array(solve(*batch)) for batch in group]
                 wall, cpu = time.perf_counter_ns() - wall, time.process_time_ns() - cpu
-                answers += [real(x) for x in found]
+                answers += [real(x) for x in copies]
                 times.append((wall, cpu, len(group) * self.size))
                 spent += wall
         if any(x.shape != (self.size, self.files.d) for x in answers):

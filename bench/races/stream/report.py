@@ -2,8 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
 import pandas as pd
 
@@ -22,7 +21,7 @@ NAMES = ("solver", "lane", "tier", "settings")
 QUANTILE_NAMES = tuple(Percentile(q).name for q in QUANTILES)
 
 
-def definitions(settings: Mapping[str, Any]) -> tuple[str, ...]:
+def definitions(settings: StreamSettings) -> tuple[str, ...]:
     """Definitions of the terms."""
     return (
         "Sample k is due at t₀ + k · 125 µs, whatever happened before. A solver that is still busy then continues with "
@@ -39,15 +38,15 @@ def definitions(settings: Mapping[str, Any]) -> tuple[str, ...]:
         "in bursts, so the true intervals are wider.",
         "Gap: the cost of the answer in use at the deadline of each sample above the optimum of that sample, over the "
         "optimal cost: in doubles at all samples, against box_active_set, and exact at "
-        f"{settings.get('certified', 0)} instants with proven optima. Own answers: the largest gap of an answer at "
+        f"{settings.certified} instants with proven optima. Own answers: the largest gap of an answer at "
         "its own sample. Reused: samples at whose deadline an older answer was in use.",
         "The compiled loops process the same rows back to back, forwards and backwards: no waiting, hot caches, no "
         "response times. Corrected: each call longer than the period also counts for the samples that would have "
         "waited behind it on a schedule.",
-        f"A lane whose answers to the first {settings['give_up']} samples are all late is stopped there. Every lane "
+        f"A lane whose answers to the first {settings.give_up} samples are all late is stopped there. Every lane "
         "runs in a fresh process after an untimed warm-up on the same rows, without garbage collection, on one thread "
         "and one core.",
-        definition(settings.get("settings_run", "")),
+        definition(settings.settings_run),
         OURS_NOTE,
     )
 
@@ -94,10 +93,10 @@ def report(run: Run) -> Report:
             ],
         ),
     ]
-    return report_of(table, settings_of(run, StreamSettings).to_dict(), shown)
+    return report_of(table, settings_of(run, StreamSettings), shown)
 
 
-def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[Figure] = ()) -> Report:
+def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Figure] = ()) -> Report:
     """The report of a summary, the settings of the race and its figures."""
     paced, kernel = ([line for _, line in part.iterrows()] for part in (table[table.paced], table[~table.paced]))
     tables = [

@@ -19,27 +19,19 @@ which avoids the cancellation in V(x) − V*. At the proven instants the gap is 
 difference of the two is the error of the doubles.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from qpsolvers import Problem
 
 import solvers
+from bench.problems.protocol import CertifiedForm
 from bench.problems.simulation import SAMPLE_TIME, Experiment
 from piezo_model.regressors import regressor_rows
 from solvers.arrays import Index, Matrix, Vector
-from solvers.certificate import Certificate, certify, exact_cost_gap
+from solvers.certificate import certify, exact_cost_gap
 from solvers.forgetting import absorb
-
-
-@dataclass(frozen=True)
-class Instant:
-    """The problem of one sample and its certified optimum."""
-
-    sample: int
-    qp: Problem
-    c: float
-    certificate: Certificate
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +51,8 @@ class StreamProblem:
     """λ."""
     best: Matrix
     """The optimum of each sample in doubles. Shape (N, d)."""
-    instants: tuple[Instant, ...]
+    instants: Mapping[int, CertifiedForm]
+    """Programs with certified optima, by sample."""
 
     @property
     def d(self) -> int:
@@ -80,9 +73,9 @@ class StreamProblem:
     def exact_gaps(self, answers: Matrix, used: Index) -> tuple[Index, Vector]:
         """The proven instants among the samples, and the gaps there in exact arithmetic."""
         in_use = np.vstack([answers, self.answer])
-        instants = [instant for instant in self.instants if instant.sample < used.size]
-        gaps = [exact_cost_gap(i.qp, i.certificate, in_use[used[i.sample]], i.c).relative for i in instants]
-        return np.array([instant.sample for instant in instants], dtype=np.int64), np.array(gaps)
+        forms = {sample: form for sample, form in self.instants.items() if sample < used.size}
+        gaps = [exact_cost_gap(f.qp, f.certificate, in_use[used[k]], f.c).relative for k, f in forms.items()]
+        return np.array(list(forms), dtype=np.int64), np.array(gaps)
 
 
 def make(experiment: Experiment, samples: int, time_constant_s: float, certified: int) -> StreamProblem:
@@ -105,13 +98,12 @@ def make(experiment: Experiment, samples: int, time_constant_s: float, certified
     reference.setup(start)
     reference.solve(answer)
     best = reference.time_rows(rows, forgetting)[0]
-    P, q, c, done, instants = start.P.copy(), start.q.copy(), np.array([form.c]), 0, []
-    for sample in np.unique(
-        np.linspace(samples - 1, 0, min(certified, 1 + samples // 10)).round().astype(int)
-    ).tolist():
+    P, q, c, done, instants = start.P.copy(), start.q.copy(), np.array([form.c]), 0, {}
+    proven = np.unique(np.linspace(samples - 1, 0, min(certified, 1 + samples // 10)).round().astype(int))
+    for sample in proven.tolist():
         absorb(P, q, c, rows, done, sample + 1, forgetting)
         done = sample + 1
         qp = Problem(P.copy(), q.copy(), lb=start.lb, ub=start.ub)
-        instants.append(Instant(sample, qp, float(c[0]), certify(qp, best[sample])))
+        instants[sample] = CertifiedForm(qp, float(c[0]), form.to_weights, certify(qp, best[sample]))
     name = f"{experiment.plant}-{experiment.drive}"
-    return StreamProblem(name, start, form.c, answer, rows, forgetting, best, tuple(instants))
+    return StreamProblem(name, start, form.c, answer, rows, forgetting, best, instants)

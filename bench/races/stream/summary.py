@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.races.stream.race import StreamSettings
 from bench.report.words import marked, number, percent, solver_lanes
 from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, rate_bound
 from bench.timing.schedule import PERIOD_NS, PERIOD_US
@@ -33,6 +34,19 @@ FAILURES = tuple(
     str(status)
     for status in (Status.ADAPTER_FAILED, Status.UNSUPPORTED, Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY)
 )
+AGGREGATES = {
+    "gap_mean": "mean",
+    "gap_max": "max",
+    "exact_gap_mean": "mean",
+    "exact_gap_max": "max",
+    "exact_difference": "max",
+    "own_gap_max": "max",
+    "reused": "mean",
+    "data_us_p50": "median",
+    "update_us_p50": "median",
+    "solve_us_p50": "median",
+}
+"""Columns of the rows, and how the processes of a solver are combined."""
 
 
 def column(kind: str, q: float, end: str = "") -> str:
@@ -120,21 +134,6 @@ def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         if (ran.status != Status.OK).any()
         else str(Status.LATE if beyond else Status.OK)
     )
-    numbers = {
-        name: float(getattr(ran[name], how)()) if len(ran) else math.nan
-        for name, how in (
-            ("gap_mean", "mean"),
-            ("gap_max", "max"),
-            ("exact_gap_mean", "mean"),
-            ("exact_gap_max", "max"),
-            ("exact_difference", "max"),
-            ("own_gap_max", "max"),
-            ("reused", "mean"),
-            ("data_us_p50", "median"),
-            ("update_us_p50", "median"),
-            ("solve_us_p50", "median"),
-        )
-    }
     return {
         **key,
         "setting": part.setting.iloc[0],
@@ -152,7 +151,7 @@ def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         "missed_beyond_floor": beyond,
         "keeps_up": bool(len(ran) and not len(failed) and paced and not beyond),
         "unanswered": int(ran.unanswered.sum()),
-        **numbers,
+        **ran.agg(AGGREGATES),
         **percentiles("service", service),
         CORRECTED: (
             float(np.quantile(corrected(service), FARTHEST, method="inverted_cdf"))
@@ -167,7 +166,7 @@ def _first(values: Iterable[str]) -> str:
     return next((str(value) for value in values if value), "")
 
 
-def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
+def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
     """Which solvers keep the schedule, if the machine is fit to tell, and the cost of stale answers."""
     floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
     sentences = []
@@ -192,7 +191,7 @@ def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     return sentences + _staleness(table, settings)
 
 
-def notes(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
+def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
     """The machine's own response times, the solvers that were stopped, and the times of our compiled loop."""
     paced, sentences = table[table.paced & ~table.is_floor], []
     for _, line in table[table.is_floor].iterrows():
@@ -204,7 +203,7 @@ def notes(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     stopped = paced[paced.stopped != ""]
     if len(stopped):
         sentences.append(
-            f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were "
+            f"{len(stopped)} lanes were late at each of the first {settings.give_up} samples and were "
             f"stopped there; their median service times are {number(stopped['service_p50_us'].min())} to "
             f"{number(stopped['service_p50_us'].max())} µs."
         )
@@ -216,7 +215,7 @@ def notes(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
+def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
     """Cost gaps of the first answer, of the paper's method and of the exact recursive solver."""
     costs = []
     for text, selected in (
@@ -234,7 +233,7 @@ def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
             f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
             for _, line in table[selected & table.gap_mean.notna()].head(1).iterrows()
         ]
-    seconds = settings["samples"] * PERIOD_NS * 1e-9
+    seconds = settings.samples * PERIOD_NS * 1e-9
     return [f"Over {seconds:.3g} s of drift {'; '.join(costs)}."] if costs else []
 
 

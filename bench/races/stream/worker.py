@@ -118,9 +118,9 @@ class StreamRequest(Request):
                 passes, at = divmod(done, len(self.rows))
                 rows = self.rows[::-1] if passes % 2 else self.rows
                 block = rows[at : at + min(KERNEL_BLOCK, samples - done)]
-                found, nanoseconds = solver.time_rows(np.ascontiguousarray(block), self.forgetting)
+                x, nanoseconds = solver.time_rows(np.ascontiguousarray(block), self.forgetting)
                 if passes == 0:
-                    answers.append(found)
+                    answers.append(x)
                 times.append(nanoseconds)
                 done += nanoseconds.size
         return Streamed(
