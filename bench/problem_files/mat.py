@@ -51,16 +51,15 @@ def read_mat(path: Path) -> ReadProgram:
     C = csc_matrix(variables["A"]) if "A" in variables else csc_matrix((0, d))
     l, u = (vector(name, variables[name]) if "A" in variables else np.zeros(0) for name in ("l", "u"))  # noqa: E741
     check_sides(l=l, u=u)
-    constant = constant_term("r", variables["r"]) if "r" in variables else 0.0
+    constant = constant_term("r", variables.get("r", 0.0))
     for name, shape, right in (("P", P.shape, (d, d)), ("A", C.shape, (l.size, d)), ("u", u.shape, l.shape)):
         require(shape == right, f"{name} is of shape {shape} and not {right}, for the {d} variables of q")
     lb, ub = np.full(d, -np.inf), np.full(d, np.inf)
     rows = C.tocsr()
     rows.eliminate_zeros()
-    starts = rows.indptr[:-1]
     single = np.flatnonzero(np.diff(rows.indptr) == 1)
-    units = single[rows.data[starts[single]] == 1.0]
-    columns = rows.indices[starts[units]]
+    units = single[rows.data[rows.indptr[single]] == 1.0]
+    columns = rows.indices[rows.indptr[units]]
     np.maximum.at(lb, columns, l[units])
     np.minimum.at(ub, columns, u[units])
     others = np.setdiff1d(np.arange(l.size), units)

@@ -17,7 +17,6 @@ import numpy as np
 import qpsolvers
 from qpsolvers import Problem
 from qpsolvers.exceptions import QPError
-from scipy.sparse import csc_matrix
 
 from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
@@ -129,17 +128,11 @@ def both_proofs(raw: Problem, scaled: Problem, unit: Vector, work: float) -> tup
 
 def start(qp: Problem) -> Vector:
     """A solver's approximate answer (d,), or zeros."""
-    matrices = [None if M is None else csc_matrix(M) for M in (qp.P, qp.G, qp.A)]
     for solver in STARTERS:
         if solver in qpsolvers.available_solvers:
-            P, G, A = (
-                matrices
-                if solver in qpsolvers.sparse_solvers
-                else (None if M is None else M.toarray() for M in matrices)
-            )
             try:
-                with warnings.catch_warnings(action="ignore"):  # from a solver without an answer
-                    x = qpsolvers.solve_problem(Problem(P, qp.q, G, qp.h, A, qp.b, qp.lb, qp.ub), solver=solver).x
+                with warnings.catch_warnings(action="ignore"):  # of converted matrices and missing answers
+                    x = qpsolvers.solve_problem(qp, solver).x
             except QPError:  # the next solver may have an answer
                 continue
             if x is not None and np.all(np.isfinite(x)):

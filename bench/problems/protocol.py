@@ -147,7 +147,13 @@ class RaceProblem:
         """Write the problem as NPZ, atomically; without ``proven`` the proofs are left out and found again on
         loading."""
         arrays: dict[str, Any] = {}
-        meta: dict[str, Any] = {"set": self.set_name, "name": self.name, "certificates": {}, "c": {}, "cost_unit": {}}
+        meta: dict[str, Any] = {
+            "set": self.set_name,
+            "name": self.name,
+            "certificates": {s: form.certificate.to_json() if proven else "" for s, form in self.forms.items()},
+            "c": {s: form.c for s, form in self.forms.items()},
+            "cost_unit": {s: form.cost_unit for s, form in self.forms.items()},
+        }
         for scaling, form in self.forms.items():
             arrays |= packed_program(form.qp, f"{scaling}/")
             arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(
@@ -156,8 +162,6 @@ class RaceProblem:
             if form.windows:
                 parts = ((name, [getattr(window, name) for window in form.windows]) for name in "Pqc")
                 arrays |= {f"{scaling}/windows/{name}": np.array(values) for name, values in parts}
-            meta["certificates"][scaling] = form.certificate.to_json() if proven else ""
-            meta["c"][scaling], meta["cost_unit"][scaling] = form.c, form.cost_unit
         if self.validation is not None:
             v = self.validation
             meta |= {"structure": v.structure.to_dict(), **({} if math.isnan(v.noise_um) else {"noise_um": v.noise_um})}

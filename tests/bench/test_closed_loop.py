@@ -10,13 +10,13 @@ import pytest
 from browser import Browser
 
 from bench.messages.progress import silent
-from bench.messages.race_error import RaceError
 from bench.messages.task import NO_SETTING, Task
 from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings
 from bench.races.loop.worker import drive
 from bench.store import Run
+from piezo_model.json_file import convert
 from solvers import Lane, Tier, find
 from solvers.protocol import setting_text
 
@@ -156,9 +156,10 @@ def test_the_report_answers_whether_accuracy_matters_and_its_page_draws_it(run: 
     assert browser.sections(path.with_suffix(".html")) == ["loop", "loop_time"]
 
 
-def test_what_cannot_race_in_the_loop_is_refused() -> None:
-    with pytest.raises(RaceError, match="at least one sample"):
-        LoopSettings(learn_steps=(0,))
+@pytest.mark.parametrize("settings", [{"learn_steps": [0]}, {"learn_steps": []}, {"windows": 0}])
+def test_a_run_without_windows_or_learning_phases_is_refused(settings: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(settings))):
+        convert(settings, LoopSettings)
 
 
 def test_each_solver_races_in_its_fastest_lane() -> None:

@@ -1,6 +1,5 @@
 """Foreign programs: scaled without rounding, certified or left out, and judged."""
 
-import json
 import multiprocessing
 import os
 import signal
@@ -21,17 +20,18 @@ from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
 
-from bench.messages.task import NO_SETTING, Outcome, Task
+from bench.derived.accuracy import right
+from bench.derived.table import ONESHOT
+from bench.messages.task import Outcome
 from bench.problem_files import read
 from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.certifying import prove, proven
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
-from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge
-from bench.races.oneshot.worker import OneShot
-from solvers import Lane, Status, Tier, find
+from bench.store import Run
+from solvers import Status, Tier
 from solvers.certificate import verify
 
 
@@ -60,6 +60,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+SHORT = ("--budget", 0.001, "--rounds", 0)
 REASONS = {
     "indefinite": "P is not convex",
     "infeasible": "contradict each other",
@@ -202,27 +203,42 @@ def test_a_race_whose_proofs_cannot_be_cached_goes_on_with_one_warning(tmp_path:
     assert (tmp_path / "results" / "run" / "report.html").is_file()
 
 
-def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(
-    piezobench: CommandLine, folder: Path, tmp_path: Path
-) -> None:
-    words = ("race", "--lane", "qpsolvers", "--solver", "daqp", "--budget", 0.001, "--rounds", 0, "--out", tmp_path)
-    call = piezobench(*words, "--folder", folder, "--name", "run")
+@pytest.fixture(scope="module")
+def raced(piezobench: CommandLine, folder: Path) -> tuple[Run, str]:
+    """A race on the folder, and its output."""
+    options = (*SHORT, "--lane", "qpsolvers", "--lane", "direct", "--out", folder / "results", "--name", "run")
+    solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set")
+    call = piezobench("race", "--folder", folder, *solvers, *options)
     assert call.status == 0, call.stderr
-    noted = json.loads((tmp_path / "run" / "run.json").read_text())["left_out"]["foreign"]
-    assert noted.keys() == REASONS.keys()
-    shown = " ".join(call.stdout.split())
+    return Run.open(folder / "results" / "run"), " ".join(call.stdout.split())
+
+
+def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(raced: tuple[Run, str]) -> None:
+    run, shown = raced
+    left_out = run.settings["left_out"]["foreign"]
+    assert left_out.keys() == REASONS.keys()
     assert "5 of 9 problems" in shown
-    pages = [" ".join((tmp_path / "run" / name).read_text().split()) for name in ("report.md", "report.html")]
-    for name, why in noted.items():
-        assert REASONS[name] in why
-        assert f"foreign/{name}: {' '.join(why.split())[:60]}" in shown
+    pages = [" ".join((run.path / name).read_text().split()) for name in ("report.md", "report.html")]
+    for name, reason in left_out.items():
+        assert REASONS[name] in reason
+        assert f"foreign/{name}: {' '.join(reason.split())[:60]}" in shown
         assert all(f"foreign/{name}" in page for page in pages)
-    (tmp_path / "bad").mkdir()
-    np.savez(tmp_path / "bad" / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
-    assert (
-        "no problem of the set 'foreign' can be raced; indefinite: P is not convex"
-        in piezobench(*words, "--folder", tmp_path / "bad", "--name", "none").refusal
-    )
+
+
+def test_solvers_answer_foreign_problems_or_report_them_as_unsupported(raced: tuple[Run, str]) -> None:
+    rows = raced[0].rows(ONESHOT)
+    rows = rows[rows.is_default & (rows.start == "cold")]
+    ours, others = rows[rows.solver == "box_active_set"], rows[rows.solver.isin(["daqp", "clarabel"])]
+    assert set(ours.status) == {"unsupported"}
+    assert len(others) == 2 * len(ours) * 2  # solvers, lanes
+    assert right(others, Tier.LOW).all()
+    assert not others.mutates_input.any()
+
+
+def test_a_folder_without_a_proof_is_not_raced(piezobench: CommandLine, tmp_path: Path) -> None:
+    np.savez(tmp_path / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
+    sentence = "no problem of the set 'foreign' can be raced; indefinite: P is not convex"
+    assert sentence in piezobench("race", "--folder", tmp_path, *SHORT, "--out", tmp_path / "results").refusal
 
 
 def test_test_sets_of_qpbenchmark_are_read_from_their_class(
@@ -299,22 +315,6 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
     wrong = judge(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k])))
     assert not is_right(wrong, Tier.HIGH)
     assert wrong.violation > 1e-5
-
-
-@pytest.mark.parametrize(("solver", "status"), [("daqp", "ok"), ("clarabel", "ok"), ("box_active_set", "unsupported")])
-def test_solvers_answer_foreign_problems_or_report_them_as_unsupported(
-    foreign: dict[str, RaceProblem], solver: str, status: str
-) -> None:
-    lane = Lane.DIRECT if solver == "box_active_set" else Lane.QPSOLVERS
-    problem = foreign["other"]
-    with SolverChild(find(solver, lane)) as child:
-        for scaling in SCALINGS:
-            task = Task("foreign", problem.name, scaling, solver, lane, NO_SETTING)
-            outcome = child.ask(OneShot.of(task, problem.forms[scaling]))
-            found = judge(problem, scaling, outcome)
-            assert str(found.status) == status, outcome.message
-            assert is_right(found, Tier.LOW) == (status == "ok")
-            assert not outcome.mutated
 
 
 def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Path) -> None:

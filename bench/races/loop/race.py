@@ -17,18 +17,18 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from bench.messages.columns import COUNT, TEXT
-from bench.messages.race_error import RaceError
 from bench.messages.task import Request, Task
 from bench.processes.worker import ChildSettings
 from bench.races.chosen_settings import EACH, Choices, choices, default_setting, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Decision, Driven, LoopRequest
-from bench.races.settings import TierSettings, fixed
+from bench.races.settings import Positive, TierSettings, fixed
 from bench.stage.setup import AXES, RANGE_UM, StageSetup
 from bench.stage.trial import straight
 from bench.store import Schema
@@ -87,18 +87,12 @@ class LoopSettings(TierSettings):
 
     tiers: tuple[Tier, ...] = (Tier.DEFAULT, Tier.HIGH)
     effort: Effort = fixed(Effort())
-    learn_steps: tuple[int, ...] = (1, 10, 100, 1000, 15200)
+    learn_steps: Annotated[tuple[Positive, ...], Meta(min_length=1)] = (1, 10, 100, 1000, 15200)
     """Learning phases of the paper's method, in samples."""
-    windows: int = 5
+    windows: Positive = 5
     drift_per_s: float = 5e-4
     quick: bool = False
     """Short phases, for tests."""
-
-    def __post_init__(self) -> None:
-        """RaceError without windows or with an empty learning phase."""
-        super().__post_init__()
-        if self.windows < 1 or not self.learn_steps or min(self.learn_steps) < 1:
-            raise RaceError("the loop needs at least one window and learning phases of at least one sample")
 
     def stage(self, problem: str, repeat: int = 0) -> StageSetup:
         """The setup of a problem with the paper's learner; stage, reference and noise are those of all learners."""

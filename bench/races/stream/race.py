@@ -226,8 +226,6 @@ def _loop_times(ns: Nanoseconds, samples: int) -> dict[str, Any]:
 def _gaps(outcome: Streamed, stream: StreamProblem) -> dict[str, Any]:
     """Gaps of the answers in use, and of each answer at its own sample."""
     answers, t = outcome.answers, outcome.timeline
-    if answers.shape[1:] != (stream.d,):
-        return {"exact_instants": 0, "unanswered": len(answers)}
     usable: NDArray[np.bool_] = np.asarray(np.isfinite(answers).all(axis=1))
     solved = np.arange(len(answers)) if t is None else t.solved
     used = np.where(usable, solved, -1) if t is None else t.in_use(usable)
