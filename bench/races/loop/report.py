@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from bench.derived.accuracy import worst
 from bench.derived.pictures import ranked
 from bench.races.chosen_settings import definition
 from bench.races.loop import summary
@@ -127,7 +128,7 @@ def ranking(table: pd.DataFrame) -> Table:
     for label, lane in summary.learners(table):
         part = table[(table.label == label) & (table.lane == lane)].set_index("problem")
         cells = [(number(1e3 * line.rms_um), gap(line.cost_gap)) for _, line in part.reindex(stages).iterrows()]
-        rows.append([label, lane, *(text for cell in cells for text in cell), _samples(part.learn_samples.max())])
+        rows.append([label, lane, *(text for cell in cells for text in cell), _samples(worst(part.learn_samples))])
     headings = ("solver", "lane", *(f"{what} {stage}" for stage in stages for what in ("nm", "gap")), "samples")
     return Table(
         "Tracking error by solver",
