@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import SolverName
+from bench.cli.options import Seed, SolverName
 from bench.report.console import AsJson, console, lines_of, print_json, print_report, progress_bar
 from bench.stage.setup import StageSetup
 
@@ -13,14 +13,16 @@ FOLDER = Path("results/experiment")
 
 
 def experiment_verb(
-    out: Annotated[Path, typer.Option(help="Folder of the report, the figures and their numbers.")] = FOLDER,
-    quick: Annotated[bool, typer.Option("--quick", help="Short phases: seconds, and less exact.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for the report, the figures and their data.")] = FOLDER,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Shorten the phases to seconds, with less exact results.")
+    ] = False,
+    seed: Seed = 0,
     solver: SolverName = "projected_difference",
     as_json: AsJson = False,
 ) -> None:
-    """Let a simulated stage learn while it moves, and draw it."""
-    from bench.experiment.experiment import run  # the figures' library takes a while to load
+    """Let a simulated stage learn while it moves, and draw the result."""
+    from bench.experiment.experiment import run  # the plot library is slow to load
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is not a folder", param_hint="--out")

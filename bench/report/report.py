@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from bench.report.plot import Plot
-from bench.report.words import marked
+from bench.report.words import by_heading, marked
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,6 @@ class Table:
             if name in self.headings
         }
         return {name: texts for name, texts in found.items() if len(texts) > 1}
-
-    @property
-    def records(self) -> list[dict[str, str]]:
-        """Rows by their headings."""
-        return [dict(zip(self.headings, row, strict=True)) for row in self.rows]
 
 
 def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
@@ -109,5 +104,5 @@ class Report:
             "verdict": self.verdict,
             "notes": self.notes,
             "rows": [] if self.summary is None else self.summary.to_dict("records"),
-            "tables": [{"title": table.title, "rows": table.records} for table in tables],
+            "tables": [{"title": table.title, "rows": by_heading(table.headings, table.rows)} for table in tables],
         }

@@ -1,7 +1,7 @@
 """Figures and names as a reader meets them, the same in every table, plot and sentence."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from piezo_model.json_file import decoded
@@ -120,3 +120,8 @@ def joined(texts: Iterable[str]) -> str:
     """
     some = [*texts]
     return f"{', '.join(some[:-1])} and {some[-1]}" if len(some) > 1 else "".join(some)
+
+
+def by_heading(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, str]]:
+    """The rows of a table, each as a dictionary by the headings."""
+    return [dict(zip(headings, row, strict=True)) for row in rows]

@@ -261,6 +261,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         (["identify", "stage.csv"], ["Missing option '--out'"]),
         (["compensate", "model.json"], ["Missing argument 'reference'"]),
         (["problems", "more"], ["more"]),
+        (["problems", "--set", "paper", "--seed", "-1"], ["--seed"]),
         # Options that go with another.
         (
             ["race", "--set", "paper", "--recording", "stage.csv"],
