@@ -131,12 +131,6 @@ def test_it_says_who_is_exact_and_compares_the_papers_pace_with_what_fits() -> N
     )
 
 
-def test_limits_are_no_settings_that_could_stand_for_a_tier() -> None:
-    found = measured([*points("a", (0.5, 0.0)), row(solver="a", cost_gap=1.0)])
-    assert len(found.field) == 1
-    assert set(found.settings.setting) == {""}
-
-
 def limited(race: Race, solver: str, lane: str = "direct") -> pd.DataFrame:
     """The rows of limits, by limit."""
     name = "steps" if solver == "projected_difference" else "max_iter"
