@@ -13,7 +13,16 @@ from bench.deploy.decision import decide
 from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
 from bench.races.kind import open_run
-from bench.report.console import AsJson, check_writable, console, lines_of, print_json, print_report, progress_bar
+from bench.report.console import (
+    AsJson,
+    check_writable,
+    console,
+    lines_of,
+    print_json,
+    print_report,
+    print_result,
+    progress_bar,
+)
 from bench.report.words import OURS_NOTE
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
@@ -128,32 +137,28 @@ def deploy_verb(
         )
     made = deployment(decision, found)
     made.save(target)
-    if as_json:
-        print_json(
-            {
-                "file": target,
-                "solver": made.solver,
-                "lane": made.lane,
-                "tier": made.tier,
-                "settings": dict(made.settings),
-                "mode": made.mode,
-                "model_from": found.source,
-                "forced": found.model.warning,
-                "unseen_error_percent": found.error_percent,
-                "rule": rule.sentence,
-                "why": decision.sentences(),
-                "figures": decision.chosen.figures(),
-                "runners_up": [each.figures() for each in decision.runners_up],
-                "refused": [{**each.figures(), "why": why} for each, why in decision.refused],
-            }
-        )
-        return
-    for sentence in decision.sentences():
-        console.print(sentence)
-    for each, why in decision.refused[:MOST_REFUSED]:
-        console.print(f"Not qualified: {each.name} {why}.")
-    if found.model.warning:
-        console.print(found.model.warning)
-    console.print(
-        f"Model: from {found.source}.{found.sentence and f' {found.sentence}'}\n{OURS_NOTE}\nCompensator: {target}"
-    )
+    document = {
+        "file": target,
+        "solver": made.solver,
+        "lane": made.lane,
+        "tier": made.tier,
+        "settings": dict(made.settings),
+        "mode": made.mode,
+        "model_from": found.source,
+        "forced": found.model.warning,
+        "unseen_error_percent": found.error_percent,
+        "rule": rule.sentence,
+        "why": decision.sentences(),
+        "figures": decision.chosen.figures(),
+        "runners_up": [each.figures() for each in decision.runners_up],
+        "refused": [{**each.figures(), "why": why} for each, why in decision.refused],
+    }
+    lines = [
+        *decision.sentences(),
+        *(f"Not qualified: {each.name} {why}." for each, why in decision.refused[:MOST_REFUSED]),
+        found.model.warning,
+        f"Model: from {found.source}.{found.sentence and f' {found.sentence}'}",
+        OURS_NOTE,
+        f"Compensator: {target}",
+    ]
+    print_result(document, lines, as_json)

@@ -68,9 +68,8 @@ def export_c_verb(
     what = "the compensator" if part == "compensator" else f"the self-learning loop with {settings.solver}"
     console.print(
         f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, "
-        "the calls and the memory."
+        f"the calls and the memory.\nSource: {folder}; make -C {folder} run builds and runs the example."
     )
-    console.print(f"Source: {folder}; make -C {folder} run builds and runs the example.")
 
 
 def export_fmu_verb(

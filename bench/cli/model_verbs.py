@@ -21,7 +21,7 @@ from bench.cli.options import (
 from bench.fleet.storage import absolute
 from bench.fleet.works import Validating
 from bench.processes.engine import Backend, Workers
-from bench.report.console import AsJson, check_writable, console, print_json
+from bench.report.console import AsJson, check_writable, print_result
 from piezo_model import HysteresisCreepModel
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from piezo_model.units import quantity
@@ -75,14 +75,8 @@ def validate_verb(
         from piezo_model.identification.fit_review import review
 
         recording_page.write(page, file.name, review(opened, loaded, found))
-    if as_json:
-        print_json({"model": model, "page": page, **found.to_dict()})
-        return
-    console.print(opened.describe())
-    for sentence in found.sentences():
-        console.print(sentence)
-    if page is not None:
-        console.print(f"Page: {page}")
+    lines = [opened.describe(), *found.sentences(), f"Page: {page}" if page else ""]
+    print_result({"model": model, "page": page, **found.to_dict()}, lines, as_json)
 
 
 @reads_a_recording
@@ -111,23 +105,20 @@ def simulate_verb(
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
     write_table(out, columns, loaded.warning)
-    if as_json:
-        print_json(
-            {
-                "output": out,
-                "samples": y.size,
-                "lowest": y.min(),
-                "highest": y.max(),
-                "unit": s.output_unit,
-                "start": began,
-                "forced": loaded.warning,
-            }
-        )
-        return
-    if loaded.warning:
-        console.print(loaded.warning)
-    console.print(STARTS[began])
-    console.print(
-        f"{y.size} samples of output from {quantity(y.min(), s.output_unit)} to {quantity(y.max(), s.output_unit)}."
-    )
-    console.print(f"Output: {out}")
+    lowest, highest = y.min(), y.max()
+    document = {
+        "output": out,
+        "samples": y.size,
+        "lowest": lowest,
+        "highest": highest,
+        "unit": s.output_unit,
+        "start": began,
+        "forced": loaded.warning,
+    }
+    lines = [
+        loaded.warning,
+        STARTS[began],
+        f"{y.size} samples of output from {quantity(lowest, s.output_unit)} to {quantity(highest, s.output_unit)}.",
+        f"Output: {out}",
+    ]
+    print_result(document, lines, as_json)

@@ -23,7 +23,7 @@ from bench.cli.options import (
 from bench.fleet.storage import absolute
 from bench.fleet.works import FOLLOWED, Compensating, Identifying
 from bench.processes.engine import Backend, Workers
-from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
+from bench.report.console import AsJson, check_writable, console, print_result, print_table, progress_bar
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice
 from piezo_model.units import quantity
@@ -105,10 +105,8 @@ def identify_verb(
             from bench.report import recording_page  # plots take a second to import
 
             recording_page.write(page, file.name, review(opened, model))
-    if as_json:
-        print_json({"model": out, "page": page, "report": dict(model.report)})
-        return
-    if selection := model.report.get("selection"):
+    selection = model.report.get("selection")
+    if selection and not as_json:
         print_table(
             ("n", "m", "creep rates, 1/s", "unknowns", "error of the drive, % of range", "standard error", ""),
             [
@@ -125,12 +123,15 @@ def identify_verb(
             ],
             left=0,
         )
-        console.print(selection["sentence"])
-    for sentence in (model.report["headline"], *model.report["findings"], *model.report["advice"]):
-        console.print(sentence)
-    console.print(f"Model: {out}")
-    if page is not None:
-        console.print(f"Page: {page}")
+    lines = [
+        selection["sentence"] if selection else "",
+        model.report["headline"],
+        *model.report["findings"],
+        *model.report["advice"],
+        f"Model: {out}",
+        f"Page: {page}" if page else "",
+    ]
+    print_result({"model": out, "page": page, "report": dict(model.report)}, lines, as_json)
 
 
 @reads_a_recording
@@ -175,28 +176,25 @@ def compensate_verb(
     file = Path(only(context, reference, out_dir))
     check_writable(out)
     result = work.do(file, [Path(model)], out)
-    if as_json:
-        print_json({"drive": out, **result})
-        return
-    console.print(
-        f"The model follows {100.0 * result['share_followed']:.3g} % of the reference, to "
-        f"{100.0 * FOLLOWED:g} % of its range; elsewhere it misses by up to "
-        f"{quantity(result['largest_error'], result['output_unit'], 3)}."
+    follows = f"to {100.0 * FOLLOWED:g} % of its range"
+    misses = quantity(result["largest_error"], result["output_unit"], 3)
+    lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))
+    lines = [
+        f"The model follows {100.0 * result['share_followed']:.3g} % of the reference, {follows}; elsewhere it misses "
+        f"by up to {misses}."
         if result["share_followed"] < 1.0
-        else f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range."
-    )
-    for sentence in filter(None, (STARTS[result["start"]], result["forced"])):
-        console.print(sentence)
-    console.print(
-        f"{result['samples']} samples of drive from {quantity(result['lowest'], result['unit'])} to "
-        f"{quantity(result['highest'], result['unit'])}; "
+        else f"The model follows all of the reference, {follows}.",
+        STARTS[result["start"]],
+        result["forced"],
+        f"{result['samples']} samples of drive from {lowest} to {highest}; "
         + (
             f"{100 * result['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
             if result["share_at_limits"]
             else "the limits are never reached."
-        )
-    )
-    console.print(f"Drive: {out}")
+        ),
+        f"Drive: {out}",
+    ]
+    print_result({"drive": out, **result}, lines, as_json)
 
 
 def _rates(text: str | None) -> tuple[float, ...] | None:

@@ -97,6 +97,15 @@ def show_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int
         print_table(headings, rows, left)
 
 
+def print_result(document: Any, lines: Iterable[str], as_json: bool) -> None:
+    """Print the result of a verb: a JSON document, or the lines that are not empty."""
+    if as_json:
+        print_json(document)
+    else:
+        for line in filter(None, lines):
+            console.print(line)
+
+
 def print_report(report: Report, below: Sequence[str] = ()) -> None:
     """Print the first screen of a report: the verdict, the rows of the short table that fit, and lines below."""
     above, shown = lines_of(report.verdict), report.terminal or report.table
