@@ -1,5 +1,4 @@
-"""Right or not, from one row of the table: the largest of what is asked, the stage's own rule, and what a cheat
-costs."""
+"""Error of an answer from its row: the largest of gap, violation and timed answers, the rule of the stage, cheats."""
 
 import math
 

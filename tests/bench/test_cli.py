@@ -1,4 +1,4 @@
-"""The command line as a new user meets it: what it refuses, and that it then leaves nothing behind."""
+"""The command line: help, refusals that leave nothing behind, and the way from a recording to a drive."""
 
 import json
 import os

@@ -1,5 +1,4 @@
-"""Comparisons of runs: a run with itself, with one in which a solver was slowed, with a copy in which something
-changed."""
+"""Comparisons of a run with itself, with a run in which one solver is slower, and with changed copies."""
 
 import json
 import re
@@ -28,7 +27,7 @@ def of_solver(rows: pd.DataFrame) -> pd.Series:
 
 
 def slowed(race: Race, factor: float, which: Callable[[pd.DataFrame], pd.Series] = of_solver) -> Change:
-    """Every time of some solver lanes longer."""
+    """Multiply every time of some solver lanes."""
     tasks = set(race.rows[which(race.rows)].task)
     return lambda times: times.assign(
         ns=[
@@ -62,8 +61,7 @@ def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_rac
 
 @pytest.fixture(scope="module")
 def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two races of a small field and a solver of one's own, which in the second one waits twice as long again as it
-    works."""
+    """Two races of a few solvers and of one that takes three times as long in the second race."""
     folder, words = tmp_path_factory.mktemp("slowed"), []
     for solver in (
         "daqp",

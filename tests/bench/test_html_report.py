@@ -1,4 +1,4 @@
-"""The report's page as a reader meets it: in a real browser, from disk."""
+"""The report's page in a real browser, opened from disk."""
 
 import json
 import re
@@ -25,12 +25,12 @@ EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.ti
 
 
 def written(run: Run) -> Path:
-    """The page of a run, written again."""
+    """Write the page of a run again."""
     return kind_of(run).write(run)[1].with_suffix(".html")
 
 
 def column(browser: Browser, heading: str) -> list[str]:
-    """Texts of a column of the large table, as far as its rows are shown."""
+    """Texts of a column of the large table in the rows that are shown."""
     return browser.run(
         """
         const grid = document.querySelectorAll('.grid')[1];

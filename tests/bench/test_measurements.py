@@ -1,5 +1,4 @@
-"""What a run holds: one row for all repeats, times of the host with most rows, and the rows of the settings that stand
-for tiers."""
+"""Rows of a run: one for all repeats, times of the host with most rows, the scaling of the first screen."""
 
 import pytest
 from measured_rows import ladder, measured, row, table

@@ -1,4 +1,4 @@
-"""The short table: who stands where, what a cell says, and which lanes a terminal shows."""
+"""The short table: its cells and columns, and the lanes on a terminal; the committed run has order and times."""
 
 import pytest
 from measured_rows import ladder, measured, row, steps

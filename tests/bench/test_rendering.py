@@ -1,4 +1,4 @@
-"""What stands in a recording's header stays text in everything that is made from it."""
+"""Texts from a recording's header stay texts in every output."""
 
 import ctypes
 import io

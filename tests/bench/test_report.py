@@ -1,4 +1,4 @@
-"""Reports of a race in which everything goes wrong that can."""
+"""The report of a race whose solvers fail in every way."""
 
 import re
 from html import unescape

@@ -1,5 +1,4 @@
-"""Which setting stands for a tier: the loosest that meets it ten times over on every problem, else three times, else
-once."""
+"""The setting of a tier: the loosest that meets it on every problem with margin ten, else three, else one."""
 
 import numpy as np
 import pandas as pd

@@ -1,5 +1,5 @@
-"""The race in sentences: like beside like, on a named machine, with as many digits as it allows, and reservations
-first."""
+"""Sentences of a race: digits by the drift of the machine, reservations first, and cases that the committed run does
+not have."""
 
 import re
 
