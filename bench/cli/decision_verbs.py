@@ -16,9 +16,7 @@ from bench.races.kind import open_run
 from bench.report.console import (
     AsJson,
     check_writable,
-    console,
     lines_of,
-    print_json,
     print_report,
     print_result,
     progress_bar,
@@ -72,11 +70,8 @@ def compare_verb(
         page = comparison_report.write(
             found, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
         )
-    if as_json:
-        print_json(comparison_report.to_dict(found))
-    else:
-        print_report(report, lines_of(report.notes))
-        console.print(f"\n{OURS_NOTE}\nComparison: {page}")
+    files = ["", OURS_NOTE, f"Comparison: {page}"]
+    print_report(report, comparison_report.to_dict(found), as_json, lines_of(report.notes), files)
     bad = sum(each.differences if fail_on == "difference" else each.regressions for each in found)
     if fail_on != "nothing" and (bad or any(each.cannot_tell for each in found)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from bench.cli.options import Seed, SolverName
-from bench.report.console import AsJson, console, lines_of, print_json, print_report, progress_bar
+from bench.report.console import AsJson, lines_of, print_report, progress_bar
 from bench.stage.setup import StageSetup
 
 FOLDER = Path("results/experiment")
@@ -28,9 +28,12 @@ def experiment_verb(
         raise typer.BadParameter(f"{out} is not a folder", param_hint="--out")
     setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)
     with progress_bar() as progress:
-        found, written = run(out, setup, progress)
-    if as_json:
-        print_json({"report": written, "page": written.with_suffix(".html"), **found.document})
-        return
-    print_report(found, ["", *lines_of(found.notes)])
-    console.print(f"Page: {written.with_suffix('.html')}\nReport: {written}")
+        report, written = run(out, setup, progress)
+    page = written.with_suffix(".html")
+    print_report(
+        report,
+        {"report": written, "page": page, **report.document},
+        as_json,
+        ["", *lines_of(report.notes)],
+        [f"Page: {page}", f"Report: {written}"],
+    )

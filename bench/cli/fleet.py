@@ -12,7 +12,7 @@ from bench.fleet.report import DISTANT, report, table_of, write
 from bench.fleet.storage import folder_here, matching
 from bench.fleet.works import Work
 from bench.processes.engine import Workers
-from bench.report.console import errors, lines_of, print_json, print_report, progress_bar
+from bench.report.console import errors, lines_of, print_report, progress_bar
 from piezo_model.recordings import RecordingError
 
 OutDir = Annotated[
@@ -72,16 +72,12 @@ def process(
         errors.print("Interrupted; what is done is kept, and the same command carries on.", soft_wrap=True)
         raise
     refused = table[table.refused != ""]
-    if as_json:
-        print_json({"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records")})
-    else:
-        why = [line for said in refused.refused for line in lines_of([said])]
-        if len(why) > MOST_REFUSED:
-            why = [*why[:MOST_REFUSED], "… and more in the table."]
-        print_report(
-            report(title, table, what),
-            [*(["Refused:", *why] if why else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"],
-        )
+    reasons = lines_of(refused.refused)
+    if len(reasons) > MOST_REFUSED:
+        reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
+    below = [*(["Refused:", *reasons] if reasons else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"]
+    document = {"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records")}
+    print_report(report(title, table, what), document, as_json, below)
     if len(refused):
         raise RecordingError(
             f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why"

@@ -34,7 +34,6 @@ from bench.report.console import (
     console,
     errors,
     lines_of,
-    print_json,
     print_report,
     progress_bar,
     show_table,
@@ -317,11 +316,7 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
 
 def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
     """The first screen, in 100 columns and 40 lines, then problems that were left out and the report's files."""
-    page, excluded = path.with_suffix(".html"), left_out(run)
-    if as_json:
-        print_json({"run": run.path, "report": path, "page": page, "left_out": dict(excluded), **report.document})
-        return
-    settings = run.settings
+    page, excluded, settings = path.with_suffix(".html"), left_out(run), run.settings
     absent, in_sets = settings.get("absent", {}), settings.get("there_are", {})
     raced = {name: len(problems) for name, problems in settings.get("problems", {}).items()}
     below = list(settings.get("conditions", {}).get("warnings", []))
@@ -339,5 +334,5 @@ def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
             f"Not raced, {len(excluded)} of {count} problems:",
             *(f"{problem}: {why}" for problem, why in excluded),
         ]
-    print_report(report, below)
-    console.print(f"Page: {page}\nReport: {path}")
+    document = {"run": run.path, "report": path, "page": page, "left_out": dict(excluded), **report.document}
+    print_report(report, document, as_json, below, [f"Page: {page}", f"Report: {path}"])

@@ -106,19 +106,25 @@ def print_result(document: Any, lines: Iterable[str], as_json: bool) -> None:
             console.print(line)
 
 
-def print_report(report: Report, below: Sequence[str] = ()) -> None:
-    """Print the first screen of a report: the verdict, the rows of the short table that fit, and lines below."""
-    above, shown = lines_of(report.verdict), report.terminal or report.table
+def print_report(
+    report: Report, document: Any, as_json: bool, below: Sequence[str] = (), files: Sequence[str] = ()
+) -> None:
+    """Print a JSON document, or the first screen of a report: the verdict, the rows of the short table that fit, the
+    lines below, and lines that name its files."""
+    if as_json:
+        print_json(document)
+        return
+    lines, shown = lines_of(report.verdict), report.terminal or report.table
     if shown is not None and shown.rows:
-        above += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
-    for line in above:
+        lines += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
+    for line in lines:
         console.print(line)
     if shown is not None and shown.rows:
-        rows = shown.rows[: max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
+        rows = shown.rows[: max(LINES - len(lines) - len(below) - AROUND, FEWEST_ROWS)]
         print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
         if (more := len((report.table or shown).rows) - len(rows)) > 0:
             console.print(f"{more} more rows are on the page.")
-    for line in below:
+    for line in [*below, *files]:
         console.print(line)
 
 
