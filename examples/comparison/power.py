@@ -56,7 +56,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="*")
     parser.add_argument("--pairs", type=int, default=200)
-    arguments = parser.parse_args()
+    options = parser.parse_args()
     kinds: dict[str, Callable[[np.random.Generator], list[Vector]]] = {
         f"{lanes} lanes, {problems} problems, offset {offset}": partial(
             ratios, lanes=lanes, problems=problems, offset=offset
@@ -64,14 +64,12 @@ def main() -> None:
         for lanes, problems in ((68, 36), (68, 12), (40, 18), (10, 6), (5, 3))
         for offset in (0.004, 0.008, 0.015)
     }
-    if arguments.runs:
-        own = noise_of(*map(Run.open, arguments.runs))
-        kinds = {" and ".join(path.name for path in arguments.runs): partial(resampled, own=own)}
+    if options.runs:
+        own = noise_of(*map(Run.open, options.runs))
+        kinds = {" and ".join(path.name for path in options.runs): partial(resampled, own=own)}
     for name, make in kinds.items():
-        print(
-            f"{name}: {', '.join(f'{what} {100.0 * share:.1f} %' for what, share in rates(make, arguments.pairs).items())}",
-            flush=True,
-        )
+        shares = [f"{what} {100.0 * share:.1f} %" for what, share in rates(make, options.pairs).items()]
+        print(f"{name}: {', '.join(shares)}", flush=True)
 
 
 if __name__ == "__main__":

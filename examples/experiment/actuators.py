@@ -1,7 +1,7 @@
 """Learning on actuators outside the model class, compared with the best model of the class in hindsight.
 
-One actuator at a time follows the staircase, with sensor noise of 2e-4 of its range. The model in hindsight has the same
-orders, is identified from the cycle that it is judged on, drives that cycle again from the same states, and is
+One actuator at a time follows the staircase, with sensor noise of 2e-4 of its range. The model in hindsight has the
+same orders, is identified from the cycle that it is judged on, drives that cycle again from the same states, and is
 identified again from the result; the best of a few rounds counts.
 """
 

@@ -1,9 +1,9 @@
 """Permanent sensor feedback: learned compensation with integral action, against either of them alone.
 
 Situations are drawn at random (`situations`), and a disturbance that the model does not know moves the output: a mount
-that creeps, or a vibration of 1 or 10 Hz. PI control alone is tuned for each situation: for each of RATIOS the gains are
-raised until the sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with the
-steepest slope of the actuator in L,
+that creeps, or a vibration of 1 or 10 Hz. PI control alone is tuned for each situation: for each of RATIOS the gains
+are raised until the sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with
+the steepest slope of the actuator in L,
 
     L = g z^-delay z / (z − 1) of the integral action,   L = s_max (k_P + k_I z / (z − 1)) z^-delay of the PI control
 

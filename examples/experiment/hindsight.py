@@ -1,4 +1,4 @@
-"""The floor: the smallest error that a structure reaches on one piece of a reference, fitted in hindsight to that piece.
+"""The floor: the smallest error of a structure on one piece of a reference, fitted in hindsight to that piece.
 
 A model is identified from the piece, drives it again from the same states, and is identified again from the result; the
 best of a few rounds counts.
