@@ -33,10 +33,12 @@ SHORT = (1, 10, 100, 1_000, 15_200)
 LINE = ["name", "solver", "lane"]
 
 
-def anytime(found: Measurements) -> pd.DataFrame:
+def anytime(measurements: Measurements) -> pd.DataFrame:
     """One row per solver lane (LINE) and ``budget``, with ``median_gap`` and ``worst_gap`` over ``problems``."""
-    rows = found.rows[
-        (found.rows.solver != FLOOR) & (found.rows.start == "cold") & (found.rows.scaling == found.scaling)
+    rows = measurements.rows[
+        (measurements.rows.solver != FLOOR)
+        & (measurements.rows.start == "cold")
+        & (measurements.rows.scaling == measurements.scaling)
     ]
     rows = with_pace(rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK).fillna(math.inf)))
     keys = [rows[name] for name in [*LINE, *PROBLEM]]

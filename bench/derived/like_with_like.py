@@ -17,15 +17,20 @@ from solvers.registry import OURS
 COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]
 
 
-def like_with_like(found: Measurements) -> pd.DataFrame:
+def like_with_like(measurements: Measurements) -> pd.DataFrame:
     """COLUMNS, one row per lane, way of timing, number of unknowns d and other solver that reaches 1e-9, the fastest
     first."""
-    rows = found.tiers[
-        (found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)
+    rows = measurements.tiers[
+        (measurements.tiers.tier == Tier.HIGH)
+        & (measurements.tiers.start == "cold")
+        & (measurements.tiers.scaling == measurements.scaling)
     ]
     lines = []
     for timed in WAYS:
-        us = {task: float(np.median(np.concatenate(calls))) for task, calls in by_task(found.times, (timed,)).items()}
+        us = {
+            task: float(np.median(np.concatenate(calls)))
+            for task, calls in by_task(measurements.times, (timed,)).items()
+        }
         for lane, part in rows.assign(us=rows.task.map(us)).dropna(subset="us").groupby("lane"):
             ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
             if ours.empty:

@@ -155,7 +155,7 @@ WAYS = {"hot": "", "in turns": "interleaved_"}
 def by_task(times: pd.DataFrame, ways: Iterable[str] = ("hot",)) -> dict[str, list[Microseconds]]:
     """Times of the calls of each task, update plus solve, in µs; the median update is added if updates were timed
     separately."""
-    found: dict[str, list[Microseconds]] = {}
+    calls: dict[str, list[Microseconds]] = {}
     for way in ways:
         updates, solves = (
             times[times.what == WAYS[way] + what].set_index(["task", "repeat"]).ns for what in ("update", "solve")
@@ -164,13 +164,13 @@ def by_task(times: pd.DataFrame, ways: Iterable[str] = ("hot",)) -> dict[str, li
             solve = np.asarray(solves[key], dtype=np.float64) / 1e3
             update = np.asarray(updates.get(key, ()), dtype=np.float64) / 1e3
             if solve.size:
-                found.setdefault(key[0], []).append(
+                calls.setdefault(key[0], []).append(
                     solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0)
                 )
-    return found
+    return calls
 
 
-def pooled(found: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
+def pooled(calls: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
     """The times of some tasks, each counted once."""
-    parts = [part for task in dict.fromkeys(tasks) for part in found.get(task, [])]
+    parts = [part for task in dict.fromkeys(tasks) for part in calls.get(task, [])]
     return np.concatenate(parts) if parts else np.zeros(0)

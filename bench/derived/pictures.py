@@ -55,13 +55,13 @@ def ranked(table: pd.DataFrame, score: pd.Series) -> pd.DataFrame:
     )
 
 
-def work_precision(found: Measurements) -> pd.DataFrame:
+def work_precision(measurements: Measurements) -> pd.DataFrame:
     """Worst cost gap against the time of an answer, one row per solver lane and setting that answers all its problems.
 
     ``is_default`` marks the library's own settings. The paper's method appears once more at its own pace, one step per
     sampling period; it comes first, then the others by their time to a gap of 1e-9.
     """
-    rows = found.field[found.field.start == "cold"]
+    rows = measurements.field[measurements.field.start == "cold"]
     rows = rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK))
     table = (
         rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"])
@@ -116,21 +116,21 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     ]
 
 
-def _timed(found: Measurements) -> pd.DataFrame:
+def _timed(measurements: Measurements) -> pd.DataFrame:
     """Rows at the setting for 1e-9 or the nearest to it, with ``time_us``, infinite if the answer is not right.
 
     Methods whose settings count steps are left out.
     """
-    rows = found.field[found.field.start == "cold"]
-    table = named(at_tiers(rows, found.settings, "furthest"))
+    rows = measurements.field[measurements.field.start == "cold"]
+    table = named(at_tiers(rows, measurements.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
     return table.assign(time_us=table.total_us.where(table.right, np.inf).fillna(np.inf))
 
 
-def performance_profile(found: Measurements) -> pd.DataFrame:
+def performance_profile(measurements: Measurements) -> pd.DataFrame:
     """ρ_s(τ), one row per step of the function, for the solvers with the smallest mean of log τ over the problems."""
     steps_of = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share"])]
-    for view, part in _timed(found).groupby("view", sort=False):
+    for view, part in _timed(measurements).groupby("view", sort=False):
         times = part.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
         ratios = times.div(times.min(axis=1), axis=0).where(np.isfinite(times)).dropna(how="all")
         if ratios.empty:
@@ -148,10 +148,10 @@ def performance_profile(found: Measurements) -> pd.DataFrame:
     return together(steps_of)
 
 
-def sizes(found: Measurements) -> pd.DataFrame:
+def sizes(measurements: Measurements) -> pd.DataFrame:
     """Median time of an answer by number of unknowns, if all answers of that size are right; empty if
     there is one size."""
-    table = _timed(found)
+    table = _timed(measurements)
     table = table[table.groupby("view").d.transform("nunique") > 1]
     lines = (
         table.groupby(["view", "name", "solver", "lane", "d"], sort=False)
@@ -164,12 +164,12 @@ def sizes(found: Measurements) -> pd.DataFrame:
     return ranked(lines, 1e3 * missing + np.log(lines.time_us).groupby([lines["view"], lines.name]).transform("mean"))
 
 
-def time_by_size(found: Measurements) -> pd.DataFrame:
+def time_by_size(measurements: Measurements) -> pd.DataFrame:
     """Excerpt of :func:`sizes`: our exact solvers and the fastest others in their fastest lane, one column per size.
 
     The others are ordered by the number of sizes with right answers, then by the geometric mean of their times.
     """
-    table = sizes(found)
+    table = sizes(measurements)
     if not len(table):
         return table
     wide = table.pivot_table(index=["view", "solver", "name"], columns="d", values="time_us").reset_index()
@@ -191,7 +191,7 @@ def stages(table: pd.DataFrame) -> pd.DataFrame:
     rank = table.tier.map(MOST_EXACT.index)
     best = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values("total_us", kind="stable")
     best = best.groupby(["view", "lane"], sort=False).head(MOST_BARS)
-    found = [
+    rows = [
         {
             **{name: line[name] for name in ("view", "name", "solver", "lane", "tier")},
             "stage": stage,
@@ -207,7 +207,7 @@ def stages(table: pd.DataFrame) -> pd.DataFrame:
         )
     ]
     return pd.DataFrame(
-        found,
+        rows,
         columns=[
             "view",
             "name",

@@ -67,10 +67,11 @@ class Line:
         return self.name != PACE, best, at
 
 
-def ranking(found: Measurements) -> list[Line]:
+def ranking(measurements: Measurements) -> list[Line]:
     """The lines of the table, sorted."""
     field, rows, settings = (
-        table[table.scaling == found.scaling] for table in (found.field, found.tiers, found.settings)
+        table[table.scaling == measurements.scaling]
+        for table in (measurements.field, measurements.tiers, measurements.settings)
     )
     rows = rows[rows.start == "cold"]
     us = with_pace(rows).groupby(["name", "lane", "tier"]).total_us.median()
@@ -141,13 +142,13 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
 
 def _cells(results: Sequence[Result | None], terminal: bool) -> list[str]:
     """The cells of a line; "=" stands for the same setting as in the cell before."""
-    found: list[str] = []
+    cells: list[str] = []
     before = ""
     for result in results:
         same = result is not None and result.reached and result.setting == before
-        found.append("–" if result is None else "=" if same else (_narrow if terminal else _wide)(result))
+        cells.append("–" if result is None else "=" if same else (_narrow if terminal else _wide)(result))
         before = result.setting if result is not None and result.reached else ""
-    return found
+    return cells
 
 
 def _wide(cell: Result) -> str:

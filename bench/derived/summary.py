@@ -22,15 +22,15 @@ FLOOR = "floor"
 """Name and status of the solver that does nothing; its own name, null, would read as a missing value in a CSV."""
 
 
-def summary(found: Measurements) -> pd.DataFrame:
+def summary(measurements: Measurements) -> pd.DataFrame:
     """One row per GROUP: those with all answers right first, then by time, the floor last.
 
     ``settings`` are those of the first problem, since tolerances are multiples of a constant of the problem;
     ``left_out`` counts all sets together.
     """
-    calls = by_task(found.times)
-    nothing = found.rows[found.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
-    rows = pd.concat([found.tiers, nothing], ignore_index=True)
+    calls = by_task(measurements.times)
+    nothing = measurements.rows[measurements.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
+    rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
     table = (
         rows.groupby(GROUP, dropna=False)
         .agg(
@@ -67,7 +67,7 @@ def summary(found: Measurements) -> pd.DataFrame:
         ours=table.solver.isin(OURS),
         answer_us_p99=table.answer_us_p99.astype(float),
     )
-    table = table.merge(found.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
+    table = table.merge(measurements.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
     floor = table.solver == NULL
     table.loc[floor, ["solver", "status"]] = FLOOR
     order = ["problem_set", "scaling", "floor", "all_right", "total_us"]
@@ -97,13 +97,13 @@ def _first_message(values: pd.Series) -> str:
     return next((str(value) for value in values if value), "")
 
 
-def failures(found: Measurements) -> list[list[str]]:
+def failures(measurements: Measurements) -> list[list[str]]:
     """Failures, one row per solver lane, scaling and status: these, their number, and setting, problem and message of
     the first.
 
     Rows that were not run are no failures.
     """
-    wrong = found.field[(found.field.message != "") & (found.field.status != Status.NOT_RUN)]
+    wrong = measurements.field[(measurements.field.message != "") & (measurements.field.status != Status.NOT_RUN)]
     return [
         [
             str(cell)

@@ -35,15 +35,15 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     rows = measured(tainted(rows))
     cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
     cold = cold.assign(number=cold.groupby(PROBLEM).ngroup())
-    found = []
+    lines = []
     for tier in TARGETS:
         part = cold[applies(cold, tier)]
         for key, lane in part.assign(error=error(part, tier)).groupby(LANE, sort=False):
-            found.append(
+            lines.append(
                 {**dict(zip(LANE, cast(tuple[str, ...], key), strict=True)), "tier": str(tier), **_chosen(lane)}
             )
     return pd.DataFrame(
-        found, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"]
+        lines, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"]
     )
 
 

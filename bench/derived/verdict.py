@@ -31,12 +31,12 @@ MOST_DRIFT = 0.1
 """Largest drift without a reservation."""
 
 
-def verdict(found: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
+def verdict(measurements: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
     """At most four sentences; ``core`` is instruction set and compiler, ``drift`` the relative drift of the machine."""
-    lines = ranking(found)
+    lines = ranking(measurements)
     sentences = [
-        *_winners(found, [line for line in lines if line.name != PACE], core, drift),
-        *_paper(found, [line for line in lines if line.name == PACE], drift),
+        *_winners(measurements, [line for line in lines if line.name != PACE], core, drift),
+        *_paper(measurements, [line for line in lines if line.name == PACE], drift),
     ]
     if drift > MOST_DRIFT and any("µs" in sentence for sentence in sentences):
         sentences.insert(
@@ -45,14 +45,14 @@ def verdict(found: Measurements, core: str = "", drift: float = 0.0) -> list[str
             "for a fixed piece of work than in all of it, so times that differ by less than that cannot be "
             "distinguished.",
         )
-    return [*sentences, *_stage(found)]
+    return [*sentences, *_stage(measurements)]
 
 
-def _winners(found: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
+def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
     at = next(
         (tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None
     )
-    problems = "the problem" if found.problems == 1 else f"all {found.problems} problems"
+    problems = "the problem" if measurements.problems == 1 else f"all {measurements.problems} problems"
     if at is None:
         yield (
             f"No solver reaches {TIER_NAMES[Tier.LOW] if any(line.results for line in lines) else 'any accuracy'} on "
@@ -61,7 +61,7 @@ def _winners(found: Measurements, lines: Sequence[Line], core: str, drift: float
         return
     judged = [line for line in lines if at in line.results]
     reach = [line for line in judged if line.results[at].reached]
-    chosen = "" if found.problems >= FEWEST else ", each with a setting chosen on the problem it is judged on"
+    chosen = "" if measurements.problems >= FEWEST else ", each with a setting chosen on the problem it is judged on"
     lanes = [lane for lane in LANE_NAMES if any(line.lane == lane for line in reach)]
     fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in lanes)
     more = f"; fastest {fastest}" if fastest else ""
@@ -87,8 +87,8 @@ def _steps(rows: pd.DataFrame) -> pd.DataFrame:
     return part[(part.start == "cold") & part.settings.str.contains('"steps": 15200')].drop_duplicates("task")
 
 
-def _paper(found: Measurements, lines: Sequence[Line], drift: float) -> Iterator[str]:
-    part = _steps(found.field[found.field.scaling == found.scaling])
+def _paper(measurements: Measurements, lines: Sequence[Line], drift: float) -> Iterator[str]:
+    part = _steps(measurements.field[measurements.field.scaling == measurements.scaling])
     part = part[part.cost_gap.notna()]
     if part.empty:
         return
@@ -114,9 +114,9 @@ def _ends(part: pd.DataFrame) -> str:
     return f"ends at worst {percent(gaps.max())} above the optimal cost (median {percent(gaps.median())})"
 
 
-def _stage(found: Measurements) -> Iterator[str]:
+def _stage(measurements: Measurements) -> Iterator[str]:
     """Whether the tier `stage` distinguishes the paper's model from the optimal one."""
-    part = _steps(found.field[found.field.scaling == found.scaling])
+    part = _steps(measurements.field[measurements.field.scaling == measurements.scaling])
     part = part[part.stage_excess.notna()]
     if part.empty:
         return
@@ -129,9 +129,9 @@ def _stage(found: Measurements) -> Iterator[str]:
     )
 
 
-def notes(found: Measurements, summary: pd.DataFrame) -> list[str]:
+def notes(measurements: Measurements, summary: pd.DataFrame) -> list[str]:
     """Further findings: other scalings, warm starts, cold caches, defaults that differ between lanes."""
-    return [*_other_scalings(found), *_warm(summary), *_turns(found), *_lanes(found)]
+    return [*_other_scalings(measurements), *_warm(summary), *_turns(measurements), *_lanes(measurements)]
 
 
 def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
@@ -146,8 +146,10 @@ def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
         )
 
 
-def _other_scalings(found: Measurements) -> Iterator[str]:
-    for scaling, part in _steps(found.field[found.field.scaling != found.scaling]).groupby("scaling"):
+def _other_scalings(measurements: Measurements) -> Iterator[str]:
+    for scaling, part in _steps(measurements.field[measurements.field.scaling != measurements.scaling]).groupby(
+        "scaling"
+    ):
         yield f"On {scaling} data the paper's method {_ends(part)} after its 15 200 steps."
 
 
@@ -167,9 +169,11 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
         )
 
 
-def _turns(found: Measurements) -> Iterator[str]:
+def _turns(measurements: Measurements) -> Iterator[str]:
     """Cost of cold caches."""
-    rows = found.field[(found.field.start == "cold") & (found.field.scaling == found.scaling)]
+    rows = measurements.field[
+        (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
+    ]
     ratio = (rows.interleaved_us_p50 / rows.solve_us_p50).groupby([rows.solver, rows.lane]).median().dropna()
     if len(ratio):
         yield (
@@ -178,11 +182,11 @@ def _turns(found: Measurements) -> Iterator[str]:
         )
 
 
-def _lanes(found: Measurements) -> Iterator[str]:
+def _lanes(measurements: Measurements) -> Iterator[str]:
     """Wrapper lanes in which the defaults of a library differ from those in the lane direct."""
-    rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(
-        ["solver", "lane"]
-    )
+    rows = measurements.field[
+        measurements.field.is_default & (measurements.field.scaling == measurements.scaling)
+    ].drop_duplicates(["solver", "lane"])
     defaults = {
         (line["solver"], line["lane"]): decoded(line["settings"], dict[str, Any]) for line in rows.to_dict("records")
     }

@@ -25,10 +25,12 @@ def in_lane_direct(solver: str) -> str:
     return OTHER_NAMES.get(solver, solver)
 
 
-def wrapper_share(found: Measurements) -> pd.DataFrame:
+def wrapper_share(measurements: Measurements) -> pd.DataFrame:
     """COLUMNS, one row per wrapper and setting that the lane direct has, too; medians over the ``problems`` on which
     both are right."""
-    rows = found.field[(found.field.start == "cold") & (found.field.scaling == found.scaling)]
+    rows = measurements.field[
+        (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
+    ]
     rows = rows.assign(us=rows.total_us, key=rows.settings.map(_key), library=rows.solver.map(in_lane_direct))
     rows = rows[right(rows, Tier.LOW) & (rows.key != "")]
     direct = (
