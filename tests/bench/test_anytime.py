@@ -20,9 +20,9 @@ from bench.timing.schedule import PERIOD_US
 from solvers.certificate import exact_cost_gap
 
 
-def at_limit(solver: str, periods: float, gap: float, **known: object) -> Row:
-    """The row of a limit of iterations with which an answer takes so many periods."""
-    return row(solver=solver, solve_us_p50=PERIOD_US * periods, cost_gap=gap, setting=f"{gap}", rung=-1, **known)
+def at_limit(solver: str, duration: float, gap: float, **known: object) -> Row:
+    """The row of a limit of iterations; the duration of an answer is in sampling periods."""
+    return row(solver=solver, solve_us_p50=PERIOD_US * duration, cost_gap=gap, setting=f"{gap}", rung=-1, **known)
 
 
 def test_warm_starts_other_scalings_and_the_floor_do_not_count() -> None:
@@ -39,8 +39,8 @@ def test_warm_starts_other_scalings_and_the_floor_do_not_count() -> None:
 
 def test_the_verdict_names_the_most_accurate_and_compares_the_papers_pace_with_what_fits() -> None:
     paper = [
-        at_limit(PAPER, periods, gap, lane="kernel", periods=float(steps), settings=f'{{"steps": {steps}}}')
-        for steps, periods, gap in ((1, 0.01, 0.9), (15_200, 4.0, 0.1))
+        at_limit(PAPER, duration, gap, lane="kernel", periods=float(steps), settings=f'{{"steps": {steps}}}')
+        for steps, duration, gap in ((1, 0.01, 0.9), (15_200, 4.0, 0.1))
     ]
     rows = [at_limit("a", 0.5, 1e-12), at_limit("b", 0.5, 1e-3), *paper]
     exact, pace = sentences(anytime(measured(rows)))
