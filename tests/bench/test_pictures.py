@@ -39,7 +39,14 @@ def test_the_performance_profile_is_that_of_dolan_and_more() -> None:
         *timed("c", [0.1] * 3, [1e-3] * 3),
     ]
     table = pictures.performance_profile(measured(rows)).set_index(["solver", "factor"])
-    expected = {("a", 1.0): 1 / 3, ("a", 2.0): 2 / 3, ("a", 3.0): 1.0, ("b", 1.0): 2 / 3, ("b", 3.0): 1.0}
+    expected = {
+        ("a", 1.0): 1 / 3,
+        ("a", 2.0): 2 / 3,
+        ("a", 3.0): 1.0,
+        ("b", 1.0): 2 / 3,
+        ("b", 2.0): 1.0,
+        ("b", 3.0): 1.0,
+    }
     assert table.share.to_dict() == pytest.approx(expected)
 
 
