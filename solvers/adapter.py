@@ -1,11 +1,11 @@
-"""What the adapters of libraries have in common: the program as rows, the checks, the answer with its duals.
+"""Base class of the adapters of solver libraries: conversion of the constraints, checks, the answer with its duals.
 
-A file of one declares what its library is and what it refuses, and has four short methods:
+The file of an adapter declares the properties of its library and has up to four short methods:
 
-    build     make the library's object, once
-    update    hand over new P and q; by default the library reads the program at each solve
-    solve     call the library, and say in ``found`` whether it has an answer
-    answer    read what it says of its last solve
+    build        make the library's object, once
+    pass_data    pass new P and q to it; not needed if the library reads the program at each solve
+    run          call the library; x, or None if it found no answer
+    answer       read multipliers, status and counts of the last run
 """
 
 from abc import abstractmethod
@@ -102,9 +102,22 @@ class LibrarySolver(Solver):
     def build(self, p: Program, rows: Any) -> None:
         """Make the library's object of the program and its rows."""
 
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for what stays."""
+
+    @abstractmethod
+    def run(self, warm_start: Vector | None) -> Vector | None:
+        """Call the library; x (d,), or None if it says that it found no answer."""
+
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take P (d, d) and q (d,) into the program."""
-        self.program.take(P, q)
+        """Copy P (d, d) and q (d,) into the program and pass them on."""
+        self.pass_data(*self.program.take(P, q))
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        """Return the library's answer, NaN if it found none."""
+        x = self.run(warm_start)
+        self.found = x is not None
+        return self.program.no_answer() if x is None else x
 
     @abstractmethod
     def answer(self) -> Answer:

@@ -66,8 +66,6 @@ class Backend:
     """Settings of every rung."""
     always: Mapping[str, Any] = field(default_factory=dict)
     """Settings of every rung and of the default, too."""
-    warm: bool = False
-    """Whether a lane hands a starting point on to a library that uses it."""
 
     @property
     def exponents(self) -> tuple[float, ...]:

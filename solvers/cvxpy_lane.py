@@ -99,21 +99,19 @@ class CvxpySolver(LibrarySolver):
         self.model = cp.Problem(cp.Minimize(cost), [constraint for _, _, constraint in self._blocks])
         self.model.get_problem_data(self.name.upper())
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:  # noqa: D102
         if P is not None:
-            self._S.value = square_root(self.program.P)
+            self._S.value = square_root(P)
         if q is not None:
-            self._q.value = self.program.q.copy()
+            self._q.value = q.copy()
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def run(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
         try:
             self.model.solve(solver=self.name.upper(), warm_start=warm_start is not None, **self.settings)
             self._status = str(self.model.status)
         except cp.SolverError as error:  # cvxpy's way of saying that the solver found nothing
             self._status = str(error)
-        self.found = self._status == cp.OPTIMAL
-        return self._x.value if self.found else self.program.no_answer()
+        return self._x.value if self._status == cp.OPTIMAL else None
 
     def answer(self) -> Answer:  # noqa: D102
         w = np.zeros(self.rows.size)

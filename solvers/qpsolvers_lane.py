@@ -12,7 +12,7 @@ left out, since ECOS and CVXOPT break on infinite bounds.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import qpsolvers
@@ -28,21 +28,22 @@ BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,
     "copt": known.COPT,
     "cvxopt": known.CVXOPT,
-    "daqp": replace(known.DAQP, warm=True),
+    "daqp": known.DAQP,
     "ecos": known.ECOS,
     "gurobi": known.GUROBI,
     "highs": known.HIGHS,
     # osqp warns where nobody says whether a failure raises.
-    "osqp": replace(known.OSQP, always={**known.OSQP.always, "raise_error": False}, warm=True),
+    "osqp": replace(known.OSQP, always={**known.OSQP.always, "raise_error": False}),
     "piqp": known.PIQP,
-    "proxqp": replace(known.PROXQP, warm=True),
+    "proxqp": known.PROXQP,
     "pyqpmad": known.PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
     "qpalm": known.QPALM,  # qpsolvers drops the starting point
     "qpax": known.QPAX,
     "qtqp": known.QTQP,
     "quadprog": known.QUADPROG,
-    "scs": replace(known.SCS, warm=True),
+    "scs": known.SCS,
 }
+WARM_STARTABLE = frozenset({"daqp", "osqp", "proxqp", "scs"})
 HANDED_TO_SCIPY = frozenset({"clarabel", "qtqp", "scs"})
 """For these qpsolvers solves a problem without constraints by SciPy instead."""
 FAILS_WITHOUT_ROWS = frozenset({"highs"})
@@ -55,12 +56,12 @@ class QpsolversSolver(LibrarySolver):
     """One solver behind qpsolvers; :func:`make` says which."""
 
     lane = Lane.QPSOLVERS
-    sparse: ClassVar[bool]
 
     def _form(self, matrix: Matrix) -> Any:
-        return csc_matrix(matrix) if self.sparse else matrix
+        return csc_matrix(matrix) if self._is_sparse else matrix
 
     def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
+        self._is_sparse = self.name in SPARSE_ONLY
         if self.name == "qpax":
             import jax  # single precision otherwise
 
@@ -71,25 +72,23 @@ class QpsolversSolver(LibrarySolver):
         G, A = ((self._form(R), r) if r.size else (None, None) for R, r in ((p.G, p.h), (p.A, p.b)))
         if self.name in FAILS_WITHOUT_ROWS and p.u.size == p.d:
             G = csc_matrix((1, p.d)), np.array([np.inf])
-        self._asked = Problem(self._form(p.P), p.q, *G, *A, *sides)
-        if self._asked.is_unconstrained and self.name in HANDED_TO_SCIPY:
+        self._problem = Problem(self._form(p.P), p.q, *G, *A, *sides)
+        if self._problem.is_unconstrained and self.name in HANDED_TO_SCIPY:
             raise Unsupported(f"qpsolvers solves a problem without constraints by SciPy in place of {self.name}")
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
-        if P is not None and self.sparse:
-            self._asked.P = csc_matrix(self.program.P)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:  # noqa: D102
+        if P is not None and self._is_sparse:
+            self._problem.P = csc_matrix(P)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def run(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
         start = warm_start if self.warm_startable else None
         try:
-            self._answer = qpsolvers.solve_problem(self._asked, self.name, initvals=start, **self.settings)
+            self._answer = qpsolvers.solve_problem(self._problem, self.name, initvals=start, **self.settings)
         except qpsolvers.ProblemError as error:
             raise Unsupported(f"{self.name} behind qpsolvers refuses the problem: {error}") from error
         except qpsolvers.SolverError as error:
-            self._answer = Solution(self._asked, found=False, extras={"status": str(error)})
-        self.found = self._answer.found
-        return np.asarray(self._answer.x) if self.found else self.program.no_answer()
+            self._answer = Solution(self._problem, found=False, extras={"status": str(error)})
+        return np.asarray(self._answer.x) if self._answer.found else None
 
     def answer(self) -> Answer:  # noqa: D102
         a, p, w = self._answer, self.program, np.zeros(self.rows.size)
@@ -129,15 +128,13 @@ def make(name: str) -> type[Solver]:
     """
     if name not in installed():
         raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
-    b = BACKENDS[name]
     return type(
         f"Qpsolvers_{name}",
         (QpsolversSolver,),
         {
             "__doc__": f"{name} behind qpsolvers.",
             "name": name,
-            "library": b,
-            "warm_startable": b.warm,
-            "sparse": name in SPARSE_ONLY,
+            "library": BACKENDS[name],
+            "warm_startable": name in WARM_STARTABLE,
         },
     )

@@ -69,12 +69,15 @@ class Program:
         """The upper triangle of P as a pattern."""
         return Triangle(self.d)
 
-    def take(self, P: Matrix | None, q: Vector | None) -> None:
-        """Copy new P (d, d) and q (d,), whatever their strides; what is None stays."""
+    def take(self, P: Matrix | None, q: Vector | None) -> tuple[Matrix | None, Vector | None]:
+        """Copy new P (d, d) and q (d,), whatever their strides; our arrays, None for data that stay as they are."""
         if P is not None:
             self.P[:] = P
+            P = self.P
         if q is not None:
             self.q[:] = q
+            q = self.q
+        return P, q
 
     def no_answer(self) -> Vector:
         """What ``solve`` returns when the library says that it has no answer: NaN, which nobody takes for one."""

@@ -98,20 +98,19 @@ class Embedded(LibrarySolver):
         self._library.embedded_status.restype = ctypes.c_char_p
         values = np.array([float({**self.parameters, **self.settings}[name]) for name in self.parameters])
         self._library.embedded_setup(address(p.lb), address(p.ub), address(values))
-        self.update(p.P, p.q)
+        self.pass_data(p.P, p.q)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         p = self.program
-        p.take(P, q)
         if not (np.isfinite(p.P).all() and np.isfinite(p.q).all()):
             raise ValueError(f"{self.name}: P and q must be finite")
         self._library.embedded_update(address(p.P), address(p.q))
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        self.found = self._library.embedded_solve(None if start is None else address(start)) == 0
+        status = self._library.embedded_solve(address(start))
         self._library.embedded_answer(address(self._x))
-        return self._x if self.found else self.program.no_answer()
+        return self._x if status == 0 else None
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Update and solve inside C, each timed."""
@@ -123,8 +122,10 @@ class Embedded(LibrarySolver):
         return timings
 
     def _loop(self, q: Matrix, P: Matrix, start: Vector | None, most_ns: int, *outputs: NDArray[Any]) -> int:
-        where = (None if start is None else address(start), ctypes.c_int64(most_ns), *map(address, outputs))
-        status: int = self._library.embedded_time(ctypes.c_int64(len(q)), address(P), address(q), *where)
+        count, limit = ctypes.c_int64(len(q)), ctypes.c_int64(most_ns)
+        status: int = self._library.embedded_time(
+            count, address(P), address(q), address(start), limit, *map(address, outputs)
+        )
         return status
 
     def answer(self) -> Answer:

@@ -54,18 +54,15 @@ class Qoco(LibrarySolver):
         P = p.triangle.matrix(p.P) / unit
         self._solver.setup(p.d, m, n, P, p.q / unit, A, rows.r[:n], G, rows.r[n:], m, 0, None, **settings)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
-            self._solver.update_matrix_data(P=p.triangle.values(p.P) / self._unit)
+            self._solver.update_matrix_data(P=self.program.triangle.values(P) / self._unit)
         if q is not None:
-            self._solver.update_vector_data(c=p.q / self._unit)
+            self._solver.update_vector_data(c=q / self._unit)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._result = self._solver.solve()
-        self.found = self._result.status == "QOCO_SOLVED"
-        return self._result.x if self.found else self.program.no_answer()
+        return self._result.x if self._result.status == "QOCO_SOLVED" else None
 
     def answer(self) -> Answer:
         r = self._result

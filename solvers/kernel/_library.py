@@ -111,16 +111,14 @@ class CompiledLibrary(LibrarySolver):
         self.x = p.no_answer()
         self._last = np.zeros(p.d)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
         self.x = self.program.no_answer()
-        self._loop.solve(address(self.state), None if start is None else address(start), address(self.x))
-        self._finish(self.x)
-        return self.x
+        self._loop.solve(address(self.state), address(start), address(self.x))
+        return None if np.isnan(self.x[0]) else self.x
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         flag, timings = time_calls(partial(bindings.time_library, self._places), P, q, warm_start, most_ns)
