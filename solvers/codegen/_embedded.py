@@ -2,29 +2,27 @@
 
     minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
 
-Timed inside C, as in the lane kernel: ``update`` brings P and q into the solver's memory, ``solve`` is the call that
-its users make, and the copy of its answer. ``setup`` generates and builds on the first problem of a shape (some
-seconds, see :mod:`solvers.codegen._build`) and loads on all others.
+Timed by the loop of the lane kernel: ``update`` copies P and q into the solver's memory, ``solve`` is the call that its
+users make and the copy of its answer. ``setup`` generates and builds on the first problem of a shape (some seconds, see
+:mod:`solvers.codegen._build`) and loads the library for all later ones.
 """
 
 import ctypes
 import importlib.metadata
-import inspect
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack
+from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.backend import Backend, absolute
-from solvers.codegen._build import CORE, HERE, TIMED, Sources, built_with, library
-from solvers.protocol import Lane, Matrix, Timings, Unsupported, Vector
-from solvers.timed_calls import time_calls
+from solvers.codegen._build import CORE, HERE, KERNEL, Sources, built_with, library
+from solvers.kernel._library import CompiledLibrary, Loop
+from solvers.protocol import Lane, Matrix, Unsupported, Vector
 
 
 class Shape(NamedTuple):
@@ -66,8 +64,8 @@ def generator(algorithm: str, licence: str, distribution: str) -> Backend:
     return Backend(algorithm, licence, distribution, {"tolerance": absolute}, (4, 6, 8, 10, 12, 13))
 
 
-class Embedded(LibrarySolver):
-    """A solver behind ``embedded.h``; a file of one says how its C is written."""
+class Embedded(CompiledLibrary):
+    """A solver behind ``embedded.h``; a subclass generates its C."""
 
     lane = Lane.CODEGEN
     built_with = built_with()
@@ -93,79 +91,51 @@ class Embedded(LibrarySolver):
         shape = Shape.of(p.lb, p.ub)
         if not shape.bounded:
             raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
-        self._x, self._z = np.empty(p.d), np.empty(p.d)
+        self._z = np.empty(p.d)
         self._library = library(self._key(shape), lambda folder: self.sources(shape, folder))
         self._library.embedded_status.restype = ctypes.c_char_p
         values = np.array([float({**self.parameters, **self.settings}[name]) for name in self.parameters])
         self._library.embedded_setup(address(p.lb), address(p.ub), address(values))
+        self.bind(loop=Loop.in_dll(self._library, "library_embedded"))
         self.pass_data(p.P, p.q)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         p = self.program
         if not (np.isfinite(p.P).all() and np.isfinite(p.q).all()):
             raise ValueError(f"{self.name}: P and q must be finite")
-        self._library.embedded_update(address(p.P), address(p.q))
-
-    def run(self, warm_start: Vector | None) -> Vector | None:
-        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        status = self._library.embedded_solve(address(start))
-        self._library.embedded_answer(address(self._x))
-        return self._x if status == 0 else None
-
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Update and solve inside C, each timed."""
-        _, timings = time_calls(self._loop, P, q, warm_start, most_ns)
-        last = timings[0].size - 1
-        self.program.take(P[last], q[last])
-        self._x[:] = timings[2][last]
-        self.found = bool(np.isfinite(self._x).all())
-        return timings
-
-    def _loop(self, q: Matrix, P: Matrix, start: Vector | None, most_ns: int, *outputs: NDArray[Any]) -> int:
-        count, limit = ctypes.c_int64(len(q)), ctypes.c_int64(most_ns)
-        status: int = self._library.embedded_time(
-            count, address(P), address(q), address(start), limit, *map(address, outputs)
-        )
-        return status
+        super().pass_data(P, q)
 
     def answer(self) -> Answer:
         self._library.embedded_multipliers(address(self._z))
         status = self._library.embedded_status().decode()
-        return Answer(self._x, self._z, status, int(self._library.embedded_iterations()))
+        return Answer(self.x, self._z, status, int(self._library.embedded_iterations()))
 
     def _key(self, shape: Shape) -> list[bytes]:
-        """What the built library depends on: all texts that it is made of and the version that makes it."""
-        files = {
-            Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")
-        }
-        files |= set(CORE.glob("*.[ch]")) if issubclass(type(self), OurOwn) else set()
-        files |= {CORE / "timed_calls.h", *TIMED, *HERE.glob("*.[ch]")}
-        texts = [path.read_bytes() for path in sorted(files)]
+        """What the built library depends on: the version of the generator and all sources that may be part of it."""
+        files = [*HERE.glob("*.py"), *HERE.glob("*.[ch]"), *CORE.glob("*.[ch]"), KERNEL / "library.h"]
         settings = {name: self.settings.get(name) for name in self.compiled_in}
         words = self.name, importlib.metadata.version(self.distribution), repr(shape), repr(settings)
-        return [*(word.encode() for word in words), *texts]
+        return [*(word.encode() for word in words), *(path.read_bytes() for path in sorted(files))]
 
     def sources(self, shape: Shape, folder: Path) -> Sources:
-        """All C of this solver for problems of this shape, what is generated in ``folder``."""
+        """All C of this solver for problems of this shape; what is generated is written into ``folder``."""
         (folder / "problem.h").write_text(shape.header(), encoding="utf-8")
         written = self.generate(shape, folder)
-        return Sources((*written.files, *(HERE / name for name in (f"{self.name}.c", *self.glue))), written.options)
+        files = (HERE / name for name in (f"{self.name}.c", *self.glue))
+        return Sources((*written.files, *files), written.options)
 
 
 class OurOwn(Embedded):
-    """A solver of this project: the files of ``solvers/core`` that it needs."""
+    """A solver of this project, from the files of ``solvers/core`` that it needs."""
 
     core: ClassVar[tuple[str, ...]]
     """Names of C files."""
-
-    @abstractmethod
-    def memory(self, d: int) -> int:
-        """Bytes of the state of a problem of d variables."""
+    state_bytes: ClassVar[Callable[[int], int]]
+    """Size of the state of a problem of d variables."""
 
     def generate(self, shape: Shape, folder: Path) -> Sources:
         options = (
-            f"-I{CORE}",
-            f"-DMEMORY_BYTES={self.memory(shape.d)}",
+            f"-DMEMORY_BYTES={type(self).state_bytes(shape.d)}",
             f"-DCORE_VARIABLES={shape.d}",
             "-ffp-contract=off",
             "-fno-math-errno",

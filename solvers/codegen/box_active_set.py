@@ -20,6 +20,4 @@ class BoxActiveSet(OurOwn):
     warm_startable = True
     parameters = MappingProxyType({})
     core = ("box_data", "box_inverse", "box_dual", "box_proximal")
-
-    def memory(self, d: int) -> int:
-        return int(bindings.box_bytes(d))
+    state_bytes = bindings.box_bytes

@@ -24,6 +24,4 @@ class ProjectedDifference(OurOwn):
     parameters = MappingProxyType({"steps": 15200.0, "step_ratio": 0.5})
     ladder = kernel.ProjectedDifference.ladder
     core = ("descent", "eigenvalue")
-
-    def memory(self, d: int) -> int:
-        return int(bindings.descent_bytes(d))
+    state_bytes = bindings.descent_bytes

@@ -36,10 +36,13 @@ static int solve(void *solver, const double *start, double *x)
     return OK;
 }
 
-/* Where the vectors that Python looks at begin. */
+/* Where the parts that Python reads begin. */
 static void places(Arguments *a, const ProjectedGradient *s)
 {
-    const Part parts[] = {{"w", s->w, s->d}, {"D", s->D, s->d}, {"answer", s->answer, s->d}};
+    const Part parts[] = {{"answer", s->answer, s->d},
+                          {"eta", &s->head->eta, 1},
+                          {"taken", &s->head->taken, 1},
+                          {"met", &s->head->met, 1}};
     RETURN_PARTS(s->head, parts);
 }
 

@@ -97,15 +97,17 @@ def vector(pointer: int, size: int) -> Vector:
 
 
 class CompiledLibrary(LibrarySolver):
-    """A library behind ``<name>.c``; a file of one builds it and calls ``bind``."""
+    """A solver behind the two C functions of a timed loop; its ``build`` sets it up and calls ``bind``."""
 
     lane = Lane.KERNEL
 
-    def bind(self, *values: Any) -> None:
-        """Make the state, ``program`` and then the fields that <name>.c names, in their order: numbers, arrays,
-        functions and pointers."""
-        p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")
-        self._held = values  # whose addresses the state has
+    def bind(self, *values: Any, loop: Loop | None = None) -> None:
+        """Make the state: the data, then the fields that the C file declares (numbers, arrays, functions, pointers).
+
+        ``loop`` is that of <name>.c in the core by default.
+        """
+        p, self._loop = self.program, loop or Loop.in_dll(CORE, f"library_{self.name}")
+        self._held = values  # the state has their addresses
         self.state: NDArray[np.int64] = np.array([*_home(p), p.d, *map(_number, values)], dtype=np.int64)
         self._places = np.array([self.state.ctypes.data, _number(self._loop.update), _number(self._loop.solve)])
         self.x = p.no_answer()
