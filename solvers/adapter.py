@@ -19,7 +19,7 @@ from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, only_box
 from solvers.rows import Cones, Intervals, Program, Stack, Triangle
 
-# All that a file of an adapter needs.
+# The names that the files of adapters import.
 __all__ = [
     "Answer",
     "Cones",
@@ -36,13 +36,13 @@ __all__ = [
 
 
 class Answer(NamedTuple):
-    """What a library says of its last solve."""
+    """What a library reports on its last solve."""
 
     x: Vector
     w: Vector
-    """Multipliers of the rows, in the form in which the library takes them."""
+    """Multipliers of the rows in the adapter's ``form``."""
     status: str
-    """The library's own word."""
+    """The library's own name of it."""
     iterations: int | None = None
     """The library's own count."""
     reported_us: float | None = None
@@ -50,22 +50,22 @@ class Answer(NamedTuple):
 
 
 class LibrarySolver(Solver):
-    """A solver of somebody's library."""
+    """A solver of another author's library."""
 
     lane = Lane.DIRECT
     library: ClassVar[Backend]
     form: ClassVar[type[Any]] = Stack
-    """The rows as the library takes them, of :mod:`solvers.rows`."""
+    """The form of the rows that the library takes, from :mod:`solvers.rows`."""
     bounds_only: ClassVar[bool] = False
     """Whether it takes no general rows."""
     refuses_crossing: ClassVar[bool] = False
-    """Whether it refuses bounds that cross instead of calling them infeasible."""
+    """Whether it refuses crossing bounds instead of reporting infeasibility."""
     refuses_fixed: ClassVar[bool] = False
     """Whether it cannot take a variable fixed by lb = ub."""
     at_limit: ClassVar[tuple[str, ...]] = ()
-    """How its status begins where its limit of iterations ended a solve."""
+    """Beginnings of the status after a solve that the iteration limit ended."""
     why_refused: ClassVar[str] = ""
-    """What a refusal by ``refuse`` may mean, from a colon on."""
+    """Possible reasons of a refusal by ``refuse``, beginning with a colon."""
     program: Program
     rows: Any
     found: bool = False
@@ -83,8 +83,9 @@ class LibrarySolver(Solver):
         return cls.library.ladder(c)
 
     def setup(self, problem: Problem) -> None:
-        """Refuse what the library cannot take, convert the rest and make the library's object."""
-        if self.settings and not self.library.has_settings:
+        """Refuse problems that the library cannot take, convert the others and make the library's object."""
+        b = self.library
+        if self.settings and not (b.tolerances or b.more or b.always):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
         if self.bounds_only:
             only_box(problem, self.name)
@@ -121,10 +122,10 @@ class LibrarySolver(Solver):
 
     @abstractmethod
     def answer(self) -> Answer:
-        """Read what the library says of its last solve; x and w count only where it was found."""
+        """Read the library's report on its last solve; x and w are used only if it found an answer."""
 
     def iterate(self) -> Vector | None:
-        """Return x where the status says that the limit ended the solve."""
+        """Return x if the status says that the iteration limit ended the solve."""
         x, _, status, *_ = self.answer()
         return np.array(x) if status.startswith(self.at_limit) else None
 
@@ -137,7 +138,7 @@ class LibrarySolver(Solver):
         return self.program.solution(np.array(x), self.rows.distribute(w), extras)
 
     def choose(self, target: Any, **defaults: Any) -> None:
-        """Write our settings, and those of every use, into the library's own object.
+        """Write the defaults and the settings into the library's own object.
 
         Raises
         ------
@@ -150,6 +151,6 @@ class LibrarySolver(Solver):
             setattr(target, name, value)
 
     def refuse(self, flag: int) -> None:
-        """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
+        """Raise :class:`Unsupported` if the library refuses the data, which it does by a negative flag."""
         if flag < 0:
             raise Unsupported(f"{self.name} refuses the data with exit flag {flag}{self.why_refused}")

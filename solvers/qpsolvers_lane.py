@@ -4,10 +4,10 @@
 
 Source: S. Caron and others, the package qpsolvers, whose residuals and signs of duals this project uses.
 
-Timed: ``setup`` and ``update`` copy, and make P sparse for a solver that takes nothing else; ``solve`` is one call,
-which converts, sets up and solves from the start every time. Its habits are kept away from the caller: it sees our
-copies, a starting point goes only to solvers that use one (others warn), and a side whose bounds are all infinite is
-left out, since ECOS and CVXOPT break on infinite bounds.
+Timed: ``setup`` and ``update`` copy, and make P sparse for solvers that take sparse matrices only; ``solve`` is one
+call, which converts the problem, sets the solver up and solves. qpsolvers gets our copies of the data, a starting point
+only for solvers that use one (others warn), and no bounds of a side where all are infinite, since ECOS and CVXOPT fail
+on infinite bounds.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ BACKENDS: dict[str, Backend] = {
     "ecos": known.ECOS,
     "gurobi": known.GUROBI,
     "highs": known.HIGHS,
-    # osqp warns where nobody says whether a failure raises.
+    # osqp warns unless raise_error is set.
     "osqp": replace(known.OSQP, always={**known.OSQP.always, "raise_error": False}),
     "piqp": known.PIQP,
     "proxqp": known.PROXQP,
@@ -45,15 +45,16 @@ BACKENDS: dict[str, Backend] = {
 }
 WARM_STARTABLE = frozenset({"daqp", "osqp", "proxqp", "scs"})
 HANDED_TO_SCIPY = frozenset({"clarabel", "qtqp", "scs"})
-"""For these qpsolvers solves a problem without constraints by SciPy instead."""
+"""For these, qpsolvers passes problems without constraints to SciPy instead."""
 FAILS_WITHOUT_ROWS = frozenset({"highs"})
-"""These get a row 0ᵀx ≤ ∞ where a problem has none (see :mod:`solvers.direct.highspy`)."""
+"""These get the row 0ᵀx ≤ ∞ for a problem without rows (see :mod:`solvers.direct.highspy`)."""
 BREAKS_ON_INFINITY = frozenset({"cvxopt", "ecos"})
 SPARSE_ONLY = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
+INSTALLED = tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
 
 
 class QpsolversSolver(LibrarySolver):
-    """One solver behind qpsolvers; :func:`make` says which."""
+    """One solver behind qpsolvers, a subclass made by :func:`make`."""
 
     lane = Lane.QPSOLVERS
 
@@ -63,7 +64,7 @@ class QpsolversSolver(LibrarySolver):
     def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
         self._is_sparse = self.name in SPARSE_ONLY
         if self.name == "qpax":
-            import jax  # single precision otherwise
+            import jax  # in single precision by default
 
             jax.config.update("jax_enable_x64", True)
         sides = [side if np.isfinite(side).any() else None for side in (p.lb, p.ub)]
@@ -95,22 +96,17 @@ class QpsolversSolver(LibrarySolver):
         for part, place in ((a.z_box, p.bounds), (a.y, p.equalities), (a.z, p.inequalities)):
             if part is not None and np.size(part) == w[place].size:
                 w[place] = part
-        count = _said(a.extras, "iterations", "iter", "num_iterations")
-        status = str(_said(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
+        count = _first_of(a.extras, "iterations", "iter", "num_iterations")
+        status = str(_first_of(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
         iterations = None if count is None else int(np.max(count))
         return Answer(a.x, w, status, iterations, None if a.solve_time is None else 1e6 * a.solve_time)
 
 
-def _said(extras: Mapping[str, Any], *names: str) -> Any:
-    """The first of the names that the extras of a solution know, or the object ``info`` inside; None where none is."""
+def _first_of(extras: Mapping[str, Any], *names: str) -> Any:
+    """The first of these entries in the extras of a solution or in their object ``info``; None if there is none."""
     info = extras.get("info", {})
     inside = info if isinstance(info, Mapping) else {name: getattr(info, name, None) for name in names}
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)
-
-
-def installed() -> tuple[str, ...]:
-    """The solvers of the table that are installed here."""
-    return tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
 
 
 def make(name: str) -> type[Solver]:
@@ -126,7 +122,7 @@ def make(name: str) -> type[Solver]:
     >>> make("piqp").algorithm
     'proximal interior point'
     """
-    if name not in installed():
+    if name not in INSTALLED:
         raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
     return type(
         f"Qpsolvers_{name}",

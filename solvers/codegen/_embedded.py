@@ -26,7 +26,7 @@ from solvers.protocol import Lane, Matrix, Unsupported, Vector
 
 
 class Shape(NamedTuple):
-    """What of a problem is compiled in: d, and which variables have a finite lower and upper bound."""
+    """The part of a problem that is compiled in: d, and the variables with a finite lower or upper bound."""
 
     d: int
     below: tuple[int, ...]
@@ -60,7 +60,7 @@ class Shape(NamedTuple):
 
 
 def generator(algorithm: str, licence: str, distribution: str) -> Backend:
-    """The entry of a library whose C has one tolerance c · 10⁻ᵏ, absolute and relative alike."""
+    """The entry of a library whose C has one tolerance c · 10⁻ᵏ, used as absolute and as relative one."""
     return Backend(algorithm, licence, distribution, {"tolerance": absolute}, (4, 6, 8, 10, 12, 13))
 
 
@@ -72,16 +72,16 @@ class Embedded(CompiledLibrary):
     bounds_only = True
     refuses_crossing = True
     parameters: ClassVar[Mapping[str, float]] = MappingProxyType({"tolerance": -1.0})
-    """Its settings, in the order in which C takes them, with their defaults; a negative tolerance is the library's
-    own."""
+    """The settings in the order of the C function, with their defaults; a negative tolerance stands for the library's
+    default."""
     compiled_in: ClassVar[tuple[str, ...]] = ()
-    """Those of them that ``generate`` writes into the C."""
+    """The settings that ``generate`` writes into the C."""
     glue: ClassVar[tuple[str, ...]] = ()
-    """C files of this folder that it needs beside <name>.c, which puts what is generated behind ``embedded.h``."""
+    """Further C files of this folder that it needs; <name>.c implements ``embedded.h`` by the generated C."""
 
     @abstractmethod
     def generate(self, shape: Shape, folder: Path) -> Sources:
-        """Write the C of this solver for problems of this shape; ``problem.h`` is there already."""
+        """Write the C of this solver for problems of this shape into the folder, which has ``problem.h``."""
 
     def build(self, p: Program, rows: Stack) -> None:
         if unknown := sorted(set(self.settings) - set(self.parameters)):

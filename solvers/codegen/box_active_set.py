@@ -1,4 +1,4 @@
-"""Our exact box solver in C99, cold or warm, in static memory: the files that Python races, ``solvers/core/box.h``.
+"""Our exact box solver in C99, cold or warm, in static memory: the sources of the lane kernel, ``solvers/core/box.h``.
 
     minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
 

@@ -2,8 +2,8 @@
 
     w(k+1) = Proj(w(k) − η (P w(k) + q)),    η = step_ratio · 2/λ_max(P)
 
-The files that Python races, ``solvers/core/descent.h``, in static memory: λ_max, which is part of ``update``, comes
-from the same lines. Timed in ``solve``: ``steps`` steps from 0, or from ``warm_start``.
+The sources of the lane kernel, ``solvers/core/descent.h``, in static memory. Timed: ``update`` computes λ_max,
+``solve`` runs ``steps`` steps from 0 or from ``warm_start``.
 """
 
 from types import MappingProxyType

@@ -4,14 +4,14 @@
 
 Source: G. Chari, B. Açıkmeşe, "QOCO: a quadratic objective conic optimizer with custom solver generation", 2025.
 
-One tolerance bounds the gap, the residual of the gradient and that of the rows, though the last is in the unit of x and
-the others are in those of the cost; asked for as little as the gap, rounding never lets the rows have it. So with our
-settings it is 1e-9 and the cost is given in units of ``cost_unit``, the power of two of which 1e-9 is what the rung
-asks of the gap; that rounds nothing.
+One tolerance bounds the gap, the residual of the gradient and that of the rows, though the last has the unit of x and
+the others have those of the cost; rounding keeps the rows from meeting a tolerance as small as that on the gap. So with
+our settings the tolerance is 1e-9 and the cost is divided by ``cost_unit``, a power of two (which rounds nothing), so
+that 1e-9 of it is the gap of the rung.
 
 Timed: ``setup`` allocates and orders; ``update`` hands over the upper triangle of P and q; ``solve`` iterates and
-copies the results out of the library's memory. There is no warm start, and no test of infeasibility either: the library
-ends in a numerical error.
+copies the results out of the library's memory. There is no warm start and no test of infeasibility: the library ends in
+a numerical error.
 """
 
 import math
@@ -39,7 +39,7 @@ class Qoco(LibrarySolver):
     library = replace(
         QOCO,
         tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
-        rungs=(4, 6, 8, 10, 12, 13, 14, 15),
+        exponents=(4, 6, 8, 10, 12, 13, 14, 15),
     )
     form = Cones
     iteration_setting = "max_iters"

@@ -341,18 +341,3 @@ def test_a_block_that_is_no_state_or_was_cut_off_is_refused():
     bindings.descent_answer(state)
     with pytest.raises(ValueError, match="not the state"):
         bindings.descent_answer(state[:-8].copy())
-
-
-def test_a_state_copied_byte_by_byte_goes_on_with_the_same_bits():
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(20, 9))
-    one = block(bindings.descent_bytes(9))
-    bindings.descent_setup(one, np.zeros(9), np.full(9, np.inf))
-    bindings.descent_set_data(one, A.T @ A, rng.normal(size=9), 0.5, 1)
-    bindings.projected_steps(one, 10, -1.0)
-    other = block(one.size)
-    other[:] = np.frombuffer(one.tobytes(), np.uint8)
-    for state in (one, other):
-        bindings.projected_steps(state, 25, -1.0)
-        bindings.descent_answer(state)
-    assert (one == other).all()

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import get
-from solvers.certificate import certify, exact_cost_gap
 from solvers.core import BREAKDOWN, bindings
 from solvers.exact.program import RoundingDecides
 from solvers.kernel.recursive_active_set import LARGEST
@@ -56,22 +55,26 @@ def random_row(rng, d, previous):
 
 
 @quick
-@given(seed=seeds, d=st.integers(1, 10), forgetting=forgettings)
-def test_every_row_of_a_stream_leaves_the_exact_optimum_of_all_data_so_far(seed, d, forgetting):
+@given(seed=seeds, d=st.integers(1, 10), forgetting=forgettings, integers=st.booleans())
+def test_after_every_row_the_answer_is_the_exact_optimum_of_all_data_also_with_ties(seed, d, forgetting, integers):
     rng = np.random.default_rng(seed)
-    row, stream = None, Stream(np.eye(d), rng.normal(size=d), *random_bounds(rng, d), forgetting)
+    q, (lb, ub) = rng.normal(size=d), random_bounds(rng, d)
+    if integers:
+        q, lb, ub = np.round(q), np.round(lb), np.round(ub)
+    row, stream = None, Stream(np.eye(d), q, lb, ub, forgetting)
     for _ in range(10):
         # What fades is renewed, so that P stays regular: without information no optimum is the only one.
         renewed = np.sqrt(1.0 - forgetting) * np.eye(d + 1)[:d] if forgetting < 1.0 else np.zeros((0, d + 1))
-        row = random_row(rng, d, row)
+        row = np.round(random_row(rng, d, row)) if integers else random_row(rng, d, row)
         for each in (*renewed, row):
             stream.append(each)
         x, P, q = stream.solver.solve(), stream.P, stream.q
         assert inside(x, stream.lb, stream.ub)
         # Rows of size 1e3 among fading ones bring cond P to 2e10. Then the terms of the cost are 1e7 times the cost,
-        # and their rounding is what counts: two orders of summing the same rows give two P.
+        # and their rounding dominates: two orders of summing the same rows give two P.
         cost, terms = (0.5 * v @ M @ v + g @ v for v, M, g in ((x, P, q), (np.abs(x), np.abs(P), np.abs(q))))
-        assert stream.gap() * abs(cost) < 1e-12 * abs(cost) + 1e-13 * terms
+        absolute = gap(stream.problem(), x, 1.0) * max(abs(cost), 1.0)
+        assert absolute < 1e-12 * (abs(cost) + integers) + 1e-13 * terms
 
 
 @settings(max_examples=12, deadline=None)
@@ -117,18 +120,6 @@ def test_what_the_data_leave_open_stays_where_it_is(seed, d):
     for _ in range(3):
         s.append(row, 1.0)
     np.testing.assert_allclose(s.solve(), before, rtol=1e-7, atol=1e-9)
-
-
-@quick
-@given(seed=seeds, d=st.integers(1, 8))
-def test_ties_on_integer_data_end_at_the_exact_optimum(seed, d):
-    rng = np.random.default_rng(seed)
-    lb, ub = np.round(random_bounds(rng, d))
-    stream = Stream(np.eye(d), -np.clip(np.round(rng.normal(size=d)), lb, ub), lb, ub)
-    for _ in range(8):
-        stream.append(rng.integers(-2, 3, d + 1).astype(float))
-        problem, x = stream.problem(), stream.solver.solve()
-        assert exact_cost_gap(problem, certify(problem, x), x, 1.0).absolute < 1e-12
 
 
 def drifting(rng, d, count):
@@ -326,17 +317,3 @@ def test_the_solution_after_the_compiled_loop_is_that_of_its_last_start_and_not_
     assert s.solution().extras["status"] == "solved"
     assert s.solution().found
     assert (s.solution().x == answers[1]).all()
-
-
-@pytest.mark.parametrize("d", [12, 60])
-def test_what_does_not_meet_the_optimality_conditions_is_not_said_to_be_found(d):
-    hilbert = 1.0 / (np.arange(d)[:, None] + np.arange(d) + 1.0)
-    rng = np.random.default_rng(d)
-    for proximal in (0.0, 1e-10):
-        s = recursive(hilbert, -hilbert @ rng.normal(size=d), np.full(d, -1.0), np.full(d, 1.0), proximal=proximal)
-        problem, x = s.problem(), s.solve()
-        g = problem.P @ x + problem.q
-        wrong = np.abs(np.where(x <= -1, np.minimum(g, 0), np.where(x >= 1, np.maximum(g, 0), g)))
-        size = np.abs(problem.P) @ np.abs(x) + np.abs(problem.q)
-        assert s.solution().found == ((wrong / size).max() < 2e-12)
-        assert s.solution().found
