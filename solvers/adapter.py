@@ -108,7 +108,7 @@ class LibrarySolver(Solver):
 
     @abstractmethod
     def run(self, warm_start: Vector | None) -> Vector | None:
-        """Call the library; x (d,), or None if it says that it found no answer."""
+        """Call the library, from a contiguous ``warm_start`` (d,) or cold; x (d,), or None if it found no answer."""
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Copy P (d, d) and q (d,) into the program and pass them on."""
@@ -116,7 +116,8 @@ class LibrarySolver(Solver):
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the library's answer, NaN if it found none."""
-        x = self.run(warm_start)
+        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
+        x = self.run(start)
         self.found = x is not None
         return self.program.no_answer() if x is None else x
 

@@ -79,14 +79,14 @@ class ProjectedGradient(OurSolver):
     def _last_iterate(self) -> Vector:
         """x (d,); exactly at a bound if the scaled iterate w is."""
         bindings.descent_answer(self.state)
-        return self._parts["answer"].copy()
+        return self.part("answer").copy()
 
     def found(self, x: Vector) -> bool:
         """Whether the last run ended by its tolerance."""
-        return bool(self._parts["met"].view(np.int32)[0])
+        return bool(self.part("met").view(np.int32)[0])
 
     def solution(self) -> Solution:
         """Return the last iterate; ``extras`` has the number of steps and the step size."""
-        x, steps = self._last_iterate(), self._parts["taken"].view(np.int64)[0]
+        x, steps = self._last_iterate(), self.part("taken").view(np.int64)[0]
         problem = Problem(self._P, self._q, lb=self._lb, ub=self._ub)
-        return box_solution(problem, x, self.found(x), steps=int(steps), eta=float(self._parts["eta"][0]))
+        return box_solution(problem, x, self.found(x), steps=int(steps), eta=float(self.part("eta")[0]))

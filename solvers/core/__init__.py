@@ -5,7 +5,6 @@ extension module for the best instruction set of this processor; PIEZOBENCH_ISA=
 and measurements.
 """
 
-import importlib.machinery
 import importlib.util
 import os
 from collections.abc import Mapping
@@ -70,12 +69,11 @@ def _open(package: Path, instructions: str) -> ModuleType:
     path = library(package, instructions)
     if not path.exists():
         raise ImportError(f"the C core of {package.name} is not built: run make core")
-    name = f"{package.name}.core._core"
-    loader = importlib.machinery.ExtensionFileLoader(name, str(path))
-    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    spec = importlib.util.spec_from_file_location(f"{package.name}.core._core", path)
     assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    loader.exec_module(module)
+    spec.loader.exec_module(module)
     return module
 
 

@@ -38,7 +38,7 @@ class Daqp(LibrarySolver):
             raise ValueError(f"daqp has no setting {', '.join(sorted(unknown))}")
         self._model.settings = self.settings
         self._primal_tol: float = self._model.settings["primal_tol"]
-        # The strides of what is handed over are ignored: all of it is contiguous and ours.
+        # The library ignores strides; these arrays are contiguous.
         self.refuse(self._model.setup(p.P, p.q, p.R[p.general], p.u, p.l, self._cold)[0])
         self._is_cold = True
 
@@ -48,9 +48,8 @@ class Daqp(LibrarySolver):
 
     def run(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is not None:
-            x = np.ascontiguousarray(warm_start, dtype=np.float64)
             p = self.program
-            bindings.active_rows(p.R, p.l, p.u, self._primal_tol, x, self._cold, self._sense)
+            bindings.active_rows(p.R, p.l, p.u, self._primal_tol, warm_start, self._cold, self._sense)
             self._model.update(sense=self._sense)
         elif not self._is_cold:
             self._model.update(sense=self._cold)

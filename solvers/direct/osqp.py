@@ -49,7 +49,7 @@ class Osqp(LibrarySolver):
         if warm_start is None:
             self._solver.warm_start(*self._zero)
         else:
-            self._solver.warm_start(x=np.ascontiguousarray(warm_start))
+            self._solver.warm_start(x=warm_start)
         self._result = self._solver.solve(raise_error=False)
         # On failure x holds a finite number, the bits of a NaN read as an integer: the status comes first.
         return self._result.x if self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None

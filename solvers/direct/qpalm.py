@@ -10,7 +10,6 @@ calling thread (the library's default is a second one that can be interrupted) a
 solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
 """
 
-import numpy as np
 import qpalm
 from scipy.sparse import csc_matrix
 
@@ -46,7 +45,7 @@ class Qpalm(LibrarySolver):
 
     def run(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is not None:
-            self._solver.warm_start(np.ascontiguousarray(warm_start), None)
+            self._solver.warm_start(warm_start, None)
         self._solver.solve(asynchronous=False)
         return self._solver.solution.x.copy() if self._solver.info.status == "solved" else None
 

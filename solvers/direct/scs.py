@@ -51,7 +51,7 @@ class Scs(LibrarySolver):
         if warm_start is None:
             self._result = self._solver.solve(warm_start=False)
         else:
-            self._result = self._solver.solve(warm_start=True, x=np.ascontiguousarray(warm_start), **self._dual)
+            self._result = self._solver.solve(warm_start=True, x=warm_start, **self._dual)
         if self._result["info"]["status_val"] != scs.SOLVED:
             return None
         self._dual = {"y": self._result["y"], "s": self._result["s"]}

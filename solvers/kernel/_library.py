@@ -117,9 +117,8 @@ class CompiledLibrary(LibrarySolver):
         self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
 
     def run(self, warm_start: Vector | None) -> Vector | None:
-        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
         self.x = self.program.no_answer()
-        self._loop.solve(address(self.state), address(start), address(self.x))
+        self._loop.solve(address(self.state), address(warm_start), address(self.x))
         return None if np.isnan(self.x[0]) else self.x
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:

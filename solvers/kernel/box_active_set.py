@@ -27,7 +27,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
 from solvers.core import CAPPED, OK, bindings, block, padded, parts
@@ -83,7 +82,7 @@ class BoxActiveSet(OurSolver):
         self.accept(bindings.box_setup(self.state, self._lb, self._ub))
         self._parts = parts(self.state, bindings.box_places(self.state))
         self._answer = self._parts["answer"]
-        self.counts("cap")[0] = int(self.settings.get("most_exchanges", 0))
+        self.part("cap").view(np.int32)[0] = int(self.settings.get("most_exchanges", 0))
         self._status = OK
         self.update(P, q)
 
@@ -144,23 +143,15 @@ class BoxActiveSet(OurSolver):
         and ``capped`` (``most_exchanges`` ended the solve before the optimum).
         """
         P, q = self._data()
-        counts = dict(zip(COUNTS, self.counts("counts")[: len(COUNTS)].tolist(), strict=True))
+        counts = dict(zip(COUNTS, self.part("counts").view(np.int32)[: len(COUNTS)].tolist(), strict=True))
         return box_solution(
             Problem(P, q, lb=self._lb, ub=self._ub),
             self._answer,
             self._status == OK,
             **counts,
-            regularised=bool(self.counts("singular")[0]),
+            regularised=bool(self.part("singular").view(np.int32)[0]),
             capped=self._status == CAPPED,
         )
-
-    def part(self, name: str) -> Vector:
-        """Return a view of a vector of the state by its name in box.h."""
-        return self._parts[name]
-
-    def counts(self, name: str) -> NDArray[np.int32]:
-        """Return a view of the counters in the head of the state, from this name on."""
-        return self._parts[name].view(np.int32)
 
     def _data(self) -> tuple[Matrix, Vector]:
         """The present P and q; P from its scaled copy, which is exact."""

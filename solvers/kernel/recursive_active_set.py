@@ -161,10 +161,6 @@ class RecursiveActiveSet(OurSolver):
         q = sign * (G[:d, d] - rho * decay * centre)
         return Problem(P, q - P @ origin, lb=self._lb, ub=self._ub)
 
-    def part(self, name: str) -> Vector:
-        """Return a view of a vector of the state by its name in recursive.h."""
-        return self._parts[name]
-
     def solution(self) -> Solution:
         """Return the answer; ``extras`` has the numbers of exchanges, refreshes and cold starts, and the ``error``: the
         violation of the optimality conditions relative to the terms of the gradient.

@@ -183,7 +183,7 @@ def test_our_c_is_plain_c99_without_a_warning(name: str, tmp_path: Path) -> None
     )
 
 
-def test_what_is_built_is_not_built_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_built_solver_is_not_built_again(monkeypatch: pytest.MonkeyPatch) -> None:
     ready("box_active_set")
     again = make("box_active_set")
     monkeypatch.setattr(type(again), "generate", None)
@@ -199,12 +199,12 @@ def test_what_is_built_is_not_built_again(monkeypatch: pytest.MonkeyPatch) -> No
         (Problem(np.eye(2), np.ones(2), lb=np.ones(2), ub=np.zeros(2)), "refuses bounds that cross"),
     ],
 )
-def test_a_form_that_cannot_be_taken_is_said(problem: Problem, sentence: str) -> None:
+def test_an_unsupported_form_is_refused_in_a_sentence(problem: Problem, sentence: str) -> None:
     with pytest.raises(Unsupported, match=sentence):
         ready("box_active_set", problem)
 
 
-def test_a_setting_or_a_number_that_makes_no_sense_is_refused() -> None:
+def test_an_unknown_setting_and_data_that_are_not_finite_are_refused() -> None:
     with pytest.raises(ValueError, match="osqp has no setting 'rho' in the lane codegen; it has tolerance"):
         ready("osqp", rho=0.1)
     with pytest.raises(ValueError, match="P and q must be finite"):
@@ -212,7 +212,7 @@ def test_a_setting_or_a_number_that_makes_no_sense_is_refused() -> None:
 
 
 @pytest.mark.needs("gcc")
-def test_c_that_does_not_compile_is_said_in_one_sentence() -> None:
+def test_c_that_does_not_compile_is_reported_in_one_sentence() -> None:
     from solvers.codegen._build import BuildError, Sources, library
 
     def generate(folder: Path) -> Sources:

@@ -92,7 +92,7 @@ def sweep(name, seeds):
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_what_is_found_is_optimal_and_what_is_refused_has_no_optimum(name):
+def test_found_answers_are_optimal_and_refused_programs_have_no_optimum(name):
     found, wrong = sweep(name, range(400))
     assert wrong == []
     assert found > 340
@@ -100,7 +100,7 @@ def test_what_is_found_is_optimal_and_what_is_refused_has_no_optimum(name):
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", SETTINGS)
-def test_so_it_is_with_sixteen_thousand_programs(name):
+def test_sixteen_thousand_programs_are_solved_or_refused_rightly(name):
     found, wrong = sweep(name, range(400, 16_000))
     assert {seed for seed, _ in wrong} <= CONTRADICTED
     assert found > 13_500

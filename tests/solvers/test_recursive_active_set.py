@@ -79,7 +79,7 @@ def test_after_every_row_the_answer_is_the_exact_optimum_of_all_data_also_with_t
 
 @settings(max_examples=12, deadline=None)
 @given(seed=seeds, d=st.sampled_from([1, 4, 9, 20, 40]), forgetting=st.sampled_from([1.0, 0.999]))
-def test_so_it_does_with_up_to_forty_variables_and_with_badly_scaled_ones(seed, d, forgetting):
+def test_rows_in_up_to_forty_and_in_badly_scaled_variables_leave_the_exact_optimum(seed, d, forgetting):
     rng = np.random.default_rng(seed)
     scale = 10 ** rng.uniform(-5, 5, d) if d < 20 else np.ones(d)
     lb, ub = random_bounds(rng, d)
@@ -92,7 +92,9 @@ def test_so_it_does_with_up_to_forty_variables_and_with_badly_scaled_ones(seed, 
 @quick
 @given(seed=seeds, d=st.integers(1, 12), forgetting=forgettings, proximal=st.sampled_from([0.0, 1e-10, 1e-6]))
 @example(seed=3, d=3, forgetting=1.0, proximal=0.0)
-def test_from_no_data_on_the_answer_is_the_optimum_with_the_proximal_term_that_is_stated(seed, d, forgetting, proximal):
+def test_from_the_first_row_on_the_answer_is_the_optimum_with_the_documented_proximal_term(
+    seed, d, forgetting, proximal
+):
     rng = np.random.default_rng(seed)
     lb, ub = random_bounds(rng, d)
     row, s = None, recursive(np.zeros((d, d)), np.zeros(d), lb, ub, forgetting=forgetting, proximal=proximal)
@@ -110,7 +112,7 @@ def test_from_no_data_on_the_answer_is_the_optimum_with_the_proximal_term_that_i
 
 @quick
 @given(seed=seeds, d=st.integers(2, 9))
-def test_what_the_data_leave_open_stays_where_it_is(seed, d):
+def test_directions_that_the_data_do_not_determine_keep_their_values(seed, d):
     rng = np.random.default_rng(seed)
     s = recursive(np.zeros((d, d)), np.zeros(d), proximal=0.0)
     row = rng.normal(size=d)
@@ -155,7 +157,7 @@ def test_a_hundred_thousand_rows_with_drift_stay_exact(forgetting):
     assert extras["cold_starts"] == 0
 
 
-def test_a_row_that_says_what_was_open_refreshes_at_once():
+def test_a_row_in_an_undetermined_direction_causes_a_refresh_at_once():
     s = recursive(np.diag([1.0, 1e-9]), np.zeros(2), proximal=0.0)
     s.append(np.zeros(2), 0.0)  # the first row makes the matrix
     before = s.solution().extras["refreshes"]
@@ -167,7 +169,7 @@ def test_a_row_that_says_what_was_open_refreshes_at_once():
 
 
 @pytest.mark.parametrize("damage", [np.nan, INF, 0.0, 1e8])
-def test_a_swept_matrix_that_is_damaged_is_made_anew_and_the_answer_is_exact(damage):
+def test_a_damaged_swept_matrix_is_recomputed_and_the_answer_is_exact(damage):
     rng = np.random.default_rng(8)
     d = 9
     stream = Stream(np.eye(d), rng.normal(size=d), np.zeros(d), np.full(d, INF))
@@ -290,7 +292,7 @@ def test_a_bounded_problem_whose_matrix_is_singular_is_solved():
 
 @quick
 @given(seed=seeds, d=st.integers(2, 20), cap=st.integers(1, 2))
-def test_a_cap_of_exchanges_leaves_a_feasible_answer_and_rows_that_say_nothing_new_bring_the_optimum(seed, d, cap):
+def test_a_cap_of_exchanges_leaves_a_feasible_answer_and_zero_rows_lead_to_the_optimum(seed, d, cap):
     rng = np.random.default_rng(seed)
     lb, ub = random_bounds(rng, d)
     s = recursive(np.eye(d), rng.normal(size=d), lb, ub, proximal=0.0, most_exchanges=cap)

@@ -94,7 +94,7 @@ def test_afterwards_the_solver_stands_at_the_last_data_and_solves_on(entry: Entr
 @pytest.mark.parametrize(
     "name", ["box_active_set", "recursive_active_set", "projected_difference", "accelerated_projection"]
 )
-def test_data_that_cannot_be_are_refused_in_the_loop_as_by_an_update(name: str) -> None:
+def test_invalid_data_are_refused_in_the_loop_as_by_an_update(name: str) -> None:
     solver, (P, q) = ready(solvers.find(name, Lane.KERNEL)), data(3)
     P[1, 0, 0] = np.nan
     with pytest.raises(ValueError, match="must be finite"):
