@@ -1,5 +1,5 @@
-"""Libraries in the compiled lane by their C functions: the answers of their own interface, its settings, and absence
-with a reason."""
+"""Libraries in the compiled lane by their C functions: answers and settings of their own interface, and absence with a
+reason."""
 
 import ctypes
 import importlib
@@ -24,8 +24,8 @@ DISTRIBUTIONS = {"casadi_hpipm": "casadi", "mujoco": "mujoco-core", "piqp": "cas
 ANY_FORM = ("boxes", "one-sided", "mixed", "rows")
 FORMS = {**dict.fromkeys(NAMES, ANY_FORM), "mujoco": ("boxes", "one-sided")}
 APART = {"casadi_hpipm": 5e-5, "piqp": 1e-6}
-"""How far apart answers may be, relatively, where the lanes have a library in two versions or hand it two forms of the
-program; all others agree to the last bit."""
+"""Largest relative difference of answers of the lanes, for two versions of a library or two forms of the program; all
+others agree to the last bit."""
 
 
 LIMITED: dict[str, dict[str, Any]] = {

@@ -1,6 +1,6 @@
-"""Every library behind every lane of Python: right answers to the accuracy stated, honest statuses, nothing written to.
+"""Every library in every lane of Python: accuracy of the answers, statuses, and inputs that are not written to.
 
-The problems are made backwards from their answers, see ``answered_pairs``.
+The problems are constructed from their answers, see ``answered_pairs``.
 """
 
 import os
@@ -86,10 +86,10 @@ BEHIND = {
 LANES = {Lane.QPSOLVERS: qpsolvers_lane, Lane.CVXPY: cvxpy_lane}
 """Without free: qpsolvers hands a problem without constraints to SciPy."""
 SPREAD = ("clarabel", "daqp", "highspy", "osqp", "piqp", "proxsuite", "pyqpmad", "quadprog", "scs")
-"""Held to what is stated for variables of very different size, too."""
+"""Also tested with variables of very different size."""
 WARM = ("daqp", "mujoco", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scipy_slsqp", "scs")
 ADAPTING = ("osqp", "scs")
-"""These go on with the penalty that the solve before has adapted."""
+"""These keep the penalty that the last solve has adapted."""
 UNCOUNTED = ("fnnlseigen", "mujoco", "scipy_nnls")
 REFUSE_CROSSING = (
     "casadi_hpipm",
@@ -125,7 +125,7 @@ TAKEN = [
 
 
 def parts(cases: Iterable[tuple[Any, ...]]) -> list[Any]:
-    """Parameters; qpax compiles for seconds, and its answers with rows by its own interface stand for the others."""
+    """Parameters; those of qpax, which compiles for seconds, are slow except for rows in the lane direct."""
     return [
         pytest.param(*case, marks=[pytest.mark.slow] * ("qpax" in case and case != (Lane.DIRECT, "qpax", "rows")))
         for case in cases
@@ -209,7 +209,7 @@ def test_an_answer_found_at_a_tight_tolerance_is_as_exact_as_stated(name: str, f
         x = solver.solve()
         if solver.solution().found:
             assert problem.error(x) <= DIRECT[name].high
-        else:  # said so, and then no number is handed out that could pass for an answer
+        else:
             assert np.isnan(x).all()
             assert DIRECT[name].gives_up
 

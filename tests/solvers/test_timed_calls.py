@@ -1,5 +1,4 @@
-"""The compiled loop that times a solver: new data at every call, their own answers, and an end when its time is
-spent."""
+"""The compiled loop that times a solver: an answer for the data of each call, and an end when its time is spent."""
 
 from pathlib import Path
 from typing import Any
