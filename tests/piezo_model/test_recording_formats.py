@@ -366,7 +366,7 @@ def test_two_channels_of_one_name_are_two_columns(tmp_path: Path) -> None:
     table = open_table(tmp_path / "stage.mf4")
     names = [column.name for column in table.columns]
     assert len(names) == len(set(names)) == 3
-    columns = np.concatenate(list(table.pieces(range(3))), axis=1)
+    columns = np.concatenate(list(table.chunks(range(3))), axis=1)
     assert [np.abs(columns - values).max(axis=1).min() for values in (X, Y)] == [0.0, 0.0]
 
 
@@ -402,7 +402,7 @@ def test_slices_are_read_and_not_the_whole_file(tmp_path: Path, name: str) -> No
     table = open_table(path)
     tracemalloc.start()
     try:
-        assert sum(piece.shape[1] for piece in table.pieces([0, 1, 2])) == rows
+        assert sum(piece.shape[1] for piece in table.chunks([0, 1, 2])) == rows
         assert tracemalloc.get_traced_memory()[1] < values.nbytes / 5
     finally:
         tracemalloc.stop()

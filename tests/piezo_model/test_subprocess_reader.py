@@ -51,7 +51,7 @@ def test_a_channel_that_crashes_when_its_rows_are_read_is_refused(tmp_path: Path
     (tmp_path / "stage.rec").write_text("crash later")
     table = subprocess_reader.open_table(unruly_format, tmp_path / "stage.rec", ReadOptions())
     with pytest.raises(RecordingError, match="ended with SIGSEGV"):
-        list(table.pieces([0]))
+        list(table.chunks([0]))
 
 
 def test_a_file_that_was_changed_after_it_was_opened_is_read_as_it_was_listed_or_refused(tmp_path: Path) -> None:

@@ -5,15 +5,15 @@ from pathlib import Path
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, distinct, in_memory, parsed
 
 NAME = "an MDF file"
-APART = True
+SUBPROCESS = True
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it starts as an MDF file, closed or not."""
+    """Whether the file starts like an MDF file, finished or not."""
     return head.startswith((b"MDF     ", b"UnFinMF "))
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
+def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     """Read the channels of numbers."""
     from asammdf import MDF
 
