@@ -69,8 +69,8 @@ def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ..
 
     Examples
     --------
-    >>> choose_creep_rates(1e-4, 10.0)
-    (1000.0, 100.0, 10.0, 1.0, 0.1)
+    >>> choose_creep_rates(1e-4, 10.0), choose_creep_rates(1e-3, 5e-3)
+    ((1000.0, 100.0, 10.0, 1.0, 0.1), ())
     """
     return candidate_rates(sample_time, duration_s, per_decade=1)
 

@@ -304,7 +304,9 @@ def test_a_sheet_is_named_and_a_missing_one_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("form", "option", "value"), [("Excel", "decimal", ","), ("NeXus", "sheet", "Messung 1"), ("NPZ", "header_row", 2)]
 )
-def test_what_a_format_does_not_go_by_is_refused(tmp_path: Path, form: str, option: str, value: object) -> None:
+def test_an_option_that_a_format_does_not_support_is_refused(
+    tmp_path: Path, form: str, option: str, value: object
+) -> None:
     assert f"for which no {option.replace('_', ' ')} can be given" in refusal(made(tmp_path, form), **{option: value})
 
 
@@ -439,7 +441,7 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
 @pytest.mark.parametrize(
     ("cell", "shown"), [("over", "'over'"), (datetime(2024, 1, 31), "datetime.datetime(2024, 1, 31, 0, 0)")]
 )
-def test_a_cell_that_is_no_number_is_named_with_row_and_sheet(tmp_path: Path, cell: object, shown: str) -> None:
+def test_a_cell_that_is_not_a_number_is_named_with_row_and_sheet(tmp_path: Path, cell: object, shown: str) -> None:
     book = openpyxl.Workbook()
     for row in (["t", "voltage_V", "height_um"], *([k / 10, k % 7, k % 5] for k in range(50))):
         book.active.append(row)
