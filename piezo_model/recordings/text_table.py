@@ -132,9 +132,9 @@ class TextTable(Table):
         return tuple(mark for mark in COMMENT_MARKS if mark != self.layout.dialect.separator)
 
     def _is_row(self, line: str) -> bool:
-        if not line.strip(" \r\n") or line.lstrip(" \t").startswith(self._comment_marks):
-            return False
-        return line.strip() not in self.layout.repeated
+        blank = line.isspace() if self.layout.dialect.separator == " " else not line.strip(" \r\n")
+        comment = line.lstrip(" \t").startswith(self._comment_marks)
+        return not blank and not comment and line.strip() not in self.layout.repeated
 
     def _for_arrow(self, block: str) -> str:
         """The rows of a block in the syntax of Arrow."""

@@ -3,6 +3,7 @@
 import csv
 import io
 import pickle
+import re
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
@@ -172,12 +173,19 @@ def test_an_incomplete_last_row_is_reported(tmp_path: Path, last: str, what: str
     assert f"the last {what} is incomplete and was left out; 3 samples" in recording.describe()
 
 
-def test_comments_and_header_in_the_middle_do_not_shift_the_named_row(tmp_path: Path) -> None:
-    lines = ["t;u;y", "0;1;2", "# pause", "t;u;y", "1;2;3", "", "; second pass", "2;x;4"]
-    with pytest.raises(RecordingError, match=r"row 7 \(data row 3\) has 2 columns where the others have 3"):
-        Recording.open(text_file(tmp_path, *lines))
-    with pytest.raises(RecordingError, match=r"holds 'x' in row 7 \(data row 3\), where a number is needed"):
-        Recording.open(text_file(tmp_path, *lines[:6], *lines[7:]))
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        ("t;u;y/0;1;2/# pause/t;u;y/1;2;3//2;x;4", "holds 'x' in row 7 (data row 3), where a number is needed"),
+        ("t;u;y/0;1;2/# pause/1;2;3/; second/2;3;4", "row 5 (data row 3) has 2 columns where the others have 3"),
+        ("t u y/0 1 2/\t/1 2 3/2 x 4", "holds 'x' in row 5 (data row 3), where a number is needed"),
+    ],
+)
+def test_comments_headers_and_blank_lines_among_rows_do_not_shift_the_named_row(
+    tmp_path: Path, lines: str, sentence: str
+) -> None:
+    with pytest.raises(RecordingError, match=re.escape(sentence)):
+        Recording.open(text_file(tmp_path, *lines.split("/")))
 
 
 def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
