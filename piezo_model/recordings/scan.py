@@ -91,7 +91,7 @@ def scan(
     roles : Roles
         Its columns.
     options : ReadOptions
-        What the user says of them.
+        Properties of the file that the user gives.
     tolerance : float
         Allowed deviation of an interval, as a share of the sampling period.
     hold : int

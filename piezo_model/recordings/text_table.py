@@ -1,6 +1,6 @@
 """The rows of a text file, parsed by Arrow: whole lines in UTF-8, one separator, nothing but rows.
 
-Whatever Arrow cannot parse is removed block by block: comments and repeated headers among the rows, runs of blanks,
+Text that Arrow cannot parse is removed block by block: comments and repeated headers among the rows, runs of blanks,
 thousands separators, a remark or half a row at the end. If Arrow refuses a block, a second and slower pass names the
 first wrong cell and its row as an editor counts it.
 """

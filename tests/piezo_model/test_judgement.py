@@ -124,7 +124,7 @@ def test_one_loop_predicts_the_next_within_twice_the_fit_of_the_whole(seed: int)
 # The model on the recording it comes from, and on others.
 
 
-def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_what_is_found() -> None:
+def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_the_fit() -> None:
     rng, t = np.random.default_rng(8), np.arange(12_000) * SAMPLE_TIME
     u = np.where(t < 3.0, 0.0, 150.0 * np.sin(2 * np.pi * 0.5 * (t - 3.0) - 0.62))
     assert u[3000] == pytest.approx(-87.0, abs=1.0)
@@ -263,7 +263,7 @@ def excited(rate: int, highest: float, damping: float) -> Recording:
 
 
 @pytest.mark.parametrize("sharpness", [3.0, 60.0])
-def test_a_butterfly_is_named_be_its_switching_soft_or_sharp(sharpness: float) -> None:
+def test_a_butterfly_is_named_with_soft_and_with_sharp_switching(sharpness: float) -> None:
     rng, k = np.random.default_rng(0), np.arange(6000)
     field = 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * 3.0 * k / k.size + 1.0))
     polarisation = np.tanh(sharpness * (field - 0.4 * np.sign(np.gradient(field))))

@@ -385,7 +385,7 @@ def test_a_sampling_period_that_cannot_be_is_refused(tmp_path: Path, period: flo
         in_memory(tmp_path / "stage.rec", "a format", {"u": X, "y": Y}, sample_time=period)
 
 
-def test_a_header_of_a_gcs_array_states_the_sampling_period_whatever_its_comments_say(tmp_path: Path) -> None:
+def test_the_header_of_a_gcs_array_overrides_a_sampling_period_in_its_comments(tmp_path: Path) -> None:
     gcs(tmp_path / "stage.gcs")
     text = (tmp_path / "stage.gcs").read_text()
     (tmp_path / "stage.gcs").write_text(text.replace("# END_HEADER", "# servo: dt = 5 ms\n# END_HEADER"))

@@ -81,7 +81,7 @@ def test_missing_values_of_parquet_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("values", [["1", "2", "3"], [True, False, True]])
-def test_parquet_columns_that_are_no_numbers_are_refused(tmp_path: Path, values: list) -> None:
+def test_parquet_columns_of_text_or_flags_are_refused(tmp_path: Path, values: list) -> None:
     pq.write_table(pa.table({"t": [0, 1, 2], "u": values, "y": [1.0, 2.0, 4.0]}), tmp_path / "s.parquet")
     assert "cannot tell which column is the input" in refusal(tmp_path / "s.parquet")
     assert "column 'u' holds values of type" in refusal(tmp_path / "s.parquet", input="u")

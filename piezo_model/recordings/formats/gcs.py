@@ -1,6 +1,6 @@
 """PI's General Command Set array, as PIMikroMove and ``qDRR`` write it: a header of ``# KEY = value``, then rows.
 
-``SAMPLE_TIME`` is in seconds, ``NAMEn`` says what was recorded, for instance
+``SAMPLE_TIME`` is in seconds, and ``NAMEn`` names a recorded signal, for instance
 "Target Position of axis 1" (PI manual SM146, section on GCS arrays).
 """
 
