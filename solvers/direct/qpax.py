@@ -6,8 +6,8 @@ Source: K. Tracy, Z. Manchester, "On the differentiability of the primal-dual in
 
 Timed: ``setup`` compiles for the shapes; ``solve`` copies P and q to JAX, iterates, and copies x back. There is no warm
 start. Importing this file switches JAX to 64 bits in the whole process. The library's explicit method, its default,
-keeps slacks and multipliers above 1.5e-8, so complementarity cannot fall below 1.5e-8 times the multiplier; its
-implicit one, which our settings take, has no such floor.
+bounds slacks and multipliers from below by 1.5e-8, so complementarity cannot fall below 1.5e-8 times the multiplier;
+the implicit one of our settings has no such bound.
 """
 
 from functools import partial
@@ -35,10 +35,9 @@ class Qpax(LibrarySolver):
         solve = jax.jit(partial(qpax.solve_qp, **self.settings))
         self._solve = solve.lower(p.P, p.q, *self._constraints).compile()
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._result = self._solve(self.program.P, self.program.q, *self._constraints)
-        self.found = bool(self._result[4])
-        return np.asarray(self._result[0]) if self.found else self.program.no_answer()
+        return np.asarray(self._result[0]) if self._result[4] else None
 
     def answer(self) -> Answer:
         x, _, z, y, _, iterations = self._result

@@ -4,9 +4,9 @@
 
 Source: D. Kraft, "A software package for sequential quadratic programming", report DFVLR-FB 88-28 (1988).
 
-Timed: ``solve`` is everything, cost and rows being called from Python at every step. ``ftol`` is an absolute tolerance
-on the cost, so the error of x goes with its square root. The library's Lagrangian is the cost minus multipliers times
-rows; the duals of the bounds, which it does not give, follow from stationarity.
+Timed: ``solve`` is everything, with Python calls of cost and rows at every step. ``ftol`` is an absolute tolerance on
+the cost, so the error of x is proportional to its square root. The library's Lagrangian is the cost minus multipliers
+times rows; the duals of the bounds, which it does not compute, follow from stationarity.
 """
 
 from functools import partial
@@ -41,7 +41,7 @@ class ScipySlsqp(LibrarySolver):
             if r.size
         ]
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         lb, ub = self.program.lb, self.program.ub
         self._result = minimize(  # type: ignore[call-overload]
             partial(cost, self.program),
@@ -52,8 +52,7 @@ class ScipySlsqp(LibrarySolver):
             constraints=self._rows,
             options=self.settings,
         )
-        self.found = bool(self._result.success)
-        return self._result.x if self.found else self.program.no_answer()
+        return self._result.x if self._result.success else None
 
     def answer(self) -> Answer:
         p, r, w = self.program, self._result, np.zeros(self.rows.size)

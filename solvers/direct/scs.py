@@ -5,10 +5,10 @@
 Source: B. O'Donoghue, "Operator splitting for a homogeneous embedding of the linear complementarity problem", SIAM
 Journal on Optimization 31 (2021), pages 1999 to 2023.
 
-Timed: ``setup`` scales and factorises; ``update`` hands over q, or builds the library's object anew where P is new, for
-which it has no other way; ``solve`` iterates. A warm solve starts from ``warm_start`` and the multipliers and slacks of
-the last solved problem, a cold one from zero. The linear solver is the library's own QDLDL on every machine: left
-alone, it takes MKL where the wheel brings it.
+Timed: ``setup`` scales and factorises; ``update`` passes q, or makes the library's object again for a new P, since
+there is no other way; ``solve`` iterates. A warm solve starts from ``warm_start`` and the multipliers and slacks of the
+last solved problem, a cold one from zero. The linear solver is the library's own QDLDL on every machine: by default it
+is MKL if the wheel contains it.
 """
 
 import numpy as np
@@ -30,36 +30,30 @@ class Scs(LibrarySolver):
     at_limit = ("solved (inaccurate",)
 
     def build(self, p: Program, rows: Cones) -> None:
-        # The library wants a row: without constraints it gets 0ᵀx ≤ 1.
-        some = rows.r.size > 0
-        self._constraints = {"A": csc_matrix(rows.R if some else (1, p.d)), "b": rows.r if some else np.ones(1)}
-        self._cone = {"z": rows.equal, "l": rows.unequal if some else 1}
+        # The library needs a row: without constraints it gets 0ᵀx ≤ 1.
+        R, r = (rows.R, rows.r) if rows.r.size else (np.zeros((1, p.d)), np.ones(1))
+        self._constraints = {"A": csc_matrix(R), "b": r}
+        self._cone = {"z": rows.equal, "l": r.size - rows.equal}
         self._dual: dict[str, Vector] = {}
-        self._renew()
+        self.pass_data(p.P, p.q)
 
-    def _renew(self) -> None:
-        p = self.program
-        self._solver = scs.SCS(
-            {"P": p.triangle.matrix(p.P), "c": p.q, **self._constraints},
-            self._cone,
-            **{"verbose": False, "linear_solver": "qdldl", **self.settings},
-        )
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
-            self._renew()
+            self._solver = scs.SCS(
+                {"P": self.program.triangle.matrix(P), "c": self.program.q, **self._constraints},
+                self._cone,
+                **{"verbose": False, **self.settings},
+            )
         elif q is not None:
-            self._solver.update(c=self.program.q)
+            self._solver.update(c=q)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is None:
             self._result = self._solver.solve(warm_start=False)
         else:
-            self._result = self._solver.solve(warm_start=True, x=np.ascontiguousarray(warm_start), **self._dual)
-        self.found = self._result["info"]["status_val"] == scs.SOLVED
-        if not self.found:
-            return self.program.no_answer()
+            self._result = self._solver.solve(warm_start=True, x=warm_start, **self._dual)
+        if self._result["info"]["status_val"] != scs.SOLVED:
+            return None
         self._dual = {"y": self._result["y"], "s": self._result["s"]}
         return self._result["x"]
 

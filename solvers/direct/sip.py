@@ -4,8 +4,7 @@
 
 Source: J. Sousa-Pinto, the package sip_python.
 
-At its tightest rung it is as exact as it can be asked for: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding ends
-its steps.
+Its tightest rung is near its limit: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding stops its steps.
 
 Timed: ``setup`` orders the KKT matrix; ``update`` fills the second derivative; ``solve`` makes the library's object,
 which keeps its iterates and so serves once, and iterates, with a call back into Python each time. There is no warm
@@ -23,7 +22,7 @@ from solvers.backend import Backend, absolute, unscaled
 
 
 class Sip(LibrarySolver):
-    """The library's ``Solver``; the settings are those of its termination."""
+    """The library's ``Solver``; the settings are its termination criteria."""
 
     name = "sip"
     library = Backend(
@@ -57,25 +56,22 @@ class Sip(LibrarySolver):
         for log in ("logs", "line_search_logs", "search_direction_logs", "derivative_check_logs"):
             setattr(self._options.logging, f"print_{log}", False)
         self.choose(self._options.termination)
-        self.update()
+        self.pass_data(p.P, p.q)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        self._hessian = p.triangle.matrix(p.P)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        self._hessian = self.program.triangle.matrix(self.program.P)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._point = sip.Variables(self._sizes)
         self._point.x, self._point.y = np.zeros(self.program.d), np.zeros(self.rows.equal)
         self._point.s, self._point.z = np.ones(self.rows.unequal), np.ones(self.rows.unequal)
         model = _model(self.program, self.rows, self._hessian, *self._jacobians)
-        self._said = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
-        self.found = self._said.exit_status == sip.Status.SOLVED
-        return np.array(self._point.x) if self.found else self.program.no_answer()
+        self._report = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
+        return np.array(self._point.x) if self._report.exit_status == sip.Status.SOLVED else None
 
     def answer(self) -> Answer:
-        point, said = self._point, self._said
-        return Answer(point.x, np.concatenate([point.y, point.z]), said.exit_status.name, said.num_iterations)
+        point, report = self._point, self._report
+        return Answer(point.x, np.concatenate([point.y, point.z]), report.exit_status.name, report.num_iterations)
 
 
 def _model(p: Program, rows: Cones, hessian: csc_matrix, A: csr_matrix, G: csr_matrix) -> Callable:

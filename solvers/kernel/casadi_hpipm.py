@@ -2,13 +2,13 @@
 
     minimise ½ vᵀH v + gᵀv   subject to   A v = b,  lb ≤ v_i ≤ ub for i in idxb,  C v ≤ ug;   H = P, g = q
 
-The direct lane, see :mod:`solvers.direct.casadi_hpipm`, reaches the same library as a control problem of one stage. The
-settings have the names of that lane, and infinite bounds of bounded variables are numbers as there: with a mask for
-them this version ends the process.
+The direct lane, :mod:`solvers.direct.casadi_hpipm`, calls the same library with a control problem of one stage. The
+settings have the names of that lane, and infinite bounds of bounded variables are replaced by numbers as there: masked
+bounds crash this version.
 
 Timed inside compiled code: ``update`` packs P and q into the library's panels; ``solve`` is ``d_dense_qp_ipm_solve``,
-always cold, and the copy of its answer. The BLASFEO below it is that of the target GENERIC, without kernels of its own
-for a processor.
+always cold, and the copy of its answer. Its BLASFEO is built for the target GENERIC, without kernels for a particular
+processor.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import Vector, address
 from solvers.backend import HPIPM as LIBRARY
 from solvers.core import block
-from solvers.kernel._library import CompiledLibrary, folder, opened
+from solvers.kernel._library import CompiledLibrary, folder, open_library
 
 IN_LOOP = (
     "d_dense_qp_set_H",
@@ -27,7 +27,7 @@ IN_LOOP = (
     "d_dense_qp_sol_get_v",
 )
 PARTS = ("", "_sol", "_ipm_arg", "_ipm_ws")
-HPIPM = opened(
+HPIPM = open_library(
     "casadi",
     "3.8.2",
     folder("casadi") / "libhpipm.so",
@@ -52,7 +52,7 @@ SETTINGS = {
     "lam_min": "lam_min",
     "t_min": "t_min",
 }
-"""The names of the direct lane, and the library's own."""
+"""From the names of the direct lane to the library's own."""
 MESSAGES = (
     "success",
     "maximum iterations reached",
@@ -71,22 +71,22 @@ class CasadiHpipm(CompiledLibrary):
 
     def build(self, p: Program, rows: Stack) -> None:
         infinity = 1e6 if self.settings else 1e8
-        # A fixed variable as a box would leave an interior point method no interior.
+        # With a fixed variable as a box, the feasible set would have no interior.
         fixed = p.lb == p.ub
         self._boxed = at = np.flatnonzero((np.isfinite(p.lb) | np.isfinite(p.ub)) & ~fixed)
         self._equal = np.concatenate([np.flatnonzero(fixed), np.arange(p.u.size)[p.equalities]])
         A, C = p.R[self._equal], p.G
         self._memory: list[np.ndarray] = []
-        size = self._made("_dim")
+        size = self._create("_dim")
         HPIPM.d_dense_qp_dim_set_all(p.d, len(A), at.size, len(C), 0, address(size))
-        qp, answer, arguments = (self._made(part, size) for part in PARTS[:3])
+        qp, answer, arguments = (self._create(part, size) for part in PARTS[:3])
         HPIPM.d_dense_qp_ipm_arg_set_default(BALANCE, address(arguments))
         for setting, value in self.settings.items():
             if setting not in SETTINGS:
                 raise ValueError(f"{self.name} has no setting {setting}")
             number = np.array([value], dtype=np.intc if setting == "iter_max" else np.float64)
             HPIPM.d_dense_qp_ipm_arg_set(SETTINGS[setting].encode(), address(number), address(arguments))
-        self._workspace, self._answer = self._made(PARTS[3], size, arguments), answer
+        self._workspace, self._answer = self._create(PARTS[3], size, arguments), answer
         for field, array in {
             "H": p.P,
             "g": p.q,
@@ -104,8 +104,8 @@ class CasadiHpipm(CompiledLibrary):
                 HPIPM.d_dense_qp_set(field.encode(), address(data), address(qp))
         self.bind(qp, answer, arguments, self._workspace, *(HPIPM[name] for name in IN_LOOP))
 
-    def _made(self, part: str, *of: np.ndarray) -> np.ndarray:
-        """One of the library's objects, in memory of ours."""
+    def _create(self, part: str, *of: np.ndarray) -> np.ndarray:
+        """One of the library's objects, in our memory."""
         functions = (HPIPM[f"d_dense_qp{part}_{what}"] for what in ("strsize", "memsize", "create"))
         before = [address(each) for each in of]
         strsize, memsize, create = functions
@@ -114,16 +114,16 @@ class CasadiHpipm(CompiledLibrary):
         create(*before, address(made), address(memory))
         return made
 
-    def _number(self, what: str, size: int) -> Vector:
-        found = np.zeros(size)
-        HPIPM.d_dense_qp_sol_get(what.encode(), address(self._answer), address(found))
-        return found
+    def _multipliers(self, field: str, size: int) -> Vector:
+        values = np.zeros(size)
+        HPIPM.d_dense_qp_sol_get(field.encode(), address(self._answer), address(values))
+        return values
 
     def answer(self) -> Answer:
         numbers, w, m = np.zeros(2, dtype=np.intc), np.zeros(self.rows.size), self.program.h.size
         HPIPM.d_dense_qp_ipm_get_status(address(self._workspace), address(numbers))
         HPIPM.d_dense_qp_ipm_get_iter(address(self._workspace), address(numbers[1:]))
-        w[self._boxed] = self._number("lam_ub", self._boxed.size) - self._number("lam_lb", self._boxed.size)
-        w[self._equal] = -self._number("pi", self._equal.size)
-        w[self.program.inequalities] = self._number("lam_ug", m)
+        w[self._boxed] = self._multipliers("lam_ub", self._boxed.size) - self._multipliers("lam_lb", self._boxed.size)
+        w[self._equal] = -self._multipliers("pi", self._equal.size)
+        w[self.program.inequalities] = self._multipliers("lam_ug", m)
         return Answer(self.x, w, MESSAGES[numbers[0]], int(numbers[1]))

@@ -1,8 +1,8 @@
 """MuJoCo's ``mju_boxQP`` by its C interface: the algorithm and starts of the direct lane, see
 :mod:`solvers.direct.mujoco`.
 
-Timed inside compiled code: ``update`` hands over pointers to the new P and q, which the library reads where they are;
-``solve`` is the library's function, from ``warm_start`` or from 0, which leaves its answer in our array.
+Timed inside compiled code: ``update`` passes pointers to the new P and q, which the library does not copy; ``solve`` is
+the library's function, from ``warm_start`` or from 0, which writes its answer to our array.
 """
 
 from pathlib import Path
@@ -11,10 +11,10 @@ from mujoco import _functions
 
 from solvers.adapter import Answer, Program, Stack
 from solvers.direct import mujoco as direct
-from solvers.kernel._library import CompiledLibrary, opened
+from solvers.kernel._library import CompiledLibrary, open_library
 
 VERSION = "4.0.1"
-MUJOCO = opened(
+MUJOCO = open_library(
     "mujoco-core",
     VERSION,
     next(Path(_functions.__file__).parent.glob(f"libmujoco.*{VERSION}*"), Path(f"libmujoco {VERSION}")),

@@ -1,7 +1,7 @@
 """quadprog by its C function: the algorithm of the direct lane, see :mod:`solvers.direct.quadprog`.
 
-Timed inside compiled code: ``update`` hands over pointers to the new P and q; ``solve`` copies both, since the library
-overwrites them, and calls its function, which leaves its answer in our array.
+Timed inside compiled code: ``update`` passes pointers to the new P and q; ``solve`` copies both, since the library
+overwrites them, and calls its function, which writes its answer to our array.
 """
 
 import numpy as np
@@ -9,9 +9,9 @@ import quadprog
 
 from solvers.adapter import Answer, Cones, Program
 from solvers.direct import quadprog as direct
-from solvers.kernel._library import CompiledLibrary, opened
+from solvers.kernel._library import CompiledLibrary, open_library
 
-QUADPROG = opened("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
+QUADPROG = open_library("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
 MESSAGES = ("solved", "constraints are inconsistent, no solution", "matrix G is not positive definite")
 
 
