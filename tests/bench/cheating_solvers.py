@@ -1,4 +1,4 @@
-"""Solver files of users that want to look faster, or more right, than they are; beside one that does as it should."""
+"""Solver files that pretend to be faster or more accurate than they are, and an honest one."""
 
 from pathlib import Path
 from textwrap import indent
@@ -232,7 +232,7 @@ def solve(self, warm_start=None):
 
 
 def written(folder: Path, name: str) -> Path:
-    """The file of one of them."""
+    """The file of one solver."""
     path = folder / f"{name}.py"
     lane = "KERNEL" if name == "times_itself" else "DIRECT"
     path.write_text(FILE.format(name=name, lane=lane, cheat=indent(CHEATS[name], "    ")))

@@ -1,5 +1,4 @@
-"""Tables of measurements by hand, in the schema of the one-shot race: a test says what matters to it, and the rest is
-ordinary."""
+"""Hand-made tables of measurements in the schema of the one-shot race: a test sets the values that matter to it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -41,7 +40,7 @@ ORDINARY: Row = {
 
 
 def row(**known: Any) -> Row:
-    """A measurement: the right answer of a library in a microsecond, but for what is known."""
+    """A measurement, by default the right answer of a library in a microsecond."""
     found = ONESHOT.row(**{**ORDINARY, **known})
     of_all_repeats = [
         str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")
@@ -51,10 +50,9 @@ def row(**known: Any) -> Row:
 
 
 def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
-    """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting
-    that failed.
+    """The settings s0, s1, … of a solver by problem and cost gap, from loose to tight; NaN for a setting that failed.
 
-    A number that is known by rung is a list.
+    A list holds a value for each rung.
     """
     found = []
     for problem, by_rung in gaps.items():
@@ -77,21 +75,21 @@ def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
 
 
 def steps(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
-    """The paper's method of 100 and of 15 200 steps."""
+    """The paper's method with 100 and with 15 200 steps."""
     settings, periods = ['{"steps": 100}', '{"steps": 15200}'], [100.0, 15_200.0]
     return ladder(gaps, solver=PAPER, lane="kernel", settings=settings, periods=periods, **known)
 
 
 def table(rows: Iterable[Row]) -> pd.DataFrame:
-    """The rows as a run hands them out."""
+    """The rows as a run returns them."""
     return pa.Table.from_pylist(list(rows), ONESHOT.arrow).to_pandas()
 
 
 def is_right(found: Judgement, tier: Tier) -> bool:
-    """Whether an answer that was judged is as exact as a tier asks."""
+    """Whether a judged answer reaches a tier."""
     return bool(right(table([row(**asdict(found))]), tier).item())
 
 
 def measured(rows: Iterable[Row], times: Iterable[Mapping[str, Any]] = ()) -> Measurements:
-    """A run of these rows and raw times."""
+    """The measurements of a run with these rows and raw times."""
     return Measurements(table(rows), pa.Table.from_pylist([dict(line) for line in times], TIMES).to_pandas())

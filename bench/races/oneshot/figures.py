@@ -14,12 +14,12 @@ STAGES = {"update": "#56b4e9", "solve": "#0072b2"}
 
 
 def figures(found: Measurements, summary: pd.DataFrame) -> list[Figure]:
-    """All of them, the picture of the project first."""
+    """All figures, work and precision first."""
     return [work_precision(found), performance_profile(found), sizes(found), stages(summary), within_periods(found)]
 
 
 def work_precision(found: Measurements) -> Figure:
-    """Worst cost gap against time, a line a solver over its settings."""
+    """Worst cost gap against time, a line for each solver over its settings."""
     defaults = Mark("hollow", where="datum.is_default && datum.front", colour=INK, size=110.0)
     return Figure(
         "work_precision",
@@ -86,7 +86,7 @@ def sizes(found: Measurements) -> Figure:
 
 
 def stages(summary: pd.DataFrame) -> Figure:
-    """Shares of an answer's time, a plot a lane."""
+    """Shares of update and solve in an answer's time, a plot for each lane."""
     table = pictures.stages(summary)
     bars = table.groupby(["lane", "view"]).name.nunique().groupby("lane").max()
     return Figure(

@@ -1,4 +1,4 @@
-"""What a one-shot race says and shows."""
+"""The report of a one-shot race."""
 
 import math
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ HEADINGS = {
     "solve_us_max": "longest solve, µs",
     "interleaved_us_p50": "solve in turns, µs",
 }
-"""Who, how right and how fast come first, for a screen without the room for all."""
+"""Solver, accuracy and times come first, since a screen may cut off the others."""
 WRONG = ("solver", "lane", "scaling", "status", "times", "settings", "such as", "message")
 BESIDE = ("lane", "timed", "unknowns", "problems", "ours", "µs", "other", "version", "other, µs", "ratio")
 WRAPPERS = ("solver", "lane", "settings", "problems", "µs", "direct, µs", "ratio")
@@ -85,7 +85,7 @@ DEFINITIONS = (
 
 
 def report(run: Run) -> Report:
-    """Everything from the rows of a finished run."""
+    """The report of a finished run."""
     found, settings = Measurements(run.rows(ONESHOT), run.times()), run.settings
     summary, table, costs = summaries.summary(found), ranking(found), optima(run, found.rows)
     drift = settings.get("conditions", {}).get("sentinel_drift", 0.0)
@@ -157,7 +157,7 @@ def report(run: Run) -> Report:
 
 
 def anytime_report(run: Run) -> Report:
-    """The same, beginning with how exact an answer is after so many sampling periods."""
+    """The same report, beginning with the accuracy within sampling periods."""
     whole, gaps = report(run), anytime.anytime(Measurements(run.rows(ONESHOT), run.times()))
     *others, first = whole.figures
     return replace(
@@ -183,7 +183,7 @@ def _hosts(found: Measurements) -> list[str]:
 
 
 def _models(run: Run) -> list[str]:
-    """What the model of a recording is worth that is kept beside its problems."""
+    """Sentences about the models of recordings: their errors, or the reasons for their absence."""
     return [
         f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} "
         "% of the range (RMS) on the last fifth; deploy takes it."
@@ -225,8 +225,8 @@ def _wrappers(found: Measurements) -> list[list[str]]:
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a problem and scaling: its optimal cost ``V``, its ``yardstick``, |V| over that as ``optimum``, and the
-    constant ``c``, 0 for a program from a file; NaN where the problem's file is gone."""
+    """One row for each problem and scaling: optimal cost ``V``, ``yardstick``, their ratio ``optimum``, and constant
+    ``c``, 0 for a program from a file; NaN if the problem's file is missing."""
     found = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
     lines = []
     for line in found.to_dict("records"):
@@ -286,6 +286,6 @@ def _span(values: pd.Series) -> str:
 
 
 def _sizes(table: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows of the times by size."""
+    """Headings and rows of the table of times by size."""
     lines = table.to_dict("split")["data"] if "time_us" not in table else []
     return ["problems", "solver", *map(str, table.columns[2:])], [[*line[:2], *map(number, line[2:])] for line in lines]

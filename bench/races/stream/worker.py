@@ -89,7 +89,7 @@ class StreamRequest(Request):
     def _ready(self, cls: type[Solver]) -> Solver:
         """A solver set up with the start, untouched by what another one does to its arrays."""
         forgetting = {"forgetting": self.forgetting} if cls.takes_rows else {}
-        solver = cls(**self.task.asked(cls, self.c), **forgetting)
+        solver = cls(**self.task.settings_for(cls, self.c), **forgetting)
         solver.setup(copied(Problem(**self.fields)))
         return solver
 
@@ -101,7 +101,7 @@ class StreamRequest(Request):
             )
         return Streamed(
             found=True,
-            asked=self.task.asked(cls, self.c),
+            settings=self.task.settings_for(cls, self.c),
             timeline=timeline,
             answers=run.answers[: timeline.solved.size],
             mutated=run.were_data_changed(timeline.samples),
@@ -125,7 +125,7 @@ class StreamRequest(Request):
                 done += nanoseconds.size
         return Streamed(
             found=True,
-            asked=self.task.asked(cls, self.c),
+            settings=self.task.settings_for(cls, self.c),
             answers=np.concatenate(answers),
             kernel_ns=np.concatenate(taken),
         )
