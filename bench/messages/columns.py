@@ -72,10 +72,10 @@ def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame
             raise TableError(
                 f"column {column!r} is empty in row {pc.index(pc.is_null(table[column]), True).as_py() + 1}"
             )
-    found: pd.DataFrame = table.to_pandas()
-    if key and (twice := found.duplicated(list(key))).any():
+    frame: pd.DataFrame = table.to_pandas()
+    if key and (twice := frame.duplicated(list(key))).any():
         raise TableError(f"row {int(twice.argmax()) + 1} is there twice")
-    return found
+    return frame
 
 
 def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
@@ -95,9 +95,9 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
     except pa.ArrowException:
         raise TableError(f"column {column!r} holds {given} and not {wanted}") from None
     least = -1 if wanted.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
-    found = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
-    if found is not None and found < least:
-        raise TableError(f"column {column!r} holds {found:g}, and nothing below {least} can be there")
+    lowest = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
+    if lowest is not None and lowest < least:
+        raise TableError(f"column {column!r} holds {lowest:g}, and nothing below {least} can be there")
     if column == "settings":
         try:
             _ = [decoded(text, dict[str, Any]) for text in values.unique().to_pylist()]

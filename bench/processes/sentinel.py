@@ -46,11 +46,11 @@ def work() -> list[int]:
             x = Q @ x
 
     run()
-    found: list[int] = []
+    times_ns: list[int] = []
     with no_garbage_collection():
-        while EFFORT.goes_on(len(found), sum(found)):
-            found.append(time_call(run))
-    return found
+        while EFFORT.goes_on(len(times_ns), sum(times_ns)):
+            times_ns.append(time_call(run))
+    return times_ns
 
 
 class Sentinel(ForkedChild):
@@ -67,7 +67,7 @@ class Sentinel(ForkedChild):
                 self.call(START_LIMIT_S, os.sched_setaffinity, 0, {self.core})
             self.samples.append((time.time(), self.call(START_LIMIT_S, work)))
 
-    def taken(self) -> list[tuple[float, list[int]]]:
+    def take_samples(self) -> list[tuple[float, list[int]]]:
         """Return the samples so far, and clear them."""
         samples, self.samples = self.samples, []
         return samples
@@ -116,10 +116,10 @@ def sentences(samples: pd.DataFrame) -> list[str]:
     """A warning if the machine drifted, and one if it was slow too often."""
     if samples.empty:
         return []
-    found = []
+    warnings = []
     if drift(samples) > TOLERATED:
         fifths = 100.0 * (_of_fifths(samples) - 1.0)
-        found.append(
+        warnings.append(
             f"The machine drifted: a fixed piece of work was timed {len(samples)} times in the course of the "
             "run, and the medians of the "
             f"fifths of these differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so a "
@@ -127,10 +127,10 @@ def sentences(samples: pd.DataFrame) -> list[str]:
         )
     more = samples.ratio / samples.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
     if (slow := float((more > TOLERATED).mean())) > TOLERATED_SLOW:
-        found.append(
+        warnings.append(
             f"The machine was slow now and then: a fixed piece of work took over {100.0 * TOLERATED:.0f} % "
             "longer than when undisturbed in "
             f"{100.0 * slow:.0f} % of {len(samples)} trials, at most {100.0 * more.max():.0f} % longer, as "
             "where a neighbour uses the same core, so the times of a single row may be too long by as much."
         )
-    return found
+    return warnings

@@ -29,14 +29,14 @@ def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
     """The entry of a user's file, whose code runs in a separate process; ImportError if it cannot be loaded."""
     with ForkedChild() as child:
         try:
-            found = child.call(START_LIMIT_S, worker.introduce, str(path), of_file)
+            entry = child.call(START_LIMIT_S, worker.introduce, str(path), of_file)
         except LateError:
-            found = f"did not load within {START_LIMIT_S:g} s"
+            entry = f"did not load within {START_LIMIT_S:g} s"
         except LostError as error:
-            found = f"ended the process that loaded it with {error}"
-    if isinstance(found, str):
-        raise ImportError(f"{path}: {found}")
-    return found
+            entry = f"ended the process that loaded it with {error}"
+    if isinstance(entry, str):
+        raise ImportError(f"{path}: {entry}")
+    return entry
 
 
 class SolverChild(ForkedChild):

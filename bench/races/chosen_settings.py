@@ -73,16 +73,16 @@ def table_of(run: str) -> tuple[pd.DataFrame, str]:
 
 def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> Choices:
     """The settings of a solver for these tiers, by the table of the run ``name``."""
-    known = {setting.text: setting for setting in settings_of(solver)}
-    its = table[(table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))]
-    of_tier = its.set_index("tier").setting
+    by_text = {setting.text: setting for setting in settings_of(solver)}
+    of_solver = table[(table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))]
+    of_tier = of_solver.set_index("tier").setting
     chosen: dict[Setting, dict[Tier, str]] = {}
     for tier in tiers:
         text = of_tier.get(str(tier))
         if tier is Tier.DEFAULT:
             setting, basis = default_setting(solver), DEFAULT
-        elif text in known:
-            setting, basis = known[text], name
+        elif text in by_text:
+            setting, basis = by_text[text], name
         else:
             setting, basis = tightest(solver), NOT_REACHED if text == "" else UNTESTED
         chosen.setdefault(setting, {})[tier] = basis

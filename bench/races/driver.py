@@ -64,7 +64,7 @@ class Part(ABC):
             {
                 "host": os.uname().nodename,
                 "core": pool.core,
-                "sentinel": pool.sentinel.taken(),
+                "sentinel": pool.sentinel.take_samples(),
                 **between,
                 "preemptions": sum(row["preemptions"] for row in rows),
                 "timed_calls": sum(row["samples"] for row in rows),

@@ -75,9 +75,9 @@ def field_of(run: Run, pool: SolverPool) -> list[Described]:
         field={f"{solver.name} ({solver.lane})": solver.version for solver in field},
         absent={f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent},
     )
-    here = {solver.name for solver in field}
+    present = {solver.name for solver in field}
     for solver in described:
-        if solver.name in run.settings["settings"]["solvers"] and solver.name not in here:
+        if solver.name in run.settings["settings"]["solvers"] and solver.name not in present:
             raise RaceError(f"the solver {solver.name} that was asked for is absent: {solver.absent}")
     if not field:
         raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")

@@ -80,13 +80,8 @@ def kinds() -> dict[str, Kind]:
     names = sorted(
         (path.parent.name for path in Path(__file__).parent.glob("*/kind.py")), key=lambda name: (name != DEFAULT, name)
     )
-    found = [
-        each
-        for name in names
-        for each in vars(import_module(f"{__package__}.{name}.kind")).values()
-        if isinstance(each, Kind)
-    ]
-    return {each.name: each for each in found}
+    modules = [import_module(f"{__package__}.{name}.kind") for name in names]
+    return {kind.name: kind for module in modules for kind in vars(module).values() if isinstance(kind, Kind)}
 
 
 def kind_of(run: Run) -> Kind:
@@ -135,9 +130,9 @@ def environment(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
     field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
     absent = ", ".join(settings.get("absent", {}))
     left_out = "; ".join(
-        f"{name}/{problem}: {why}"
-        for name, found in settings.get("left_out", {}).items()
-        for problem, why in found.items()
+        f"{name}/{problem}: {reason}"
+        for name, reasons in settings.get("left_out", {}).items()
+        for problem, reason in reasons.items()
     )
     chosen = ", ".join(
         f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], None)

@@ -50,18 +50,18 @@ def processor() -> str:
 
 def warnings() -> list[str]:
     """Sentences about conditions that make times on this machine less certain."""
-    found = []
+    sentences = []
     governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
     if governor.is_file() and governor.read_text().strip() != "performance":
-        found.append(f"The frequency governor is {governor.read_text().strip()!r}, so the clock rate varies.")
+        sentences.append(f"The frequency governor is {governor.read_text().strip()!r}, so the clock rate varies.")
     elif not governor.is_file():
-        found.append("The system does not say how it governs the clock rate.")
+        sentences.append("The system does not say how it governs the clock rate.")
     info = Path("/proc/cpuinfo")
     if info.is_file() and "hypervisor" in info.read_text(encoding="utf-8", errors="replace"):
-        found.append("This is a virtual machine, so neighbours may take time from it.")
+        sentences.append("This is a virtual machine, so neighbours may take time from it.")
     if os.getloadavg()[0] > 0.5:
-        found.append(f"The machine was busy at the start (load {os.getloadavg()[0]:.1f}).")
-    return found
+        sentences.append(f"The machine was busy at the start (load {os.getloadavg()[0]:.1f}).")
+    return sentences
 
 
 TOLERATED_STEAL = 0.5
@@ -128,16 +128,16 @@ def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[s
     """
     if not parts:
         return []
-    found, seconds = [], max(sum(part["seconds"] for part in parts), 1e-9)
+    sentences, seconds = [], max(sum(part["seconds"] for part in parts), 1e-9)
     steal = sum(part["steal_percent"] * part["seconds"] for part in parts) / seconds
     if steal > TOLERATED_STEAL:
-        found.append(f"A hypervisor gave {steal:.1f} % of the machine to others while solvers were timed.")
+        sentences.append(f"A hypervisor gave {steal:.1f} % of the machine to others while solvers were timed.")
     if throttled := sum(part["throttled"] for part in parts):
-        found.append(f"The processor throttled {throttled:.0f} times.")
+        sentences.append(f"The processor throttled {throttled:.0f} times.")
     neighbours = sum(part["busy_cores"] * part["seconds"] for part in parts) / seconds - workers
     if neighbours > TOLERATED_NEIGHBOURS:
-        found.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
+        sentences.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
     preemptions, calls = (sum(part.get(name, 0) for part in parts) for name in ("preemptions", "timed_calls"))
     if preemptions > TOLERATED_PREEMPTIONS * calls:
-        found.append(f"Solvers were taken off their core {preemptions:.0f} times in {calls:.0f} timed calls.")
-    return found
+        sentences.append(f"Solvers were taken off their core {preemptions:.0f} times in {calls:.0f} timed calls.")
+    return sentences

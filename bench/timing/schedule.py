@@ -30,11 +30,6 @@ LEAD_NS = 2_000_000
 """Time from the call to the first due time."""
 
 
-def due(first_due: int, k: int, period_ns: int) -> int:
-    """Due time of sample k, ns."""
-    return first_due + k * period_ns
-
-
 @dataclass(frozen=True)
 class Timeline:
     """The solves on the schedule; times in ns since the first due time, one entry for each solve."""
@@ -143,7 +138,7 @@ def follow(
         k = min(max(first, (before - start) // period_ns), samples - 1)
         absorb(first, k)
         data[count] = clock() - before
-        wait_until(due(start, k, period_ns), clock, sleep)
+        wait_until(start + k * period_ns, clock, sleep)
         begin = clock()
         update(first, k)
         between = clock()
@@ -152,7 +147,7 @@ def follow(
         solved[count], began[count], updated[count], ended[count] = k, begin - start, between - start, end - start
         keep(count)
         count += 1
-        hopeless = hopeless and end - due(start, k, period_ns) > period_ns
+        hopeless = hopeless and end - (start + k * period_ns) > period_ns
         if hopeless and k + 1 >= give_up:
             break
     return Timeline(k + 1, solved[:count], data[:count], began[:count], updated[:count], ended[:count], period_ns)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, follow, runs
+from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, follow, runs
 
 TICK = 50
 """Duration of one reading of the clock, ns."""
@@ -59,7 +59,6 @@ def run_on(
 
 
 def test_due_times_are_exact_multiples_of_the_period_whatever_the_solves_take() -> None:
-    assert [due(7, k, PERIOD_NS) - 7 for k in range(4)] == [0, 125_000, 250_000, 375_000]
     timeline, absorbed, updated = run_on(Clock(), 400, lambda j: 1_000 + 317 * (j % 300))
     assert absorbed == updated == [(k, k) for k in range(400)]
     waited = timeline.began - timeline.solved * PERIOD_NS

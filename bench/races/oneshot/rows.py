@@ -27,9 +27,9 @@ def row_of(
     ``periods`` is the duration of an answer in sampling periods: the number of steps of a method that does one step a
     sample, else the median of update and solve over 125 µs. A percentile is NaN if the sample is too small for it.
     """
-    found = replace(judge(problem, task.scaling, outcome), timed_gap=timed_gap)
+    judgement = replace(judge(problem, task.scaling, outcome), timed_gap=timed_gap)
     if fault is not None and not outcome.failure:
-        found = replace(found, status=fault[0], message=fault[1])
+        judgement = replace(judgement, status=fault[0], message=fault[1])
     solve, update = outcome.solve_ns / 1e3, outcome.update_ns / 1e3
     steps = outcome.settings.get("steps")
     span_um = problem.validation.span_um if problem.validation is not None else np.nan
@@ -37,8 +37,8 @@ def row_of(
     return {
         **task.columns(outcome.settings),
         "task": replace(task, repeat=0).key,  # the same in all repeats
-        **asdict(found),
-        "model_error_um": found.model_error_percent / 100.0 * span_um,
+        **asdict(judgement),
+        "model_error_um": judgement.model_error_percent / 100.0 * span_um,
         "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
         "noise_um": problem.validation.noise_um if problem.validation is not None else np.nan,
         "setup_us": median(outcome.setup_ns / 1e3),
