@@ -22,7 +22,7 @@ def solver_info(solution: Solution) -> dict[str, Any]:
     """A solver's report on its last answer, with its duals, by the fields of an outcome; ValueError if duals are
     complex."""
     extras = solution.extras or {}
-    count, time_us = _number(extras.get("iterations", extras.get("steps"))), _number(extras.get("reported_us"))
+    count, time_us = amount(extras.get("iterations", extras.get("steps"))), amount(extras.get("reported_us"))
     duals = {name: getattr(solution, name) for name in ("y", "z", "z_box")}
     return {
         "found": bool(solution.found),
@@ -47,7 +47,7 @@ def real(values: Any) -> Vector:
     return array.astype(np.float64)
 
 
-def _number(value: Any) -> float:
+def amount(value: Any) -> float:
     """A finite number that is not negative; NaN for any other value."""
     try:
         number = float(value)

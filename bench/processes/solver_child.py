@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TypeVar
 
+from bench.messages.race_error import RaceError
 from bench.messages.task import Outcome, Request, Task
 from bench.processes import worker
 from bench.processes.forked_child import ForkedChild
@@ -26,7 +27,7 @@ BUILD_LIMIT_S = 60.0
 
 
 def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
-    """The entry of a user's file, whose code runs in a separate process; ImportError if it cannot be loaded."""
+    """The entry of a user's file, whose code runs in a separate process; RaceError if it cannot be loaded."""
     with ForkedChild() as child:
         try:
             entry = child.call(START_LIMIT_S, worker.introduce, str(path), of_file)
@@ -35,7 +36,7 @@ def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
         except LostError as error:
             entry = f"ended the process that loaded it with {error}"
     if isinstance(entry, str):
-        raise ImportError(f"{path}: {entry}")
+        raise RaceError(f"{path}: {entry}")
     return entry
 
 

@@ -11,7 +11,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -107,7 +107,7 @@ class Race(ABC, Generic[S]):
     @property
     def child(self) -> ChildSettings:
         """Limits of a solver's process."""
-        return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb)
+        return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb, preload=self.preload)
 
     def prepare(self, resources: ExitStack) -> None:
         """Generate or load the problems; ``resources`` are released at the end."""
@@ -184,7 +184,7 @@ def drive(race: Race[Any], workers: Workers) -> None:
     entries = tuple(race.entrants.values())
     with ExitStack() as resources:
         race.prepare(resources)
-        settings, core = replace(race.child, preload=race.preload), None
+        settings, core = race.child, None
         if race.timed and workers.is_one:
             progress("waiting for a core on which no other race times", 0, 1)
             core = resources.enter_context(cores.claim()).number

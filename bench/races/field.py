@@ -37,10 +37,7 @@ def chosen(
     warm_up(selected, preload)
     taken = {(entry.name, entry.lane) for entry in known}
     for path in settings.solver_files:
-        try:
-            entry = entry_of_file(path, of_file)
-        except ImportError as error:
-            raise RaceError(str(error)) from None
+        entry = entry_of_file(path, of_file)
         if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
             raise RaceError(
                 f"{path}: a {what} is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}"

@@ -4,7 +4,7 @@ The folder is the registry: each ``kind.py`` in a folder beside this file define
 settings and report.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -15,6 +15,7 @@ from bench.messages.progress import Progress
 from bench.messages.race_error import RaceError
 from bench.processes.engine import Workers
 from bench.races.driver import Race, drive
+from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings, settings_of
 from bench.report.report import Report
 from bench.report.writing import write_report
@@ -120,20 +121,16 @@ def with_run(report: Report, run: Run, title: str) -> Report:
         title=f"{title} {run.path.name}",
         scope="; ".join(scope) + ".",
         limits=limits,
-        environment=environment(settings),
+        environment=environment(run),
     )
 
 
-def environment(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+def environment(run: Run) -> list[tuple[str, str]]:
     """Names and texts about machine, versions and settings."""
+    settings = run.settings
     machine = settings["machine"]
     field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
     absent = ", ".join(settings.get("absent", {}))
-    left_out = "; ".join(
-        f"{name}/{problem}: {reason}"
-        for name, reasons in settings.get("left_out", {}).items()
-        for problem, reason in reasons.items()
-    )
     chosen = ", ".join(
         f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], None)
     )
@@ -145,7 +142,7 @@ def environment(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
             ("settings", chosen),
             ("solvers", field),
             ("absent", absent),
-            ("not raced", left_out),
+            ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
         )
         if text
     ]

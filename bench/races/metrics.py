@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from qpsolvers import Solution
 
+from bench.messages.solver_info import amount
 from bench.messages.task import Outcome
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
@@ -119,10 +120,4 @@ def _residuals(solution: Solution) -> tuple[float, float, float]:
         primal, dual, gap = solution.primal_residual(), solution.dual_residual(), solution.duality_gap()
     if bounded and solution.z_box is None:  # since qpsolvers would leave the bounds out of the gap
         gap = math.inf
-    return _number(primal), _number(dual), _number(gap)
-
-
-def _number(value: object) -> float:
-    """A residual by qpsolvers; NaN if it is None or infinite."""
-    number = float(value) if isinstance(value, int | float | np.floating) else math.nan
-    return number if math.isfinite(number) else math.nan
+    return amount(primal), amount(dual), amount(gap)
