@@ -15,10 +15,8 @@ import numpy as np
 from bench.derived.table import ONESHOT
 from bench.messages.task import NO_SETTING, Task
 from bench.store import Run, RunError, Schema
-from bench.timing import machine
 from solvers.protocol import Lane
 
-SETTINGS = {"race": "none", "settings": {}, "machine": machine.describe()}
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING, d=18) for i in range(2)]
 PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
 
@@ -34,14 +32,14 @@ def kill_before_step(n: int, folder: Path) -> None:
     sys.addaudithook(hook)
 
 
-def carry_on(folder: Path, killed_at: int | None = None) -> None:
+def carry_on(folder: Path, settings: dict[str, Any], killed_at: int | None = None) -> None:
     """Start or resume a run, and finish it unless the process is killed."""
     if killed_at is not None:
         kill_before_step(killed_at, folder)
     try:
         run = Run.open(folder / "run")
     except RunError:
-        run = Run.create(folder, SETTINGS, "run")
+        run = Run.create(folder, settings, "run")
     if not run.is_finished(PLAIN):
         run.note(field={"daqp": "1"}, absent={})
         for task in TASKS:

@@ -20,11 +20,13 @@ import pandas as pd
 import pytest
 from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, TASKS, THIRD, Race
-from killed_run import PLAIN, SETTINGS
+from killed_run import PLAIN
 
 from bench.derived.table import ONESHOT
 from bench.store import Run, RunError
+from bench.timing import machine
 
+SETTINGS = {"settings": {}, "machine": machine.describe()}
 KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
 SEED = int(os.environ.get("PIEZOBENCH_KILL_SEED", "0"))
 TIMES = [
@@ -93,7 +95,7 @@ def test_a_run_killed_at_any_step_on_disk_is_resumed_with_nothing_lost_or_twice(
     context.set_forkserver_preload(["killed_run"])
 
     def exit_code(folder: Path, killed_at: int | None = None) -> int | None:
-        process = context.Process(target=killed_run.carry_on, args=(folder, killed_at))
+        process = context.Process(target=killed_run.carry_on, args=(folder, SETTINGS, killed_at))
         process.start()
         process.join()
         return process.exitcode
