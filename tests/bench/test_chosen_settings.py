@@ -123,13 +123,6 @@ def test_the_settings_of_a_run_are_those_that_follow_from_its_rows(clean_race: R
     found, name = table_of(str(clean_race.run.path))
     assert name == "clean"
     pd.testing.assert_frame_equal(found, tier_settings(clean_race.rows))
-    osqp = describe(find("osqp", "direct"))
-    ((setting, basis),) = choices(osqp, (Tier.HIGH,), found, name).items()
-    assert basis == {Tier.HIGH: "clean"}
-    there = found[(found.solver == "osqp") & (found.tier == "high") & (found.scaling == "scaled")]
-    assert [setting.text] == there.setting.tolist()
-    (other,) = choices(describe(find("piqp", "direct")), (Tier.HIGH,), found, name).values()
-    assert other == {Tier.HIGH: "untested"}  # which that run did not race
 
 
 def test_a_run_without_chosen_settings_is_refused_before_anything_is_written(

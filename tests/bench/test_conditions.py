@@ -1,4 +1,4 @@
-"""The machine of a run: floor, sentinel, disturbances, and the lock of its core."""
+"""The machine of a run: sentinel, disturbances, and the lock of its core."""
 
 import os
 import re
@@ -12,8 +12,6 @@ import pandas as pd
 import pytest
 from conftest import Race
 
-from bench.derived.summary import raced, summary
-from bench.derived.verdict import verdict
 from bench.processes import sentinel
 from bench.races.oneshot.settings import OneshotSettings
 from bench.timing import cores, machine
@@ -131,15 +129,6 @@ def test_a_run_has_the_sentinels_samples_and_its_disturbances(clean_race: Race) 
     for warning in conditions["warnings"]:
         assert warning in report
         assert warning in " ".join(clean_race.call.stdout.split())
-
-
-def test_the_floor_is_the_last_row_of_each_table_and_not_in_the_verdict(clean_race: Race) -> None:
-    table = summary(clean_race.found)
-    for _, part in table.groupby("scaling"):
-        assert part.solver.tolist().index("floor") == len(part) - 1
-        assert part.solve_us_p50.iloc[-1] == part.solve_us_p50.min()
-    assert "floor" not in raced(table).solver.tolist()
-    assert not any("null" in sentence for sentence in verdict(clean_race.found))
 
 
 @pytest.fixture
