@@ -19,7 +19,7 @@ from bench.processes.sentinel import EVERY_S
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.driver import Part, Tell
-from bench.races.oneshot.blocks import timed
+from bench.races.oneshot.blocks import Measurement, timed
 from bench.races.oneshot.rows import answer_us, row_of
 from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
@@ -53,8 +53,7 @@ class Pass(Part):
         """Time, judge and save a task."""
         idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
         measured = timed(pool.child(task), idle, task, self.problem, fresh, effort, test_for_cheating)
-        outcome = measured.outcome
-        row = row_of(self.problem, task, outcome, measured.timed_gap, measured.fault)
+        outcome, row = measured.outcome, row_of(self.problem, task, measured)
         run.save(task, [row], {"setup": outcome.setup_ns, "update": outcome.update_ns, "solve": outcome.solve_ns})
         pool.sentinel.sample(unless_within_s=EVERY_S)
         return row
@@ -87,7 +86,7 @@ class FirstPass(Pass):
                 rows += run.task(task)[0]
             elif end and task.setting.rung >= 0:
                 why = f"a looser setting {end} on this problem"
-                rows.append(row_of(self.problem, task, Outcome(str(Status.NOT_RUN), why)))
+                rows.append(row_of(self.problem, task, Measurement(Outcome(str(Status.NOT_RUN), why))))
                 run.save(task, rows[-1:], {})
             else:
                 rows.append(self.measure(run, pool, task, data, effort, test_for_cheating=task is tested_task))

@@ -7,29 +7,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.messages.task import Outcome, Row, Task
+from bench.messages.task import Row, Task
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
+from bench.races.oneshot.blocks import Measurement
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_US
-from solvers import Status
 
 
-def row_of(
-    problem: RaceProblem,
-    task: Task,
-    outcome: Outcome,
-    timed_gap: float = np.nan,
-    fault: tuple[Status, str] | None = None,
-) -> Row:
-    """The row of a task; ``timed_gap`` is the largest gap of its timed answers, ``fault`` the fault in their timing.
+def row_of(problem: RaceProblem, task: Task, measured: Measurement) -> Row:
+    """The row of a task.
 
     ``periods`` is the duration of an answer in sampling periods: the number of steps of a method that does one step a
     sample, else the median of update and solve over 125 µs. A percentile is NaN if the sample is too small for it.
     """
-    judgement = replace(judge(problem, task.scaling, outcome), timed_gap=timed_gap)
-    if fault is not None and not outcome.failure:
-        judgement = replace(judgement, status=fault[0], message=fault[1])
+    outcome = measured.outcome
+    judgement = replace(judge(problem, task.scaling, outcome), timed_gap=measured.timed_gap)
+    if measured.fault is not None:
+        judgement = replace(judgement, status=measured.fault[0], message=measured.fault[1])
     solve, update = outcome.solve_ns / 1e3, outcome.update_ns / 1e3
     steps = outcome.settings.get("steps")
     span_um = problem.validation.span_um if problem.validation is not None else np.nan
