@@ -192,6 +192,11 @@ def solve(self, warm_start=None):
     times[:] = [ns // 10 for ns in times]
     return self.right(self.P, self.q)
 """,
+    "loses_times": """
+def solve(self, warm_start=None):
+    del sys._getframe(1).f_locals.get("updates", [])[2:]
+    return self.right(self.P, self.q)
+""",
     "times_itself": """
 def time_kernel(self, P, q, warm_start=None, most_ns=np.inf):
     answers = np.array([self.right(each, q[k]) for k, each in enumerate(P)])

@@ -39,6 +39,7 @@ STATUS = {
     "hooks": Status.TAMPERED,
     "sends_by_itself": Status.TAMPERED,
     "rewrites_times": Status.MISTIMED,
+    "loses_times": Status.TAMPERED,
     "works_ahead": Status.MISTIMED,
     "works_aside": Status.MISTIMED,
     "times_itself": Status.OK,
