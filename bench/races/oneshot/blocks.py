@@ -123,10 +123,9 @@ def hidden_cpu_time(
         if block.failure or shuffled.failure or null_block.failure:
             break
         ratio = min(cpu_ratio(each, IDLE_RATIO * null_block.cpu_ns) for each in (block, shuffled))
-        is_hard = block.calls_ns[order] > CPU_RATIO * np.median(block.calls_ns)
-        hard_again = is_hard.any() and np.median(shuffled.calls_ns[is_hard]) > CPU_RATIO / 2 * np.median(
-            shuffled.calls_ns
-        )
+        median_ns, shuffled_median_ns = np.median(block.calls_ns), np.median(shuffled.calls_ns)
+        is_hard = block.calls_ns[order] > CPU_RATIO * median_ns
+        hard_again = is_hard.any() and np.median(shuffled.calls_ns[is_hard]) > CPU_RATIO / 2 * shuffled_median_ns
         if ratio > CPU_RATIO and not hard_again:
             ratios.append(ratio)
         if len(ratios) + remaining < POSITIVE:
