@@ -235,7 +235,9 @@ class Run:
         """Load a problem of the run; RunError if its file is missing or damaged."""
         path = self.problem_path(problem_set, name)
         if not path.is_file():
-            raise RunError(f"{path} is not there, or not from {os.uname().nodename}, so the problem cannot be raced")
+            raise RunError(
+                f"{path} is missing, or not accessible from {os.uname().nodename}, so the problem cannot be raced"
+            )
         try:
             return RaceProblem.load(path)
         except ProblemFileError as error:

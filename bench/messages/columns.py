@@ -74,7 +74,7 @@ def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame
             )
     frame: pd.DataFrame = table.to_pandas()
     if key and (twice := frame.duplicated(list(key))).any():
-        raise TableError(f"row {int(twice.argmax()) + 1} is there twice")
+        raise TableError(f"row {int(twice.argmax()) + 1} occurs twice")
     return frame
 
 
@@ -97,12 +97,12 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
     least = -1 if wanted.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
     lowest = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
     if lowest is not None and lowest < least:
-        raise TableError(f"column {column!r} holds {lowest:g}, and nothing below {least} can be there")
+        raise TableError(f"column {column!r} holds {lowest:g}, and the least possible value is {least}")
     if column == "settings":
         try:
             _ = [decoded(text, dict[str, Any]) for text in values.unique().to_pylist()]
         except (ValueError, TypeError) as error:
-            raise TableError(f"column 'settings' holds text that no settings are: {error}") from None
+            raise TableError(f"column 'settings' holds text that is not settings in JSON: {error}") from None
     if column in CHOICES:
         for value in values.unique().to_pylist():
             if value is not None and value not in CHOICES[column]:

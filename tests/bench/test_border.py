@@ -208,9 +208,9 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
         ("run.json", with_field(("problems", "paper"), '["../../x"]'), "the field 'problems[...][0]' is wrong"),
         ("rows.parquet", with_rows(lambda table: table.drop_columns("status")), "has no column 'status'"),
         ("rows.parquet", with_rows(lambda table: table.slice(0, 0)), "has no rows"),
-        ("rows.parquet", with_rows(lambda table: pa.concat_tables([table, table])), "is there twice"),
+        ("rows.parquet", with_rows(lambda table: pa.concat_tables([table, table])), "occurs twice"),
         ("rows.parquet", with_column("solver", 1), "column 'solver' holds int64"),
-        ("rows.parquet", with_column("settings", "{"), "column 'settings' holds text that no settings are"),
+        ("rows.parquet", with_column("settings", "{"), "column 'settings' holds text that is not settings in JSON"),
         ("rows.parquet", with_column("lane", "x"), "column 'lane' holds 'x' and not one of kernel"),
     ],
 )
