@@ -23,15 +23,16 @@ def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) ->
     actions: list[str] = []
     hidden = tuple(os.path.realpath(folder) + os.sep for folder in folders)
     before = [attribute for module in modules for attribute in _attributes(module)]
-    # Bound here, so that a solver that replaces them does not reach the hook.
+    # Bound here, so that a solver that replaces them cannot switch the guard off.
     absolute, is_number, this_process, separator = os.path.realpath, str.isdigit, str(os.getpid()), os.sep
+    most, file_events, trace_events, state = MOST, FILE_EVENTS, TRACE_EVENTS, _state
 
     def hook(event: str, arguments: tuple[object, ...]) -> None:
-        if len(actions) >= MOST:
+        if len(actions) >= most:
             return
-        if event in TRACE_EVENTS:
+        if event in trace_events:
             actions.append(f"called {event}")
-        elif event in FILE_EVENTS and arguments and isinstance(arguments[0], str | bytes | os.PathLike):
+        elif event in file_events and arguments and isinstance(arguments[0], str | bytes | os.PathLike):
             name = os.fsdecode(arguments[0])
             path = absolute(name) + separator
             _, root, process, *_ = (*path.split(separator), "", "")
@@ -44,9 +45,9 @@ def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) ->
 
     def forbidden_actions() -> tuple[str, ...]:
         for where, names, name, was in before:
-            if any(now is not then for now, then in zip(_state(names.get(name)), was, strict=True)):
+            if any(now is not then for now, then in zip(state(names.get(name)), was, strict=True)):
                 actions.append(f"replaced {where}.{name}")
-        return tuple(actions[:MOST])
+        return tuple(actions[:most])
 
     return forbidden_actions
 

@@ -167,6 +167,13 @@ def setup(self, problem):
         return found
     worker.TimedSolver.block = forged
 """,
+    "patches_the_guard": """
+def setup(self, problem):
+    from bench.processes import guard
+    guard.MOST = 0
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.take(problem.P, problem.q)
+""",
     "hooks": """
 def update(self, P=None, q=None):
     sys.setprofile(self.ahead)

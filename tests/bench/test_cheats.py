@@ -36,6 +36,7 @@ STATUS = {
     "patches_the_clock": Status.TAMPERED,
     "patches_and_mends": Status.TAMPERED,
     "patches_the_message": Status.TAMPERED,
+    "patches_the_guard": Status.TAMPERED,
     "hooks": Status.TAMPERED,
     "sends_by_itself": Status.TAMPERED,
     "rewrites_times": Status.MISTIMED,
