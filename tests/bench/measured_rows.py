@@ -1,4 +1,5 @@
-"""Hand-made tables of measurements in the schema of the one-shot race: a test sets the values that matter to it."""
+"""Tables of measurements by hand, in the schema of the one-shot race: a test gives the columns that matter to it, and
+the others have ordinary values."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -40,7 +41,7 @@ ORDINARY: Row = {
 
 
 def row(**known: Any) -> Row:
-    """A measurement, by default the right answer of a library in a microsecond."""
+    """A measurement: by default the right answer of a library in a microsecond."""
     found = ONESHOT.row(**{**ORDINARY, **known})
     of_all_repeats = [
         str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")
@@ -50,7 +51,8 @@ def row(**known: Any) -> Row:
 
 
 def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
-    """The settings s0, s1, … of a solver by problem and cost gap, from loose to tight; NaN for a setting that failed.
+    """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting
+    that failed.
 
     A list holds a value for each rung.
     """
@@ -75,7 +77,7 @@ def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
 
 
 def steps(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
-    """The paper's method with 100 and with 15 200 steps."""
+    """The paper's method of 100 and of 15 200 steps."""
     settings, periods = ['{"steps": 100}', '{"steps": 15200}'], [100.0, 15_200.0]
     return ladder(gaps, solver=PAPER, lane="kernel", settings=settings, periods=periods, **known)
 
@@ -86,10 +88,10 @@ def table(rows: Iterable[Row]) -> pd.DataFrame:
 
 
 def is_right(found: Judgement, tier: Tier) -> bool:
-    """Whether a judged answer reaches a tier."""
+    """Whether a judged answer meets a tier."""
     return bool(right(table([row(**asdict(found))]), tier).item())
 
 
-def measured(rows: Iterable[Row], times: Iterable[Mapping[str, Any]] = ()) -> Measurements:
-    """The measurements of a run with these rows and raw times."""
-    return Measurements(table(rows), pa.Table.from_pylist([dict(line) for line in times], TIMES).to_pandas())
+def measured(rows: Iterable[Row]) -> Measurements:
+    """Measurements of these rows, without raw times."""
+    return Measurements(table(rows), TIMES.empty_table().to_pandas())
