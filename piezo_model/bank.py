@@ -248,8 +248,8 @@ class CompensatorBank:
     @property
     def counts(self) -> dict[str, Index]:
         """How often what happened to each actuator: hand-overs, refusals of new weights, faults of the sensor."""
-        memory = self._get("memory", self._slots)
-        return {name: memory[:, MEMORY.index(name)].astype(np.int64) for name in ("hand_overs", "refusals", "faults")}
+        memory = np.ascontiguousarray(self._get("memory", self._slots)).view(MEMORY)[:, 0]
+        return {name: memory[name].astype(np.int64) for name in ("hand_overs", "refusals", "faults")}
 
     @property
     def weights(self) -> Matrix:

@@ -1,6 +1,6 @@
 """The file of a self-learning compensator in operation: JSON that is there whole or not at all, arrays bit for bit.
 
-    {"format": "piezobench-learner", "version": 4,
+    {"format": "piezobench-learner", "version": 5,
      "settings": {…},     fields of `learning_settings.LearningSettings`
      "memory": {…},       everything that changes while it runs, the model and its structure included
      "checksum": "…"}     SHA-256 of the rest
@@ -24,7 +24,7 @@ class LearnerFile(json_file.Versioned):
     """What :func:`write` writes."""
 
     FORMAT = "piezobench-learner"
-    VERSION = 4
+    VERSION = 5
     AGAIN = "save its model, the field memory.compensator.model, as a file of its own, and start from that"
     settings: dict[str, Any]
     memory: dict[str, Any]

@@ -48,12 +48,12 @@ static void move_on(const Compensator *c, num x)
     for (int j = 0; j < creep_lanes(s); ++j) {
         real *const z = c->creep + j, *const rest = z + creep_lanes(s), before = *z;
         const real change =
-            c->operators.a[j / lanes(s)] * (play_step(x, c->operators.r[j % lanes(s)], before) - before) + *rest;
+            c->operators.a[j / lanes(s)] * (play_of(x, c->operators.r[j % lanes(s)], before) - before) + *rest;
         *z = before + change;
         *rest = change - (*z - before);
     }
     for (int i = 0; i < lanes(s); ++i) {
-        c->play[i] = play_step(x, c->operators.r[i], c->play[i]);
+        c->play[i] = play_of(x, c->operators.r[i], c->play[i]);
     }
 #else
     advance(c->operators, c->shape, x, c->play, c->creep);

@@ -28,15 +28,6 @@
 #define TRUST ((real)5)
 #define TOLERANCE ((real)2e-3)
 
-enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH };
-
-static void forget_span(num *span, num which)
-{
-    for (int i = 0; i < 4; ++i) {
-        set_where(which, span + i, constant(i % 2 == 0 ? REAL_INFINITY : -REAL_INFINITY));
-    }
-}
-
 void N(learner_begin_anew)(const Learner *l, num which, num level)
 {
     LearnerMemory *const m = l->memory;
@@ -56,22 +47,25 @@ void N(learner_begin_anew)(const Learner *l, num which, num level)
     set_where(which, &m->revert, constant(0));
     set_where(which, &m->in_half, constant(0));
     set_where(which, &m->wait, times(m->noted, constant((real)l->settings->half_window)));
-    set_where(which, &m->x_low, constant(REAL_INFINITY));
-    set_where(which, &m->x_low_before, constant(REAL_INFINITY));
-    set_where(which, &m->x_high, constant(-REAL_INFINITY));
-    set_where(which, &m->x_high_before, constant(-REAL_INFINITY));
-    forget_span(m->span, which);
+    span_clear(m->drive, 2, which);
+    span_clear(m->drive_before, 2, which);
+    span_clear(m->span, SPAN, which);
 }
 
-/* Enter a phase: reset for so many samples, none to learn. */
+static void clear_errors(LearnerMemory *m, num which)
+{
+    set_where(which, &m->predicted, constant(0));
+    set_where(which, &m->squares_in_use, constant(0));
+    set_where(which, &m->squares_candidate, constant(0));
+}
+
+/* Reset for a number of samples, or learn for 0. */
 static void enter(const Learner *l, num which, real samples)
 {
     LearnerMemory *const m = l->memory;
     set_where(which, &m->left, constant(samples));
     set_where(which, &m->probation, constant(0));
-    set_where(which, &m->predicted, constant(0));
-    set_where(which, &m->squares_in_use, constant(0));
-    set_where(which, &m->squares_candidate, constant(0));
+    clear_errors(m, which);
 }
 
 /* Go back to a state that the sensor was good at, if there is one. */
@@ -88,7 +82,7 @@ static void fall_back(const Learner *l, num which)
     set_where(noted, &m->established, constant(1));
     set_where(noted, &m->revert, constant(1));
     copy_where(noted, l->newer.gram, l->older.gram, note_nums(l->shape));
-    forget_span(m->span, which);
+    span_clear(m->span, SPAN, which);
     N(learner_begin_anew)(l, both(which, is_not(noted)), constant(0));
 }
 
@@ -124,25 +118,25 @@ static num end_probation(const Learner *l, num which)
     return other;
 }
 
-/* 1 where the drive of this half window and the one before says enough; takes the block into account where it `counts`.
- */
-static num excites(const Learner *l, const Passed *b, num counts)
+/* 1 where the drive of the current half window and the one before covers enough of its range; adds the block where it
+ * `counts`. */
+static num excites(const Learner *l, const BlockSummary *b, num counts)
 {
     LearnerMemory *const m = l->memory;
-    const num low = lowest(b->span[X_LOW], m->x_low), high = greatest(b->span[X_HIGH], m->x_high);
-    const num span = minus(greatest(high, m->x_high_before), lowest(low, m->x_low_before));
+    const num low = lowest(b->span[X_LOW], m->drive[0]), high = greatest(b->span[X_HIGH], m->drive[1]);
+    const num span = minus(greatest(high, m->drive_before[1]), lowest(low, m->drive_before[0]));
     const num filled = plus(m->in_half, b->good),
               over = both(counts, is_not(less(filled, constant((real)l->settings->half_window))));
     set_where(counts, &m->in_half, choose(over, constant(0), filled));
-    set_where(over, &m->x_low_before, low);
-    set_where(over, &m->x_high_before, high);
-    set_where(counts, &m->x_low, choose(over, constant(REAL_INFINITY), low));
-    set_where(counts, &m->x_high, choose(over, constant(-REAL_INFINITY), high));
+    set_where(counts, &m->drive[0], low);
+    set_where(counts, &m->drive[1], high);
+    copy_where(over, m->drive_before, m->drive, 2);
+    span_clear(m->drive, 2, over);
     return is_not(less(span, constant(2 * MIN_EXCITATION)));
 }
 
 /* Learn from the rows of a block. */
-static void learn(const Learner *l, const Passed *b, num which)
+static void learn(const Learner *l, const BlockSummary *b, num which)
 {
     LearnerMemory *const m = l->memory;
     const num smoothing = lowest(times(constant(l->settings->smoothing), b->good), constant(1));
@@ -152,15 +146,12 @@ static void learn(const Learner *l, const Passed *b, num which)
     set_where(which, &m->squares_candidate, plus(m->squares_candidate, b->squares_candidate));
     set_where(which, &m->predicted, plus(m->predicted, b->good));
     set_where(which, &m->wait, greatest(minus(m->wait, b->good), constant(0)));
-    for (int i = 0; i < 4; i += 2) {
-        set_where(which, &m->span[i], lowest(b->span[i], m->span[i]));
-        set_where(which, &m->span[i + 1], greatest(b->span[i + 1], m->span[i + 1]));
-    }
+    span_widen(m->span, b->span, which);
     N(learner_add_rows)(l, b->count, which);
 }
 
 /* Offer the candidate where it has predicted at least as well, and find the next one. */
-static int end_interval(const Learner *l, const Passed *b, num looked_at, num excited)
+static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, num excited)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
@@ -183,44 +174,38 @@ static int end_interval(const Learner *l, const Passed *b, num looked_at, num ex
         m->hand_overs = plus(m->hand_overs, takes);
         set_where(takes, &m->established, constant(1));
         set_where(reverts, &m->revert, constant(0));
-        set_where(reverts, &m->left, constant((real)p->reset_lasts));
-        set_where(reverts, &m->probation, constant(0));
+        enter(l, reverts, (real)p->reset_lasts);
         events = TAKE_OVER | (any(first) ? FIRST : 0);
     }
     m->refusals = plus(m->refusals, both(judged, is_not(better)));
     if (any(judged)) {
         events |= N(learner_optimum)(l, judged);
     }
-    set_where(looked_at, &m->squares_in_use, constant(0));
-    set_where(looked_at, &m->squares_candidate, constant(0));
-    set_where(looked_at, &m->predicted, constant(0));
+    clear_errors(m, looked_at);
     return events | (checkpoint && any(is_not(less(constant(0), m->left))) && !(events & FIRST) ? LOOK : 0);
 }
 
-int N(continuous_block)(const Learner *l, const Passed *b)
+int N(continuous_block)(const Learner *l, const BlockSummary *b)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
     const num resets = less(constant(0), m->left), sound = both(m->learning, is_not(b->fault));
-    const num failed = both(m->learning, both(b->fault, is_not(resets))),
-              failed_again = both(m->learning, both(b->fault, resets));
+    const num fault = both(m->learning, b->fault), failed = both(fault, is_not(resets));
     const num probed = both(sound, resets), in_phase = both(sound, is_not(resets));
     const num excited = excites(l, b, in_phase);
     const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));
     int events = 0;
-    set_where(failed_again, &m->left, constant((real)p->reset_lasts));
-    set_where(failed_again, &m->probation, constant(0));
     if (any(failed)) {
         m->faults = plus(m->faults, failed);
         fall_back(l, failed);
-        enter(l, failed, (real)p->reset_lasts);
         events = SENSOR_FAULT;
     }
+    enter(l, fault, (real)p->reset_lasts);
     set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
     set_where(probed, &m->left, minus(m->left, b->good));
     const num ended = both(probed, is_not(less(constant(0), m->left)));
-    if (any(ended)) {
-        events |= any(end_probation(l, ended)) ? OTHER_SENSOR : 0;
+    if (any(ended) && any(end_probation(l, ended))) {
+        events |= OTHER_SENSOR;
     }
     if (any(learns)) {
         learn(l, b, learns);

@@ -37,14 +37,10 @@
 #define UNDETERMINED                                                                                                   \
     ((real)1e-11) /* share of the largest diagonal entry of P below which rounding decides and not the data */
 
-enum { X_MIN, X_MAX, Y_MIN, Y_MAX };
-
-static int products(Shape s) { return row_width(s) * (row_width(s) + 1) / 2; }
-
 int64_t cyclic_bytes(Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
-    const int64_t numbers = 7 * ld + lanes(s) + creep_lanes(s) + LANES + 2 * padded(products(s)) + padded(d * d);
+    const int64_t numbers = 7 * ld + lanes(s) + creep_lanes(s) + LANES + 2 * symmetric_nums(d + 1) + padded(d * d);
     return numbers * (int64_t)sizeof(real) + arena_bytes(descent_bytes(d));
 }
 
@@ -52,7 +48,6 @@ Cyclic cyclic_at(Arena *arena, Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
-    const int all = padded(products(s));
     const Extent extents[] = {{&c.reference, ld},
                               {&c.found, ld},
                               {&c.q, ld},
@@ -63,8 +58,8 @@ Cyclic cyclic_at(Arena *arena, Shape s)
                               {&c.start_play, lanes(s)},
                               {&c.start_creep, creep_lanes(s)},
                               {&c.covered, LANES},
-                              {&c.data, all},
-                              {&c.past, all},
+                              {&c.data, symmetric_nums(d + 1)},
+                              {&c.past, symmetric_nums(d + 1)},
                               {&c.P, padded(d * d)}};
     LAY_OUT(arena, extents);
     c.descent = descent_at(arena_part(arena, (size_t)descent_bytes(d)));
@@ -84,60 +79,47 @@ void cyclic_enter(const Learner *l, int phase)
     if (phase == RESET) {
         memset(l->gram, 0, sizeof(real) * (size_t)symmetric_nums(l->d + 1));
         m->predicted = 0;
-        m->span[X_MIN] = m->span[Y_MIN] = REAL_INFINITY;
-        m->span[X_MAX] = m->span[Y_MAX] = -REAL_INFINITY;
+        span_clear(m->span, SPAN, 1);
     }
 }
 
-/* Where entry (i, j) of the products is in their triangle. */
-static int at(Shape s, int i, int j)
-{
-    const int low = i < j ? i : j, high = i < j ? j : i;
-    return low * row_width(s) - low * (low - 1) / 2 + high - low;
-}
+/* Position of entry (i, j) of a Gram matrix of the rows (Xi, x); the drive x has index d. */
+static int at(int d, int i, int j) { return symmetric_row(d + 1, i < j ? i : j) + (i < j ? j : i); }
 
-/* Half the mean squared error of the unknowns v on mean products. */
-static real cost(Shape s, const real *data, const real *v)
+/* Half the mean squared error of the unknowns v on a mean Gram matrix. */
+static real cost(int d, const real *data, const real *v)
 {
-    real sum = data[at(s, 0, 0)] / 2;
-    for (int i = 0; i < unknowns(s); ++i) {
-        real gradient = data[at(s, 0, i + 1)];
-        for (int j = 0; j < unknowns(s); ++j) {
-            gradient += data[at(s, i + 1, j + 1)] * v[j] / 2;
+    real sum = data[at(d, d, d)] / 2;
+    for (int i = 0; i < d; ++i) {
+        real gradient = data[at(d, i, d)];
+        for (int j = 0; j < d; ++j) {
+            gradient += data[at(d, i, j)] * v[j] / 2;
         }
         sum += v[i] * gradient;
     }
     return sum;
 }
 
-/* Entry (i, j) of this cycle's mean products; x stands first here and last in the Gram matrix. */
-static real mean_product(const Learner *l, int i, int j)
-{
-    const int a = i == 0 ? l->d : i - 1, b = j == 0 ? l->d : j - 1;
-    return l->gram[symmetric_row(l->d + 1, a < b ? a : b) + (a < b ? b : a)] / l->memory->predicted;
-}
-
-/* This cycle's mean products with what is recalled of the cycles before under the weights v; `out` may be the past. */
+/* (V + b V_p) / (1 + b) of the weights v into `out`, and V into `now`; `out` may be `now` or the past. */
 static void recall(const Learner *l, const real *v, real *now, real *out)
 {
-    const Shape s = l->shape;
+    const int entries = symmetric_nums(l->d + 1);
     real b = 0;
-    for (int i = 0; i < row_width(s); ++i) {
-        for (int j = i; j < row_width(s); ++j) {
-            now[at(s, i, j)] = mean_product(l, i, j);
-        }
+    for (int k = 0; k < entries; ++k) {
+        now[k] = l->gram[k] / l->memory->predicted;
     }
     if (l->clock->past_share > 0) {
-        const real new_cost = most(cost(s, now, v), SMALLEST), old_cost = most(cost(s, l->cyclic.past, v), SMALLEST);
+        const real new_cost = greatest(SMALLEST, cost(l->d, now, v));
+        const real old_cost = greatest(SMALLEST, cost(l->d, l->cyclic.past, v));
         b = RECALL * (new_cost < old_cost ? new_cost / old_cost : old_cost / new_cost);
     }
-    for (int k = 0; k < products(s); ++k) {
+    for (int k = 0; k < entries; ++k) {
         out[k] = b > 0 ? (now[k] + b * l->cyclic.past[k]) / (1 + b) : now[k];
     }
 }
 
-/* Whether the operator of threshold r, at z when counting began, was moved. */
-static int moved(const Cyclic *c, real r, real z) { return c->covered[X_MAX] - r > z || c->covered[X_MIN] + r < z; }
+/* Whether an operator of threshold r that started at z has moved. */
+static int moved(const Cyclic *c, real r, real z) { return c->covered[X_HIGH] - r > z || c->covered[X_LOW] + r < z; }
 
 /* Whether the data reached the threshold of unknown j; the others stay where they are. */
 static int reached(const Learner *l, int j)
@@ -151,8 +133,8 @@ static int reached(const Learner *l, int j)
     }
     if (first < 0) {
         return zone == middle
-               || (zone > middle ? c->covered[Y_MAX] > l->regressors.high[zone]
-                                 : c->covered[Y_MIN] < l->regressors.low[zone]);
+               || (zone > middle ? c->covered[Y_HIGH] > l->regressors.high[zone]
+                                 : c->covered[Y_LOW] < l->regressors.low[zone]);
     }
     for (int k = first; first < creep_weights(s) && k < creep_lanes(s); k += lanes(s)) {
         if (moved(c, r[first], c->start_creep[k])) {
@@ -167,20 +149,19 @@ static int reached(const Learner *l, int j)
  * act on its unknown no more, and the proximal term keeps it where it was. */
 static void make_program(const Learner *l)
 {
-    const Shape s = l->shape;
     const Cyclic *const c = &l->cyclic;
     const int d = l->d;
     real *const data = c->data, *const P = c->P, *const held = c->found;
     real largest = 0, trace = 0, rho;
     memcpy(c->reference, l->in_use, sizeof(real) * (size_t)d);
     for (int j = 0; j < d; ++j) {
-        const real diagonal = data[at(s, j + 1, j + 1)];
-        largest = most(largest, diagonal);
+        const real diagonal = data[at(d, j, j)];
+        largest = greatest(diagonal, largest);
         trace += diagonal;
     }
     rho = l->settings->proximal * trace / (real)d;
     for (int j = 0; j < d; ++j) {
-        const real diagonal = data[at(s, j + 1, j + 1)];
+        const real diagonal = data[at(d, j, j)];
         const int active = reached(l, j) && diagonal > UNDETERMINED * largest;
         const real whole_diagonal = (active ? diagonal : 0) + rho;
         held[j] = active ? 0 : l->in_use[j];
@@ -189,9 +170,9 @@ static void make_program(const Learner *l)
         P[j * d + j] = whole_diagonal > 0 ? 1 : 0;
     }
     for (int i = 0; i < d; ++i) {
-        real q = data[at(s, 0, i + 1)];
+        real q = data[at(d, i, d)];
         for (int j = 0; j < d; ++j) {
-            const real p = data[at(s, i + 1, j + 1)];
+            const real p = data[at(d, i, j)];
             q += p * held[j];
             if (i != j) {
                 P[i * d + j] = c->start[i] * c->start[j] * p * (c->scale[i] * c->scale[j]);
@@ -202,7 +183,7 @@ static void make_program(const Learner *l)
     for (int j = 0; j < d; ++j) {
         c->lower[j] = lower_bound(l, j) / c->scale[j];
         c->upper[j] = REAL_INFINITY;
-        c->start[j] = most(c->lower[j], l->in_use[j] / c->scale[j]);
+        c->start[j] = greatest(l->in_use[j] / c->scale[j], c->lower[j]);
         c->answer[j] = (real)NAN;
     }
 }
@@ -231,8 +212,8 @@ static int end_of_build(const Learner *l, int64_t now)
 {
     const Cyclic *const c = &l->cyclic;
     l->clock->learning_since = now;
-    memcpy(c->covered, l->memory->span, 4 * sizeof(real));
-    if ((c->covered[X_MAX] - c->covered[X_MIN]) / 2 < MIN_EXCITATION) {
+    memcpy(c->covered, l->memory->span, SPAN * sizeof(real));
+    if ((c->covered[X_HIGH] - c->covered[X_LOW]) / 2 < MIN_EXCITATION) {
         return refuse(l, UNEXCITED);
     }
     recall(l, l->in_use, c->data, c->data);
@@ -246,7 +227,7 @@ static int hand_over(const Learner *l, int64_t now)
 {
     const Cyclic *const c = &l->cyclic;
     LearnerClock *const clock = l->clock;
-    const real share = (c->covered[X_MAX] - c->covered[X_MIN]) / 2;
+    const real share = (c->covered[X_HIGH] - c->covered[X_LOW]) / 2;
     real sum = 0, before, after;
     if (SOLVER(l->settings) == STEPS) {
         ProjectedGradient descent = c->descent;
@@ -260,8 +241,8 @@ static int hand_over(const Learner *l, int64_t now)
     if (!(sum == 0)) {
         return refuse(l, NOT_A_NUMBER);
     }
-    before = most(cost(l->shape, c->data, l->in_use), 0);
-    after = most(cost(l->shape, c->data, c->found), 0);
+    before = greatest(0, cost(l->d, c->data, l->in_use));
+    after = greatest(0, cost(l->d, c->data, c->found));
     clock->error_in_use = ROOT(2 * before);
     clock->error_found = ROOT(2 * after);
     if (!(after <= before)) {
@@ -282,27 +263,24 @@ static int hand_over(const Learner *l, int64_t now)
     return TAKE_OVER;
 }
 
-static void count(const Learner *l, const Passed *b)
+static void count(const Learner *l, const BlockSummary *b)
 {
     LearnerMemory *const m = l->memory;
-    if (m->predicted == 0 && b->good > 0) { /* what the excitation of the operators is judged by later */
+    if (m->predicted == 0 && b->good > 0) {
         const Block first = block_at(&l->mailbox, l->mailbox.head->consumed);
         for (int i = 0; i < lanes(l->shape); ++i) {
-            l->cyclic.start_play[i] = play_step((real)first.x[0], l->regressors.operators.r[i], (real)first.play[i]);
+            l->cyclic.start_play[i] = play_of((real)first.x[0], l->regressors.operators.r[i], (real)first.play[i]);
         }
         for (int i = 0; i < creep_lanes(l->shape); ++i) {
             l->cyclic.start_creep[i] = (real)first.creep[i];
         }
     }
     m->predicted += b->good;
-    for (int i = 0; i < 4; i += 2) {
-        m->span[i] = least(m->span[i], b->span[i]);
-        m->span[i + 1] = most(m->span[i + 1], b->span[i + 1]);
-    }
+    span_widen(m->span, b->span, 1);
     learner_add_rows(l, b->count, 1);
 }
 
-int cyclic_block(const Learner *l, const Passed *b)
+int cyclic_block(const Learner *l, const BlockSummary *b)
 {
     LearnerClock *const clock = l->clock;
     if (clock->phase == LEARN) {

@@ -117,12 +117,13 @@ class Actuator(Plant):
 
     def _with_log_creep(self, hysteresis: Vector, u: Vector) -> Vector:
         """Mix the answer of a hysteresis operator, (N,) and in [−1, 1], with the creep of the module."""
-        K = np.empty_like(u)
-        bindings.log_creep(u, self._a, self._memory["z_creep"], self._memory["u_previous"], K)
+        z = np.empty((u.size, self._a.size))
+        bindings.creep(u, np.zeros(self._a.size), self._a, self._memory["z_creep"], z)
+        K = sum(z.T) / self._a.size  # rate by rate, so that one sample has the same bits as many
         return (1.0 - self.creep_share) * hysteresis + self.creep_share * K
 
     def _rest_of_log_creep(self) -> Memory:
-        return {"z_creep": np.full(self._a.size, -1.0), "u_previous": np.full(1, -1.0)}
+        return {"z_creep": np.full(self._a.size, -1.0)}
 
     def reset(self) -> None:
         """Go to rest at the low end of the drive."""

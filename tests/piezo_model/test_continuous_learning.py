@@ -7,7 +7,6 @@ from learning_loops import error_of, learner_for, sensor
 
 from piezo_model import SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
-from piezo_model.learning.layout import MEMORY
 
 
 def learned(share: float = 1.0) -> tuple[plants.Sensor, SelfLearningCompensator, np.ndarray, float]:
@@ -94,7 +93,7 @@ def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
     v = structure.inverse_slope_map @ w
     v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope, as flat as it may be
     learner._core["candidate"][:] = v
-    learner._core["memory"][MEMORY.index("revert")] = 1.0  # whatever it predicts
+    learner._memory["revert"] = 1.0  # whatever it predicts
     learner.run(y_ref[:20], plant.run)
     assert error_of(learner, y_ref, plant.run, plant, slice(-5000, None)) < 1.1 * before
 

@@ -6,8 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_models import Case, cases
 
-from piezo_model.data_basis import BLOCK, DataBasis
+from piezo_model.data_basis import DataBasis
 from piezo_model.structure import ModelStructure
+
+BLOCK = 64
+"""Rows that are added at a time."""
 
 
 @settings(max_examples=60)

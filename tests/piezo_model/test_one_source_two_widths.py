@@ -67,5 +67,5 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
         assert single._block == bank.block
         np.testing.assert_array_equal(single.replay(y_ref[:, i], before[:, i]), x[:, i])
         if faulty and i % 2:
-            assert single._count("faults") > 0
+            assert single._memory["faults"] > 0
         assert single.counts["hand_overs"] > 5

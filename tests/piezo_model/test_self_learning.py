@@ -148,10 +148,10 @@ def test_a_file_of_an_older_version_is_refused_with_the_way_to_take_its_model_wh
     path, learner = tmp_path / "learner.json", fresh("continuous", "box_active_set")
     learner.save(path)
     content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "version": 3}))
+    path.write_text(json.dumps({**content, "version": 4}))
     with pytest.raises(
         ModelError,
-        match=r"version 3 is not 4, the one this program reads; save its model, the field "
+        match=r"version 4 is not 5, the one this program reads; save its model, the field "
         r"memory\.compensator\.model, as",
     ):
         SelfLearningCompensator.load(path)
@@ -267,7 +267,7 @@ def test_a_saved_file_says_what_it_is_and_takes_no_other_options(tmp_path: Path)
     path = tmp_path / "learner.json"
     fresh("cyclic", "box_active_set").save(path)
     content = json.loads(path.read_text())
-    assert (content["format"], content["version"]) == ("piezobench-learner", 4)
+    assert (content["format"], content["version"]) == ("piezobench-learner", 5)
     with pytest.raises(ValueError, match="goes on with the settings that it was saved with, so mode must not be given"):
         SelfLearningCompensator.load(path, mode="continuous")
 
