@@ -117,7 +117,7 @@ def dead_zone(u: ArrayLike, thresholds: ArrayLike) -> Matrix:
     """
     u = _as_vector(u)[:, None]
     low, high = dead_zone_limits(thresholds)
-    return np.maximum(u - high, 0.0) + np.minimum(u - low, 0.0)
+    return np.fmax(u - high, 0.0) + np.fmin(u - low, 0.0)  # NaN gives 0
 
 
 def dead_zone_limits(thresholds: ArrayLike) -> tuple[Vector, Vector]:
