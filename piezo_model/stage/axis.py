@@ -26,7 +26,7 @@ from scipy.linalg import expm
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator
+from piezo_model.plants.actuator import Actuator, along
 from piezo_model.plants.protocol import Plant
 from piezo_model.plants.sensor import gain_from
 from solvers.arrays import Vector
@@ -118,11 +118,8 @@ class Axis(Plant):
         drift = self.gain_drift_per_s, self.gain_swing, self.gain_swing_period_s
         gain = gain_from(self._samples, force.size, self.sample_time, *drift)
         self._samples += force.size
-        p = np.empty_like(force)
-        bindings.structure_response(
-            self.lever * (self._centre + gain * (force - self._centre)), self._F, self._structure, p
-        )
-        return p
+        drifted = self.lever * (self._centre + gain * (force - self._centre))
+        return along(bindings.structure_response, drifted, self._F, self._structure)
 
     def _force(self, x: Vector) -> Vector:
         """What the actuators give, before drift, lever and structure."""

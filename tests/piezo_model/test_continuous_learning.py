@@ -40,16 +40,6 @@ def test_hours_at_rest_do_not_wind_it_up() -> None:
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
 
 
-@pytest.mark.slow
-def test_ten_minutes_of_the_same_staircase_change_nothing() -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 60.0)
-    levels = []
-    for _ in range(10):
-        levels.append(error_of(learner, y_ref, plant.run, plant, slice(-10_000, None)))
-    assert max(levels[1:]) < 1.1 * levels[0]
-
-
 def test_a_hand_over_drops_no_sample_and_the_log_holds_what_matters() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant, "continuous"), steps(plant, 30.0)

@@ -12,7 +12,7 @@ from piezo_model import CompensatorBank, ModelStructure, OperatorState, SelfLear
 Vector = NDArray[np.float64]
 T = 1e-3
 SAMPLES, COUNT = 12_000, 8
-"""One tile, which begins at the same sample as a single one."""
+"""One tile, which begins at the same sample as a single learner."""
 
 
 def structure_for(plant: plants.Plant, n: int = 5, m: int = 3, offset: bool = False) -> ModelStructure:
