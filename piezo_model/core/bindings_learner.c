@@ -52,14 +52,14 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
     return_parts(a, memory, parts, way == CYCLIC ? all : all - of_cycles);
 }
 
-/* Begin, or go on in other ranges, from these states of the operators. */
+/* Begin, or continue in other ranges, from these operator states. */
 static void begin(const Loop *loop, const double *play, const double *creep, int resets)
 {
     controller_begin(&loop->controller, play, creep);
     learner_begin(&loop->learner, resets);
 }
 
-/* Samples for which the weights in use cannot change, so that their drive can be computed in one go. */
+/* Number of samples for which the weights in use cannot change. */
 static int64_t quiet(const Learner *l)
 {
     const MailboxHead *const m = l->mailbox.head;
@@ -79,8 +79,7 @@ static int64_t quiet(const Learner *l)
     return end + m->delay - m->samples;
 }
 
-/* Whether what comes from outside could be followed: sizes, counts and numbers of blocks within their bounds, numbers
- * finite that have to be. */
+/* Whether a state of unknown origin is safe: sizes and counts in their ranges, numbers finite. */
 static int sound(const Learner *l, const LearnerHead *head)
 {
     const MailboxHead *const m = l->mailbox.head;
@@ -102,7 +101,7 @@ static int sound(const Learner *l, const LearnerHead *head)
            && (!cyclic || (steps->kind == DESCENT_KIND && steps->d == l->d && steps->bytes == descent_bytes(l->d)));
 }
 
-/* Become what another learner of the same sizes was; nothing is changed where that cannot be. */
+/* Restore the state of another learner of the same sizes, or refuse it and change nothing. */
 static void restore(Arguments *a, void *memory, void *other)
 {
     const LearnerHead *const now = memory, *const then = other;
@@ -129,8 +128,7 @@ static int observe(const Loop *loop, double y)
                : 0;
 }
 
-/* Observe where `observes`, then the drive for a reference; where there is something to tell, Python's part comes
- * before the drive. */
+/* Observe if `observes`, then drive; after events Python acts first and then calls again for the drive. */
 static PyObject *step(const Loop *loop, double y_ref, double y, int observes)
 {
     const int events = observes ? observe(loop, y) : 0;

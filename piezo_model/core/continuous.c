@@ -1,30 +1,27 @@
 /* Continuous learning, in blocks.
  *
- *     reset   nothing is learned; the squared error (5) of the weights in use is summed up
+ *     reset   the squared errors (5) of the weights in use are summed; nothing is learned
  *     learn   G <- lambda G + (1 - lambda) row row',   row = (Xi, x), sample by sample
  *
- * Every interval the weights that are one interval old take the place of those in use if they have predicted the
- * interval at least as well, and the optimum of G follows them. They are admissible, since the solver keeps them in
- * their box. They are handed over only while the drive of the last one to two half windows went through a part of its
- * range that says enough. Otherwise learning pauses too, once there has been a hand-over, and nothing is forgotten: the
- * memory would fade and the noise of the sensor take its place.
+ * The candidate is the optimum of G at the last interval. At the end of an interval it replaces the weights in use if
+ * it predicted the interval at least as well, and the optimum of the present G becomes the next candidate. Weights are
+ * handed over only while the drive of the last one to two half windows covers enough of its range. Otherwise, after the
+ * first hand-over, learning pauses as well: G would decay and be filled with sensor noise.
  *
- * Nothing learned before a fault of the sensor is lost, and nothing learned from a sensor about to fail is kept:
+ * A sensor fault loses nothing that was learned before it, and keeps nothing learned from a failing sensor:
  *
- * - at a fault Gram matrix and weights go back to a state noted at least one checkpoint ago, and learning waits until
- * samples have been good for as long as a reset lasts;
- * - if the weights in use predicted these samples about as well as before the fault, it goes on from there;
- * - otherwise sensor or actuator are not what they were: learning begins anew, and new weights are handed over once
- * they have learned for a half window without another fault. The noted state is kept until then, since a sensor that
- * was gone may come back.
+ * - G and the weights are restored from a checkpoint that is at least one checkpoint interval old, and learning waits
+ *   until samples have been good for the length of a reset;
+ * - if the weights in use predict these samples about as well as before the fault, learning continues from there;
+ * - otherwise the sensor or the actuator has changed: learning begins anew, and new weights are handed over after a
+ *   half window without a fault. The checkpoint is kept until then, since the old sensor may come back.
  */
 #include "learner.h"
 
-#define BELIEF                                                                                                         \
-    ((real)1e-6) /* what the weights in use count where learning begins anew, as a share of a full memory of unit      \
-                    amplitudes */
-/* After a fault the sensor is the old one if the RMS error of the weights in use is at most TRUST times what it was
- * before, plus TOLERANCE unit amplitudes. */
+/* Weight of the weights in use when learning begins anew, relative to a full memory of unit amplitudes. */
+#define BELIEF ((real)1e-6)
+/* After a fault the sensor counts as unchanged if the RMS error of the weights in use is at most TRUST times the error
+ * before the fault, plus TOLERANCE unit amplitudes. */
 #define TRUST ((real)5)
 #define TOLERANCE ((real)2e-3)
 
@@ -68,13 +65,13 @@ static void enter(const Learner *l, num which, real samples)
     clear_errors(m, which);
 }
 
-/* Go back to a state that the sensor was good at, if there is one. */
+/* Restore the older checkpoint, or begin anew without one. */
 static void fall_back(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
     const num noted = both(which, m->noted);
     const int entries = symmetric_nums(l->d + 1);
-    copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* an offer made before the fault is not taken */
+    copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* the pending offer will not be taken */
     set_where(which, &m->pending, constant(0));
     copy_where(noted, l->gram, l->older.gram, entries);
     copy_where(noted, l->candidate, l->older.in_use, l->d);
@@ -86,8 +83,8 @@ static void fall_back(const Learner *l, num which)
     N(learner_begin_anew)(l, both(which, is_not(noted)), constant(0));
 }
 
-/* Note the present state, whose weights are those of the drive; what was noted last becomes what is gone back to, at
- * the first time at once. */
+/* Make a checkpoint of the present state; the one before becomes the older checkpoint, which faults restore. The first
+ * one becomes both. */
 static void note(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
@@ -100,7 +97,7 @@ static void note(const Learner *l, num which)
     set_where(which, &m->noted, constant(1));
 }
 
-/* Samples have been good for long enough: is it the sensor that it was before the fault? 1 where it is another one. */
+/* End the reset after enough good samples; 1 where the sensor is not the one before the fault. */
 static num end_probation(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
@@ -150,7 +147,7 @@ static void learn(const Learner *l, const BlockSummary *b, num which)
     N(learner_add_rows)(l, b->count, which);
 }
 
-/* Offer the candidate where it has predicted at least as well, and find the next one. */
+/* Offer the candidate where it predicted at least as well as the weights in use, and compute the next one. */
 static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, num excited)
 {
     LearnerMemory *const m = l->memory;
@@ -210,7 +207,7 @@ int N(continuous_block)(const Learner *l, const BlockSummary *b)
     if (any(learns)) {
         learn(l, b, learns);
     }
-    if (b->end >= l->clock->next_interval) { /* an interval that ends with the phase is not looked at */
+    if (b->end >= l->clock->next_interval) { /* an interval that ends together with its phase is not judged */
         l->clock->next_interval = (b->end / p->interval + 1) * p->interval;
         events |= end_interval(l, b, both(m->learning, is_not(either(failed, ended))), excited);
     }

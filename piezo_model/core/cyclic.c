@@ -1,41 +1,41 @@
 /* Cyclic operation, a synchronous Moore machine:   reset -> build -> learn -> reset, with the new weights.
  *
- *     reset    only the operators move on                                         over after so many good samples
- * without a fault build    good samples are counted into the Gram matrix                      over after so many of
- * them learn    one step w <- Proj(w - eta (P w + q)) a sample, or waiting for     over after so many samples the
- * answer of a solver that is not one of steps
+ *     reset    only the operator states advance                          ends after a number of good samples in a row
+ *     build    good samples are added to the Gram matrix                 ends after a number of good samples
+ *     learn    one step w <- Proj(w - eta (P w + q)) for each sample,    ends after a number of samples
+ *              or waiting for the answer of another solver
  *
- * A phase ends with the block in which its count is reached. The operators follow the actuator in every phase; reset
- * clears P, q and c and never the states. A fault of the sensor sends the machine to reset.
+ * A phase ends with the block in which its count is reached. The operator states follow the actuator in every phase;
+ * reset clears P, q and c. A sensor fault leads to reset.
  *
- * Nothing is kept back: new weights are those of all the data, and data that came before have a part in them. With V
- * the mean cost of this cycle's data, V_p that of the cycles before, and w the weights in use, what is solved and what
- * is remembered are
+ * Earlier data have a share in new weights. With the mean cost V of this cycle's data, V_p of earlier cycles, and the
+ * weights w in use, the cost that is minimised, and the one that is kept as the next V_p, is
  *
  *     (V + b V_p) / (1 + b),   b = RECALL min(V(w) / V_p(w), V_p(w) / V(w))
  *
- * the one with the w that learning begins with, the other, which takes the place of V_p, with those that it ends with.
- * A cycle that covers other amplitudes or places than the last one does not undo it, but data at odds with each other,
- * a sensor that was zeroed anew or a reference gone wild, are forgotten at once. A cycle whose drive covers less than
- * NARROW of what V_p covers is not remembered, for small movements would lead astray what they hardly excite; but each
- * takes a tenth off what V_p is said to cover.
+ * with the w before learning in the first case, and after learning in the second. A cycle over other amplitudes
+ * therefore does not undo the last one, while contradicting data (a re-zeroed sensor, a wild reference) are forgotten
+ * at once. A cycle whose drive covers less than NARROW of the range of V_p is not kept, since small movements hardly
+ * excite most weights; each such cycle takes a tenth off the range of V_p.
  *
- * New weights are taken over if the drive of the building phase went through at least MIN_EXCITATION of its range, and
- * if they are finite and explain what they were learned from no worse than those in use: that is what a solver can have
- * done wrong. What the drive did not reach stays as it was, since the problem's reference are the weights in use.
+ * New weights are handed over if the drive of the building phase covered at least MIN_EXCITATION of its range, and if
+ * they are finite and explain their data no worse than the weights in use, which a failing solver could violate.
+ * Weights that the drive did not reach stay, since the reference of the problem are the weights in use.
  *
  * Source: the paper's Fig. 1 and equations (3) to (7).
  */
 #include "learner.h"
 
-#define RECALL                                                                                                         \
-    ((real)0.3) /* part that the cycles before have in a problem, where their data agree with the new ones             \
-                 */
+/* Share of earlier cycles in a problem if their data agree with the new ones. */
+#define RECALL ((real)0.3)
+/* Smallest share of the range of V_p that a cycle must cover to be kept. */
 #define NARROW ((real)0.8)
+/* Factor on the range of V_p for each cycle that is not kept. */
 #define SHRINKING ((real)0.9)
-#define SMALLEST ((real)1e-30) /* costs below are those of rounding */
-#define UNDETERMINED                                                                                                   \
-    ((real)1e-11) /* share of the largest diagonal entry of P below which rounding decides and not the data */
+/* Smallest cost that differs from rounding errors. */
+#define SMALLEST ((real)1e-30)
+/* Share of the largest diagonal entry of P below which an entry is rounding. */
+#define UNDETERMINED ((real)1e-11)
 
 int64_t cyclic_bytes(Shape s)
 {
@@ -121,7 +121,7 @@ static void recall(const Learner *l, const real *v, real *now, real *out)
 /* Whether an operator of threshold r that started at z has moved. */
 static int moved(const Cyclic *c, real r, real z) { return c->covered[X_HIGH] - r > z || c->covered[X_LOW] + r < z; }
 
-/* Whether the data reached the threshold of unknown j; the others stay where they are. */
+/* Whether the data reached the threshold of unknown j; unreached unknowns keep their values. */
 static int reached(const Learner *l, int j)
 {
     const Shape s = l->shape;
@@ -144,9 +144,9 @@ static int reached(const Learner *l, int j)
     return first == creep_weights(s); /* the constant */
 }
 
-/* The program of the data, its variables scaled to unit diagonal, with a proximal term rho |v - v_in_use|^2 / 2. An
- * operator that stood still has a constant column, which a constant or another such column could take over; so the data
- * act on its unknown no more, and the proximal term keeps it where it was. */
+/* The program of the data with the proximal term rho |v - v_in_use|^2 / 2, in variables of unit diagonal. The column of
+ * an operator that did not move is constant and could be traded against the constant term or another such column; its
+ * unknown is therefore excluded from the data's cost, and the proximal term holds it. */
 static void make_program(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
@@ -188,7 +188,7 @@ static void make_program(const Learner *l)
     }
 }
 
-/* Put the recursion at the start; whether the program can be solved. */
+/* Set up the recursion; whether the program can be solved. */
 static int begin_steps(const Learner *l)
 {
     ProjectedGradient descent = l->cyclic.descent;
@@ -222,7 +222,7 @@ static int end_of_build(const Learner *l, int64_t now)
     return SOLVER(l->settings) != STEPS || begin_steps(l) ? PROGRAM : refuse(l, NOT_A_NUMBER);
 }
 
-/* Offer the answer if it passes. */
+/* Check the answer and offer it. */
 static int hand_over(const Learner *l, int64_t now)
 {
     const Cyclic *const c = &l->cyclic;
@@ -249,7 +249,7 @@ static int hand_over(const Learner *l, int64_t now)
         return refuse(l, WORSE);
     }
     if (!learner_offer(l, c->found, 1, 1, now + l->mailbox.head->delay)) {
-        return 0; /* the last offer is still waiting for its sample: again with the next block */
+        return 0; /* the last offer has not been answered: try again after the next block */
     }
     memcpy(l->in_use, c->found, sizeof(real) * (size_t)l->d);
     l->memory->hand_overs += 1;

@@ -1,12 +1,12 @@
-/* The learner of a compensator, a task behind its step: rows of the error model (5) from a block of samples, their Gram
- * matrix, an optimum, its judgement on samples that it has not seen, and an offer of weights.
+/* The learner of a compensator, a background task of its step: it computes rows of the error model (5) from a block of
+ * samples, their Gram matrix, its optimum, and judges the optimum on later samples before it offers it.
  *
- * The unknowns v are the weights w of (5) with w_H0 = 1, but for S^-1, whose 2 m + 1 weights are replaced by its
- * slopes, their partial sums outwards from the piece about zero: then the admissible set is a box. How weights are
- * found is one of two ways: *continuous* (continuous.c), where the Gram matrix forgets and an optimum is found every
- * interval, and *cyclic* (cyclic.c), the paper's machine of phases.
+ * The unknowns v are the weights w of (5) with w_H0 = 1, where the 2 m + 1 weights of S^-1 are replaced by its slopes,
+ * their partial sums outwards from the piece about zero: the admissible set is then a box. Operation is *continuous*
+ * (continuous.c), with a forgetting Gram matrix and an optimum at every interval, or *cyclic* (cyclic.c), the paper's
+ * machine of phases.
  *
- * A sample that is not good counts nothing. A block with a fault of the sensor is not learned from.
+ * Bad samples have rows of zeros. A block with a sensor fault is not learned from.
  */
 #ifndef CORE_LEARNER_H
 #define CORE_LEARNER_H
@@ -16,28 +16,28 @@
 #include "mailbox.h"
 #include "regressors.h"
 
-#define MIN_EXCITATION ((real)0.02) /* smallest share of the drive's range that new weights may come from */
+#define MIN_EXCITATION ((real)0.02) /* smallest share of its range that the drive must cover for new weights */
 
 enum { RESET, BUILD, LEARN };
 
-/* What came of a block; several at once are possible. piezo_model/learning/events.py has the same names. */
+/* Events of a block, as flags. piezo_model/learning/events.py has the same names. */
 enum {
-    TAKE_OVER = 1,      /* weights were offered */
-    SENSOR_FAULT = 2,   /* the sensor cannot be trusted: learning goes back and waits */
-    PROGRAM = 4,        /* a program is there, for whoever solves it */
-    UNEXCITED = 8,      /* cyclic: the drive went through too little of its range */
+    TAKE_OVER = 1,      /* weights are offered */
+    SENSOR_FAULT = 2,   /* sensor fault: learning falls back and waits */
+    PROGRAM = 4,        /* a program is ready for a solver */
+    UNEXCITED = 8,      /* cyclic: the drive covered too little of its range */
     NOT_A_NUMBER = 16,  /* cyclic: the weights found are not finite */
-    WORSE = 32,         /* cyclic: they explain the data worse than those in use */
-    CYCLE_OVER = 64,    /* cyclic: with or without new weights */
-    FIRST = 128,        /* continuous: the first weights since learning began anew */
-    LOOK = 256,         /* continuous: time to look at the range that was driven */
-    OTHER_SENSOR = 512, /* continuous: after a fault the output is not what it was, learning began anew */
-    NO_OPTIMUM = 1024   /* continuous: the data have none, learning began anew */
+    WORSE = 32,         /* cyclic: the weights found explain the data worse than those in use */
+    CYCLE_OVER = 64,    /* cyclic: a cycle ended, with or without new weights */
+    FIRST = 128,        /* continuous: first weights since learning began anew */
+    LOOK = 256,         /* continuous: the driven range should be checked */
+    OTHER_SENSOR = 512, /* continuous: the sensor changed in a fault, learning began anew */
+    NO_OPTIMUM = 1024   /* continuous: the data have no optimum, learning began anew */
 };
 
-enum { CONTINUOUS, CYCLIC };     /* ways */
-enum { EXACT, STEPS, ANSWERED }; /* who solves: the exact solver, a projected step a sample, somebody else */
-/* An exported folder has them as constants, so that only what it needs is compiled into it. */
+enum { CONTINUOUS, CYCLIC };     /* values of `way` */
+enum { EXACT, STEPS, ANSWERED }; /* values of `solver`: exact, a projected step for each sample, or external */
+/* Constants in an exported folder, so that unused code is not compiled. */
 #ifdef CORE_WAY
 #define WAY(settings) CORE_WAY
 #define SOLVER(settings) CORE_SOLVER
