@@ -11,7 +11,7 @@ from bench.deploy.rule import Candidate, Choice, Rule
 from bench.derived.accuracy import CHEATS, distance, tainted
 from bench.derived.measurements import FLOOR, WAYS, Measurements, by_task, pooled
 from bench.derived.tier_settings import PROBLEM, by_problem
-from bench.races.stream.figures import floor_bound, raw
+from bench.races.stream.summary import floor_bound, raw
 
 
 def machine(found: Measurements) -> Floor:

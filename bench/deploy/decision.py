@@ -20,7 +20,7 @@ from bench.deploy.candidates import machine, of_oneshot, of_stream
 from bench.deploy.rule import QUANTILES, Candidate, Rule
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
-from bench.races.stream import figures as stream_figures
+from bench.races.stream import summary as stream_summary
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.races.stream.race import STREAM
 from bench.report.words import gap, number, solver_lanes
@@ -121,7 +121,7 @@ def _of_oneshot(run: Run, rule: Rule) -> list[Candidate]:
 
 def _of_stream(run: Run, rule: Rule) -> list[Candidate]:
     rows = run.rows(STREAM)
-    floor = rows[rows.solver == stream_figures.FLOOR]
+    floor = rows[rows.solver == stream_summary.FLOOR]
     _require_judgement(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
     return list(of_stream(rows, run.times(), rule))
 
