@@ -42,7 +42,7 @@ def play(x: ArrayLike, thresholds: ArrayLike, state: ArrayLike) -> tuple[Matrix,
     -------
     outputs : array (N, n)
     state : array (n,)
-        To be handed to the call with the next chunk.
+        State for the next chunk.
 
     Examples
     --------

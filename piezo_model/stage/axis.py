@@ -56,7 +56,7 @@ class Axis(Plant):
     Raises
     ------
     ValueError
-        Where an option makes no axis; the sentence names it.
+        If an option is out of range; the message names it.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class Axis(Plant):
         return len(self.actuators) == 2
 
     def run(self, x: ArrayLike) -> Vector:
-        """Drive the axis on from where it stands; see :meth:`Plant.run`."""
+        """Continue with a drive; see :meth:`Plant.run`."""
         x = np.asarray(x, dtype=np.float64)
         force = self._force(x)
         drift = self.gain_drift_per_s, self.gain_swing, self.gain_swing_period_s
@@ -122,7 +122,7 @@ class Axis(Plant):
         return along(bindings.structure_response, drifted, self._F, self._structure)
 
     def _force(self, x: Vector) -> Vector:
-        """What the actuators give, before drift, lever and structure."""
+        """Displacement of the actuators, before drift, lever and structure."""
         pushed = self.actuators[0].run(x)
         return 0.5 * (pushed - self.actuators[1].run(sum(self.x_range) - x)) if self.push_pull else pushed
 
