@@ -121,7 +121,7 @@ def learning_loop(repeats: int) -> list[Row]:
             **options,
         )
 
-    x, y = learner(build_s=100.0, solver="projected_difference").run(y_ref, plant.run)
+    y = learner(build_s=100.0, solver="projected_difference").run(y_ref, plant.run)[1]
     before, part = np.concatenate([[np.nan], y[:-1]]), slice(20_000, 20_000 + SHORT)
 
     def loop(phase: str, **options: Any) -> Row:
@@ -137,17 +137,12 @@ def learning_loop(repeats: int) -> list[Row]:
             None,
         )
 
-    compensator, moving = Compensator(learner(solver="box_active_set").model, plant.x_range), DataBasis(s)
+    compensator = Compensator(learner(solver="box_active_set").model, plant.x_range)
     return [
         loop("build", solver="projected_difference", build_s=100.0),
         loop("learn", solver="projected_difference", build_s=1.0),
         loop("learn", solver="box_active_set", mode="continuous"),
         ("  of it, compensation", fastest(lambda: compensator.run(y_ref[:SHORT]), SHORT, 16 * repeats), None),
-        (
-            "  of it, the learner's operator states",
-            fastest(lambda: moving.update(x, y, count=False), SAMPLES, repeats),
-            None,
-        ),
     ]
 
 
