@@ -21,7 +21,7 @@ from typing import Any, TypedDict
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.fleet.works import Work
 from bench.messages.progress import Progress
-from bench.processes.engine import Workers, each
+from bench.processes.engine import Workers, parallel_map
 from piezo_model.atomic_file import write_text
 from piezo_model.json_file import decoded, packed, unpacked
 
@@ -52,7 +52,7 @@ def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Ro
     """Do all parts, or find them done; returns their rows in the order of the parts."""
     found: dict[str, Row] = {}
     progress("starting", 0, len(parts))
-    for row in each(row_of, parts, workers):
+    for row in parallel_map(row_of, parts, workers):
         found[row["name"]] = row
         progress(row["name"], len(found), len(parts))
     return [found[part.name] for part in parts]
@@ -60,7 +60,7 @@ def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Ro
 
 def drawn(parts: Sequence[Part], workers: Workers, progress: Progress) -> Iterator[tuple[str, str]]:
     """Draw the pages of recordings whose work is done; yields their names and places."""
-    for at, page in enumerate(each(draw, parts, workers)):
+    for at, page in enumerate(parallel_map(draw, parts, workers)):
         progress("drawing pages", at + 1, len(parts))
         yield page
 
