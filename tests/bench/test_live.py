@@ -362,14 +362,14 @@ def test_the_stream_of_a_run_that_did_not_end_is_not_written_over(piezobench: Co
 
 def test_the_board_hands_over_samples_and_events_in_their_order(tmp_path: Path) -> None:
     model = a_model()
-    one, other = (Board(tmp_path / "board", 10.0, model, make) for make in (True, False))
+    one, other = (Board(tmp_path / "board", 10.0, model, create) for create in (True, False))
     for k in range(3000):
-        one.write(k, (0.1 * k, 1.0, 2.0, float(k)))
+        one.write((0.1 * k, 1.0, 2.0, float(k)))
     start, samples = other.read(0)
     assert start > 0
     np.testing.assert_array_equal(samples[:, 3], np.arange(start, 3000))
-    one.say("fünf " * 100)
-    assert other.said()[0].startswith("299.900 s: fünf")
+    one.log("fünf " * 100)
+    assert other.last_events()[0].startswith("299.900 s: fünf")
 
 
 @pytest.mark.parametrize("frequency", [3.0, 99.0, 0.37, math.pi])
