@@ -1,4 +1,4 @@
-"""Solver lanes to choose from, each at its setting for the accuracy asked for: of a one-shot race, or of a stream."""
+"""The candidates of a one-shot race or a stream: solver lanes, each at its setting for the required accuracy."""
 
 import math
 from collections.abc import Iterator
@@ -15,16 +15,16 @@ from bench.races.stream.figures import floor_bound, raw
 
 
 def machine(found: Measurements) -> Floor:
-    """What the solver that does nothing took, on all data."""
+    """Times of the solver that does nothing, on all data."""
     calls, tasks = by_task(found.times, WAYS), found.rows[found.rows.solver == FLOOR].task
     return Floor([one for task in dict.fromkeys(tasks) for one in calls.get(task, [])])
 
 
 def of_oneshot(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candidate]:
-    """One a solver lane: scaled data from a cold start, as the compensator solves them; times of update and solve.
+    """Candidates on scaled data from a cold start, as the compensator solves them; times include update and solve.
 
-    Accuracy is judged by the rows of all hosts, times are those of one. Deadlines count hot and in turns with others;
-    percentiles are hot, since only one setting takes turns.
+    Accuracy comes from the rows of all hosts, times from one of them. Deadlines count hot and interleaved calls;
+    percentiles hot calls only, since only one setting is interleaved.
     """
     hot, raw = by_task(found.times), by_task(found.times, WAYS)
     cheats = (
@@ -60,10 +60,9 @@ def of_oneshot(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candid
 
 
 def of_stream(rows: pd.DataFrame, times: pd.DataFrame, rule: Rule) -> Iterator[Candidate]:
-    """One a solver lane: each sample's own answer, and the times from its due time to its answer.
+    """Candidates by the answer to each sample, and the time from its due time to its answer.
 
-    Compiled loops are not on the schedule and are left out. Of several settings of a solver lane, the less exact one is
-    the looser.
+    Compiled loops are not on the schedule and are excluded. Of two settings of a lane, the less exact one is looser.
     """
     bound = floor_bound(rows[rows.solver == FLOOR])
     field = rows[(rows.solver != FLOOR) & rows.paced.astype(bool) & rows.lane.isin([str(lane) for lane in rule.lanes])]

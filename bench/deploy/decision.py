@@ -1,14 +1,11 @@
-"""From a run to a solver: the rule applied, and why in sentences.
+"""Choice of a solver by the rule, explained in sentences.
 
-In this order:
-
-1. Cost gap and violation of the answers to every problem are within the accuracy asked for, with a margin (`rule`).
+1. Cost gap and violation of the answers to every problem are within the required accuracy, with a margin (`rule`).
 2. No deadline is missed that the machine's floor does not explain (`floor`).
-3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response). Where
-not all of them have
-   calls enough for that, p99 decides, or the median: nobody is out for having been timed less often.
+3. Of the remaining candidates, the one with the lowest p99.9 of the answer's time (in a stream: of the response time)
+   is chosen. If one of them has too few calls for that, p99 decides, or the median.
 
-A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
+A deadline that the machine itself misses more often than not is refused, because the run says nothing about it.
 """
 
 from dataclasses import dataclass
@@ -30,20 +27,20 @@ from bench.timing.percentiles import Percentile
 
 @dataclass(frozen=True)
 class Decision:
-    """The choice and those that it was made among."""
+    """The chosen candidate and the others."""
 
     run: Run
     rule: Rule
     chosen: Candidate
     runners_up: tuple[Candidate, ...]
-    """Those that qualify, too, in order."""
+    """The others that qualify, in order."""
     refused: tuple[tuple[Candidate, str], ...]
-    """The others, with why, the nearest first."""
+    """Candidates that do not qualify, with the reason, the nearest first."""
     by: int
-    """Index in QUANTILES of the percentile that decided."""
+    """Index in QUANTILES of the deciding percentile."""
 
     def sentences(self) -> list[str]:
-        """Why, and what else there was."""
+        """The rule, the choice with its reasons, and the runners-up."""
         it, name = self.chosen, "median" if self.by == len(QUANTILES) - 1 else Percentile(QUANTILES[self.by]).name
         problems = "1 problem" if it.chosen.problems == 1 else f"{it.chosen.problems} problems"
         found = [
@@ -64,7 +61,7 @@ class Decision:
         return [*found, f"{solver_lanes(count)} do{'' if count != 1 else 'es'} not qualify."] if count else found
 
     def evidence(self) -> dict[str, Any]:
-        """What the file says about where it comes from."""
+        """Evidence for the file of the decision."""
         settings = self.run.settings
         return {
             "run": self.run.path.name,
@@ -79,10 +76,7 @@ class Decision:
 
 
 def decide(run: Run, rule: Rule) -> Decision:
-    """Apply the rule.
-
-    RunError where no solver qualifies, or the run is of a kind without deadlines.
-    """
+    """Apply the rule; RunError if no solver qualifies, or the run is of a kind without deadlines."""
     race = run.settings.get("race", "oneshot")
     if race not in ("oneshot", STREAM_KIND):
         raise RunError(f"{run.path} is a {race} race; a decision needs a one-shot race or a stream")
@@ -108,7 +102,7 @@ def decide(run: Run, rule: Rule) -> Decision:
 
 
 def _distance(it: Candidate) -> tuple[bool, bool, float, float]:
-    """How far it is from qualifying."""
+    """Sort key: distance from qualifying."""
     return it.cheat != "", not it.chosen.margin, it.beyond_floor / max(it.samples, 1), it.chosen.worst
 
 
@@ -127,7 +121,7 @@ def _of_stream(run: Run, rule: Rule) -> list[Candidate]:
 
 
 def _require_judgement(run: Run, rule: Rule, missed: int, samples: int) -> None:
-    """RunError where the machine itself misses most deadlines."""
+    """RunError if the machine itself misses most deadlines."""
     if missed > samples / 2:
         raise RunError(
             f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of "

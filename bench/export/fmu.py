@@ -1,7 +1,7 @@
-"""The compensator as an FMU for Co-Simulation, FMI 2.0 or 3.0, from the same C source.
+"""Export of the compensator as an FMU for Co-Simulation, FMI 2.0 or 3.0, from the same C source.
 
-One communication step of one sampling period takes the reference at its start; the drive is there at its end. The FMU
-carries a binary for the machine it was made on and the source for any other.
+A communication step of one sampling period reads the reference at its start and gives the drive at its end. The FMU
+contains a binary for the machine it was built on and the source for any other.
 
 Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 """
@@ -44,7 +44,7 @@ BASE_UNITS = {
     "A": 'A="1"',
     "N": 'kg="1" m="1" s="-2"',
 }
-"""What the standard's base units make of the units of recordings; others are named without a definition."""
+"""Units of recordings in the standard's base units; any other unit is named without a definition."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Variable:
 
 
 def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
-    """Input, output and parameters with units and start values."""
+    """Inputs, output and parameters with units and start values."""
     numbers = settings.numbers(s)
     x, y, rate = s.input_unit, s.output_unit, settings.rate_limit or 0.0
     return [
@@ -100,8 +100,7 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
 
 
 def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, fmi: int = 3) -> None:
-    """Write the FMU of the compensator alone, in double precision, for FMI 2 or 3, whole or not at all; ExportError
-    where there is no C compiler."""
+    """Write the FMU of the compensator, in double precision, whole or not at all; ExportError without a C compiler."""
     name = settings.name
     title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
     code = {

@@ -190,7 +190,7 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     call = piezobench("validate", models, *chosen, stranger, "--out-dir", tmp_path / "judged")
     assert "1 of 3 recordings are refused" in call.refusal
     judged = table_in(tmp_path / "judged").set_index("name")
-    assert judged.refused["stranger"] == f"{models / 'stranger.json'}: No such file or directory"
+    assert judged.refused["stranger"] == f"{models / 'stranger.json'}: there is no such file"
     for path in chosen:
         alone = json.loads(piezobench("validate", models / f"{path.stem}.json", path, "--json").stdout)
         assert (judged.rms_percent[path.stem], judged["shift"][path.stem]) == (
