@@ -1,4 +1,4 @@
-"""Headless Chromium, that looks at pages and says what they did."""
+"""Headless Chromium for tests of pages."""
 
 import base64
 import json
@@ -40,7 +40,7 @@ return [...document.querySelectorAll('.plot')].map(plot => {
 
 
 class Browser:
-    """One browser with a user of its own."""
+    """A browser with its own profile."""
 
     def __init__(self) -> None:
         chromium, driver = program("chromium"), program("chromedriver")
@@ -55,7 +55,7 @@ class Browser:
 
     def open(self, page: Path | str, width: str = "desktop", dark: bool = False) -> None:
         """Open a page from disk, or at an address, and wait until its plots are drawn."""
-        self.console(), self.requests()  # what was before is nobody's
+        self.console(), self.requests()  # drops the entries of the page before
         pixels = WIDTHS[width]
         self.driver.execute_cdp_cmd(
             "Emulation.setDeviceMetricsOverride",
@@ -69,31 +69,31 @@ class Browser:
         self.wait_until(lambda: all(plot["drawn"] for plot in self.plots()))
 
     def wait_until(self, done: Callable[[], bool]) -> None:
-        """Wait; what never comes about fails the test."""
+        """Wait for a condition; the test fails if it does not come true."""
         end = time.monotonic() + PATIENCE_S
         while not done():
             assert time.monotonic() < end, (self.plots(), self.console())
             time.sleep(0.1)
 
     def run(self, script: str, *arguments: Any) -> Any:
-        """What a script of the test returns."""
+        """Run JavaScript and return its result."""
         return self.driver.execute_script(script, *arguments)
 
     def plots(self) -> list[dict[str, Any]]:
-        """What is there of each plot."""
+        """State of each plot."""
         return self.run(MARKS)
 
     def console(self) -> list[str]:
-        """Everything that was said on the console since it was last asked for."""
+        """Messages on the console since the last call."""
         return [entry["message"] for entry in self.driver.get_log("browser")]
 
     def requests(self) -> list[str]:
-        """Addresses that were asked for since this was last asked."""
+        """Addresses requested since the last call."""
         events = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
         return [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
 
     def picture(self, name: str) -> None:
-        """A picture of the whole page to look at, in the folder that PIEZOBENCH_SCREENSHOTS names, if it does."""
+        """Save a screenshot of the whole page if PIEZOBENCH_SCREENSHOTS names a folder."""
         if folder := os.environ.get("PIEZOBENCH_SCREENSHOTS"):
             Path(folder).mkdir(parents=True, exist_ok=True)
             taken = self.driver.execute_cdp_cmd(
@@ -102,8 +102,7 @@ class Browser:
             Path(folder, f"{name}.png").write_bytes(base64.b64decode(taken["data"]))
 
     def sections(self, page: Path) -> list[str]:
-        """The sections of a report's page, which must draw every plot and nothing beyond the edge on screens of every
-        width."""
+        """Ids of the sections of a report; asserts that all plots are drawn and the page fits screens of every width."""
         for width, pixels in WIDTHS.items():
             self.open(page, width)
             assert self.console() == []
@@ -114,6 +113,6 @@ class Browser:
         return found
 
     def close(self) -> None:
-        """End it."""
+        """Quit the browser."""
         self.driver.quit()
         shutil.rmtree(self.profile, ignore_errors=True)

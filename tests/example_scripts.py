@@ -1,4 +1,4 @@
-"""The scripts in ``examples/``, run as a reader runs them."""
+"""Run the scripts in ``examples/``."""
 
 import os
 import subprocess
@@ -9,7 +9,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def run_example(script: str, *words: object) -> str:
-    """What a script prints."""
+    """Output of a script, which must succeed."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, str(ROOT / "examples" / script), *map(str, words)],

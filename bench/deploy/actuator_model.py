@@ -63,7 +63,7 @@ def model_for(
 ) -> ChosenModel:
     """The given model, that of the problem "set/name", or the one that the run stores of its recording.
 
-    ``simulated`` permits the model of a simulated actuator, which is not validated. RunError if there is no model, or it
+    ``simulated`` permits the model of a simulated actuator, which is not validated. RunError if there is no model or it
     is worse than the stored one.
     """
     if model is not None:

@@ -153,11 +153,11 @@ CORES = {
 def test_a_controller_computes_the_drives_of_python_and_learns_to_the_last_bit(
     tmp_path: Path, core: str, solver: str | None
 ) -> None:
-    said = learning(solver, 24_000) if solver else compensation(8000)
-    write_sources(tmp_path, said.model, said.settings)
+    expected = learning(solver, 24_000) if solver else compensation(8000)
+    write_sources(tmp_path, expected.model, expected.settings)
     image = build(tmp_path, "emulated.c", "arm-none-eabi-gcc", *WARNINGS, *EXACT, *ARM, *CORES[core])
     done = subprocess.run(
-        [program("qemu-arm"), "-cpu", "max", image], input=said.samples.tobytes(), capture_output=True, check=True
+        [program("qemu-arm"), "-cpu", "max", image], input=expected.samples.tobytes(), capture_output=True, check=True
     )
-    np.testing.assert_array_equal(np.frombuffer(done.stdout), said.x)
-    assert solver is None or said.events[0] > 0  # weights were learned
+    np.testing.assert_array_equal(np.frombuffer(done.stdout), expected.x)
+    assert solver is None or expected.events[0] > 0  # weights were learned
