@@ -102,7 +102,7 @@ class Browser:
             Path(folder, f"{name}.png").write_bytes(base64.b64decode(taken["data"]))
 
     def sections(self, page: Path) -> list[str]:
-        """Ids of the sections of a report; asserts that all plots are drawn and the page fits screens of every width."""
+        """Ids of the sections of a report; asserts that all plots are drawn and the page fits every screen."""
         for width, pixels in WIDTHS.items():
             self.open(page, width)
             assert self.console() == []

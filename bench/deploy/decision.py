@@ -11,15 +11,9 @@ A deadline that the machine itself misses more often than not is refused, becaus
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from bench.deploy.candidates import machine, of_oneshot, of_stream
+from bench.deploy.candidates import of_oneshot, of_stream
 from bench.deploy.rule import QUANTILES, Candidate, Rule
-from bench.derived.measurements import Measurements
-from bench.derived.table import ONESHOT
-from bench.races.stream import figures as stream_figures
 from bench.races.stream.race import KIND as STREAM_KIND
-from bench.races.stream.race import STREAM
 from bench.report.words import gap, number, solver_lanes
 from bench.store import Run, RunError
 from bench.timing.percentiles import Percentile
@@ -80,7 +74,7 @@ def decide(run: Run, rule: Rule) -> Decision:
     race = run.settings.get("race", "oneshot")
     if race not in ("oneshot", STREAM_KIND):
         raise RunError(f"{run.path} is a {race} race; a decision needs a one-shot race or a stream")
-    candidates = _of_stream(run, rule) if race == STREAM_KIND else _of_oneshot(run, rule)
+    candidates = of_stream(run, rule) if race == STREAM_KIND else of_oneshot(run, rule)
     verdicts = [(each, each.failing(rule)) for each in candidates]
     qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
     refused.sort(key=lambda pair: _distance(pair[0]))
@@ -104,26 +98,3 @@ def decide(run: Run, rule: Rule) -> Decision:
 def _distance(it: Candidate) -> tuple[bool, bool, float, float]:
     """Sort key: distance from qualifying."""
     return it.cheat != "", not it.chosen.margin, it.beyond_floor / max(it.samples, 1), it.chosen.worst
-
-
-def _of_oneshot(run: Run, rule: Rule) -> list[Candidate]:
-    found = Measurements(run.rows(ONESHOT), run.times())
-    floor = machine(found)
-    _require_judgement(run, rule, int(np.count_nonzero(floor.calls > rule.deadline_us)), floor.calls.size)
-    return list(of_oneshot(found, rule, floor))
-
-
-def _of_stream(run: Run, rule: Rule) -> list[Candidate]:
-    rows = run.rows(STREAM)
-    floor = rows[rows.solver == stream_figures.FLOOR]
-    _require_judgement(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
-    return list(of_stream(rows, run.times(), rule))
-
-
-def _require_judgement(run: Run, rule: Rule, missed: int, samples: int) -> None:
-    """RunError if the machine itself misses most deadlines."""
-    if missed > samples / 2:
-        raise RunError(
-            f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of "
-            f"{rule.deadline_us:g} µs, so this run says nothing about them"
-        )

@@ -91,27 +91,23 @@ class DeviceFile:
     def make(self) -> Device:
         """Make the stage, not yet open; DeviceError if the file does not define exactly one."""
         try:
-            names = runpy.run_path(str(self.path), run_name="stage")
+            stages: list[Any] = [
+                value()
+                for value in runpy.run_path(str(self.path), run_name="stage").values()
+                if inspect.isclass(value)
+                and value.__module__ == "stage"
+                and all(callable(getattr(value, method, None)) for method in METHODS)
+            ]
         except OSError as error:
             raise DeviceError(f"{self.path}: {error.strerror}") from None
         except Exception as error:
             raise DeviceError(f"{self.path}: cannot be run: {type(error).__name__}: {error}") from None
-        classes: list[Any] = [
-            value
-            for value in names.values()
-            if inspect.isclass(value)
-            and value.__module__ == "stage"
-            and all(callable(getattr(value, method, None)) for method in METHODS)
-        ]
-        if len(classes) != 1:
+        if len(stages) != 1:
             raise DeviceError(
-                f"{self.path}: holds {len(classes)} classes with the methods {', '.join(METHODS)}, and one is needed"
+                f"{self.path}: holds {len(stages)} classes with the methods {', '.join(METHODS)}, and one is needed"
             )
-        try:
-            device: Device = classes[0]()
-        except Exception as error:
-            raise DeviceError(f"{self.path}: {classes[0].__name__}() failed: {type(error).__name__}: {error}") from None
-        return device
+        stage: Device = stages[0]
+        return stage
 
     def __str__(self) -> str:
         return str(self.path)
