@@ -5,11 +5,11 @@ import json
 import os
 import shutil
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from command_line import wait_until
 from programs import library, program
 
 FLAGS = (
@@ -24,7 +24,6 @@ FLAGS = (
     "--disable-dev-shm-usage",
 )
 WIDTHS = {"desktop": 1400, "phone": 390}
-PATIENCE_S = 60.0
 
 MARKS = """
 return [...document.querySelectorAll('.plot')].map(plot => {
@@ -68,12 +67,9 @@ class Browser:
         self.driver.get(page if isinstance(page, str) else page.resolve().as_uri())
         self.wait_until(lambda: all(plot["drawn"] for plot in self.plots()))
 
-    def wait_until(self, done: Callable[[], bool]) -> None:
-        """Wait for a condition; the test fails if it does not come true."""
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, (self.plots(), self.console())
-            time.sleep(0.1)
+    def wait_until(self, condition: Callable[[], object]) -> None:
+        """Wait until a condition holds; if it never does, the test fails with the state of the page."""
+        wait_until(condition, lambda: (self.plots(), self.console()))
 
     def run(self, script: str, *arguments: Any) -> Any:
         """Run JavaScript and return its result."""

@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+PATIENCE_S = 60.0
 SERVER = """
 import gc, json, os, resource, sys
 from bench.cli.app import command_line, run
@@ -187,10 +188,14 @@ class CommandLine:
         self.log.close()
 
 
+def wait_until(condition: Callable[[], object], details: Callable[[], object] = lambda: "") -> None:
+    """Wait until a condition holds; after a minute the test fails, with details."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, details()
+        time.sleep(0.05)
+
+
 def wait_until_gone(leader: int) -> None:
-    """Wait until every process of a session has ended; the test fails if one does not."""
-    for _ in range(600):
-        if not of_session(leader):
-            return
-        time.sleep(0.1)
-    raise AssertionError(f"processes {of_session(leader)} outlive the race that started them")
+    """Wait until every process of a session has ended."""
+    wait_until(lambda: not of_session(leader), lambda: f"processes {of_session(leader)} outlive the race")

@@ -63,17 +63,16 @@ environment = c_templates("bench.export")
 
 def render(
     model: HysteresisCreepModel,
-    settings: ExportSettings | None = None,
-    title: str = "Compensator",
+    settings: ExportSettings,
+    title: str,
     files: Mapping[str, str] = FILES,
-    more: Mapping[str, Any] | None = None,
+    **more: Any,
 ) -> dict[str, str]:
     """Render files, given by name and template.
 
     Every file begins with the title, one line; ``more`` are further variables of the templates.
     """
-    settings = settings or ExportSettings()
-    data = {**known(model, settings, title), **(more or {})}
+    data = {**variables_of(model, settings, title), **more}
     return {
         _named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
         for name, template in files.items()
@@ -144,7 +143,7 @@ def _named(text: str, name: str) -> str:
     return re.sub(r"\bpiezo(?=_|\b)", name, text).replace("PIEZO_H", f"{name.upper()}_H")
 
 
-def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> dict[str, Any]:
+def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> dict[str, Any]:
     """Variables of all templates."""
     s, precision = model.structure, settings.precision
     low, high = dead_zone_limits(s.dead_zone_thresholds)

@@ -1,4 +1,4 @@
-"""Decisions: the rule on tables by hand, the file, and that a compensator starts from it."""
+"""Decisions: the rule on tables made by hand, the file, and a compensator that starts from it."""
 
 import json
 import math
@@ -44,7 +44,7 @@ Us = Callable[[int], np.ndarray]
 
 
 def ladder_of(solver: str, lane: str = "direct") -> list[str]:
-    """The real settings of a solver, which a decision must find again."""
+    """Settings on the ladder of a real solver."""
     cls = find(solver, lane).load()
     return [setting_text({**cls.always, **rung}) for rung in cls.ladder(1.0)]
 
@@ -58,7 +58,7 @@ def racer(
     names: Sequence[str] | None = None,
     **columns: Any,
 ) -> list[tuple[Row, np.ndarray]]:
-    """Rows of a solver lane with their times in µs: gaps by problem and rung; a column may be a list by problem."""
+    """Rows of a solver lane with times in µs, for gaps by problem and rung; a list gives a column by problem."""
     names, rows = names or ladder_of(solver, lane), []
     for problem, by_rung in enumerate(gaps):
         here = {name: value[problem] if isinstance(value, list) else value for name, value in columns.items()}
@@ -82,7 +82,7 @@ def run_of(
     schema: Schema = ONESHOT,
     what: str = "solve",
 ) -> Run:
-    """A finished run of these rows and times."""
+    """A finished run with these rows and times."""
     made = Run.create(folder, {"race": race, "settings": {}, "machine": machine.describe()}, "run")
     (made.path / "tasks").rmdir()
     both = [each for part in parts for each in part]
@@ -95,7 +95,7 @@ def run_of(
     return made
 
 
-def named(candidates: Iterable[Candidate]) -> list[str]:
+def names_of(candidates: Iterable[Candidate]) -> list[str]:
     return [each.solver for each in candidates]
 
 
@@ -177,7 +177,7 @@ def test_the_finest_percentile_that_all_who_qualify_support_decides_and_nobody_i
     )
     decision = decide(run, LENIENT)
     assert decision.by == by
-    assert named((decision.chosen, *decision.runners_up)) == ["daqp", "box_active_set"]
+    assert names_of((decision.chosen, *decision.runners_up)) == ["daqp", "box_active_set"]
     assert f"; {name} of an answer 1 µs." in decision.sentences()[1]
     needed = {0: "", 1: "p99.9 needs 2995 samples", 2: "p99 needs 299 samples"}[by]
     said = (
@@ -210,7 +210,7 @@ def test_the_machine_explains_what_its_floor_shows_in_blocks_as_long_as_an_answe
 
 
 def now_and_then(calls: int) -> np.ndarray:
-    """Times of which every fourth is late."""
+    """Times, every fourth one late."""
     return np.where(np.arange(calls) % 4, 1.0, 300.0)
 
 
@@ -227,7 +227,7 @@ def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(tm
     assert strict.chosen.solver == "box_active_set"
     assert why(strict, "daqp").startswith("misses 750 of 3000 deadlines, ")
     assert why(strict, "daqp").endswith(" more than the machine itself explains")
-    assert named(decide(run, Rule(misses=10**6)).runners_up) == ["daqp"]
+    assert names_of(decide(run, Rule(misses=10**6)).runners_up) == ["daqp"]
 
 
 def test_a_deadline_that_the_solver_that_does_nothing_misses_is_refused(tmp_path: Path) -> None:
@@ -252,8 +252,8 @@ def test_the_lowest_tail_wins_runners_up_are_in_order_and_the_nearest_is_refused
         racer("clarabel", us=lambda n: np.where(np.arange(n) % 9, 1.0, 300.0)),
     )
     decision = decide(run, Rule())
-    assert named((decision.chosen, *decision.runners_up)) == ["mujoco", "recursive_active_set", "box_active_set"]
-    assert named(each for each, _ in decision.refused) == ["clarabel", "osqp", "daqp"]
+    assert names_of((decision.chosen, *decision.runners_up)) == ["mujoco", "recursive_active_set", "box_active_set"]
+    assert names_of(each for each, _ in decision.refused) == ["clarabel", "osqp", "daqp"]
     assert "3 solver lanes do not qualify." in decision.sentences()
 
 
@@ -265,7 +265,7 @@ def test_the_lowest_tail_wins_runners_up_are_in_order_and_the_nearest_is_refused
         (racer("daqp"), Rule(lanes=(Lane.CVXPY,), deadline_us=1e6)),
     ],
 )
-def test_raw_data_warm_starts_and_lanes_that_a_controller_has_not_leave_nobody(
+def test_raw_data_warm_starts_and_lanes_that_a_controller_lacks_do_not_qualify(
     tmp_path: Path, part: list, rule: Rule
 ) -> None:
     with pytest.raises(RunError, match="no solver qualifies, none was raced on scaled data in the lanes "):
@@ -290,7 +290,7 @@ def test_a_percentile_is_the_same_in_the_decision_and_in_the_report(tmp_path: Pa
 def streamed(
     solver: str, gap: float, us: float, setting: str, repeats: int = 2, **known: Any
 ) -> list[tuple[Row, np.ndarray]]:
-    """Processes of a stream."""
+    """Rows of a stream with response times in µs."""
     ordinary = {
         "problem_set": "stream",
         "problem": "p",
@@ -337,7 +337,7 @@ def test_of_a_stream_the_loosest_setting_that_is_right_at_every_sample_stands_fo
         middle,
         10.0,
     )
-    assert named(decision.runners_up) == ["recursive_active_set"]
+    assert names_of(decision.runners_up) == ["recursive_active_set"]
     assert "above 1e-09 on 1 of 1 problems" in why(decision, "daqp")
     exact = decide(run, Rule(accuracy=1e-15))
     assert exact.chosen.solver == "recursive_active_set"
@@ -369,7 +369,7 @@ def test_the_reference_run_gives_a_compensator_that_runs_and_learns(piezobench: 
         (("--deadline", 0.001), "a solver that does nothing misses"),
     ],
 )
-def test_a_rule_that_nobody_of_a_run_meets_is_refused_and_writes_nothing(
+def test_a_rule_that_no_solver_of_a_run_meets_is_refused_and_writes_nothing(
     piezobench: CommandLine, tmp_path: Path, words: tuple[object, ...], says: str
 ) -> None:
     before = sorted(REFERENCE.rglob("*"))
