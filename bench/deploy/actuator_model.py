@@ -72,9 +72,9 @@ def model_for(
         raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
     if problem is None and not simulated and Recorded.name in run.settings.get("models", {}):
         return _stored(run)
-    name, key = _named(run, problem, simulated)
-    found = _of_problem(run, name, key)
-    return found if problems.find(key[0]).origin == SIMULATED else _validated(run, found)
+    key = _find_problem(run, problem, simulated)
+    found = _of_problem(run, key)
+    return found if _is_simulated(key) else _validated(run, found)
 
 
 def _stored(run: Run) -> ChosenModel:
@@ -111,31 +111,36 @@ def _validated(run: Run, found: ChosenModel) -> ChosenModel:
     return ChosenModel(found.model, found.source, found.certificate, error)
 
 
-def _named(run: Run, wanted: str | None, simulated: bool) -> tuple[str, tuple[str, str]]:
-    """Name and key of the wanted problem, by default the first one of a simulated actuator if those are permitted."""
+def _find_problem(run: Run, wanted: str | None, simulated: bool) -> tuple[str, str]:
+    """Set and name of the wanted problem; by default of the first simulated actuator, if those are permitted."""
     rows = run.rows(ONESHOT).drop_duplicates(["problem_set", "problem"])
-    names = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
-    if wanted is not None and wanted not in names:
-        raise RunError(f"{run.path} has no problem {wanted!r}; there are {', '.join(names)}")
-    for name, key in names.items():
-        is_simulated = problems.find(key[0]).origin == SIMULATED
-        if name == wanted and is_simulated and not simulated:
+    keys = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
+    if wanted is None:
+        found = next((key for key in keys.values() if simulated and _is_simulated(key)), None)
+        if found is None:
             raise RunError(
-                f"{run.path}: {name} is a simulated actuator; give a model with --model, or --simulated to "
-                "take it all the same"
+                f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
+                "with --model, as identify "
+                "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
             )
-        if name == wanted or (wanted is None and simulated and is_simulated):
-            return name, key
-    raise RunError(
-        f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
-        "with --model, as identify "
-        "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
-    )
+        return found
+    if wanted not in keys:
+        raise RunError(f"{run.path} has no problem {wanted!r}; there are {', '.join(keys)}")
+    if _is_simulated(keys[wanted]) and not simulated:
+        raise RunError(
+            f"{run.path}: {wanted} is a simulated actuator; give a model with --model, or --simulated to "
+            "take it all the same"
+        )
+    return keys[wanted]
 
 
-def _of_problem(run: Run, name: str, key: tuple[str, str]) -> ChosenModel:
+def _is_simulated(key: tuple[str, str]) -> bool:
+    return problems.find(key[0]).origin == SIMULATED
+
+
+def _of_problem(run: Run, key: tuple[str, str]) -> ChosenModel:
     """The model at the proven optimum of a problem."""
-    problem = run.problem(*key)
+    problem, name = run.problem(*key), "/".join(key)
     if problem.validation is None:
         raise RunError(
             f"{run.path}: the problem {name} is a program from a file and holds no model; give one with "

@@ -7,7 +7,8 @@ set point and the requests to learn and to stop go the other way. Every number h
 import math
 from dataclasses import replace
 from enum import IntEnum
-from pathlib import Path
+from multiprocessing.sharedctypes import RawArray
+from typing import Any, Self
 
 import numpy as np
 
@@ -53,14 +54,14 @@ INTEGERS = (
 
 
 class Board:
-    """The shared memory, a file that the first process creates and the others map.
+    """The shared memory; a process started with the board shares it.
 
     Each of ``INTEGERS`` is read as an attribute and written by :meth:`set`; ``drive`` and ``set_point`` are arrays of
     one number, ``service`` counts service times by bin.
     """
 
-    def __init__(self, path: Path, rate: float, first: HysteresisCreepModel, create: bool = False) -> None:
-        self._structure, self.capacity = first.structure, max(1024, round(RING_S * rate))
+    def __init__(self, rate: float, first: HysteresisCreepModel, memory: Any = None) -> None:
+        self._rate, self._first, self.capacity = rate, first, max(1024, round(RING_S * rate))
         layout = np.dtype(
             [
                 ("integers", np.int64, (len(INTEGERS),)),
@@ -75,13 +76,17 @@ class Board:
             ],
             align=True,
         )
-        shared = np.memmap(path, layout, "w+" if create else "r+", shape=(1,))
-        self._fields = {name: np.asarray(shared[name][0]) for name in layout.fields or ()}
+        self.memory = RawArray("B", layout.itemsize) if memory is None else memory
+        shared = np.frombuffer(self.memory, layout)
+        self._fields = {name: shared[name][0] for name in layout.fields or ()}
         self._integers, self._ring = self._fields["integers"], self._fields["ring"]
         self.service, self.drive, self.set_point = (self._fields[name] for name in ("service", "drive", "set_point"))
-        if create:
+        if memory is None:
             self.show_model(first)
             self.set_point[0] = FOLLOW
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        return type(self), (self._rate, self._first, self.memory)
 
     def __getattr__(self, name: str) -> int:
         if name not in INTEGERS:
@@ -139,7 +144,7 @@ class Board:
     def shown_model(self) -> HysteresisCreepModel:
         """The model in use."""
         frame = dict(zip(FRAME, self._fields["frame"].tolist(), strict=True))
-        structure = replace(self._structure, **{**frame, "offset": bool(frame["offset"])})
+        structure = replace(self._first.structure, **{**frame, "offset": bool(frame["offset"])})
         return HysteresisCreepModel.from_all_weights(structure, self._fields["weights"].copy())
 
 

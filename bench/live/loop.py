@@ -12,12 +12,10 @@ The loop has a process and a core of its own and waits for no other process: see
 import gc
 import math
 import os
-import shutil
 import signal
 import time
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
-from pathlib import Path
 
 from bench.live.board import FOLLOW, Board, State, bin_of
 from bench.live.controller import Controller
@@ -149,10 +147,9 @@ def null_loop(board: Board, rate: float, spin_ns: int) -> None:
     board.set(null_missed=missed, null_samples=samples)
 
 
-def main(task: Task, path: Path, ready: Connection) -> None:
+def main(task: Task, board: Board, ready: Connection) -> None:
     """Process of the loop; sends "" once the stage is open, or a sentence why it is not."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all processes; the parent requests the stop
-    board, parent = Board(path, task.rate, task.model), os.getppid()
     signal.signal(signal.SIGTERM, lambda *_: board.set(stop=1))
     with cores.claim() as core:
         os.sched_setaffinity(0, {core.number})
@@ -172,16 +169,14 @@ def main(task: Task, path: Path, ready: Connection) -> None:
         gc.disable()
         board.set(state=State.FOLLOWING, learning=int(task.learn != "off"))
         _finish(board, device, loop)
-    if os.getppid() != parent:  # the parent has died and cannot remove the folder
-        shutil.rmtree(path.parent, ignore_errors=True)
 
 
-def rescue(task: Task, path: Path) -> None:
+def rescue(task: Task, board: Board) -> None:
     """Process that takes over from a loop that died or hangs: it opens the stage anew and ramps it to rest from the
     last drive."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    board, device = Board(path, task.rate, task.model), task.device.make()
+    device = task.device.make()
     board.set(followed=board.followed or board.head, state=State.RAMPING)
     device.open()
     device.exchange(float(board.drive[0]))  # the stage may have taken it or not

@@ -10,7 +10,6 @@ import multiprocessing
 import os
 import secrets
 import signal
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -33,7 +32,6 @@ from piezo_model.units import quantity
 POLL_S = 0.02
 OPENING_S = 60.0
 """Longest time in which a stage may open."""
-IN_MEMORY = Path("/dev/shm")
 
 
 @dataclass(frozen=True)
@@ -50,11 +48,9 @@ def run(task: Task, recording: Path | None, page: tuple[str, int] | None, notify
 
     ``notify`` receives messages for the user during the run. DeviceError if the stage cannot be opened.
     """
-    shared = IN_MEMORY if IN_MEMORY.is_dir() else None
-    with tempfile.TemporaryDirectory(prefix="piezobench-live-", dir=shared) as folder, _signals() as received:
-        path, stage = Path(folder) / "board", task.declared
-        board = Board(path, task.rate, task.model, create=True)
-        process = _start_loop(task, path)
+    board, stage = Board(task.rate, task.model), task.declared
+    with _signals() as received:
+        process = _start_loop(task, board)
         cores = os.sched_getaffinity(0)
         os.sched_setaffinity(0, cores - {board.core} or cores)  # keeps the threads of this process off the loop's core
         with ThreadPoolExecutor() as pool:
@@ -75,7 +71,7 @@ def run(task: Task, recording: Path | None, page: tuple[str, int] | None, notify
 
                 Thread(target=serve, args=(board, task, page, secrets.token_urlsafe(16), notify), daemon=True).start()
             try:
-                sentence = _watch(task, path, board, process, received)
+                sentence = _watch(task, board, process, received)
             finally:
                 board.set(state=State.ENDED)
         os.sched_setaffinity(0, cores)
@@ -89,10 +85,10 @@ def _start(target: Callable[..., None], *arguments: Any) -> BaseProcess:
     return process
 
 
-def _start_loop(task: Task, path: Path) -> BaseProcess:
+def _start_loop(task: Task, board: Board) -> BaseProcess:
     """Start the loop and wait until the stage is open."""
     ours, theirs = multiprocessing.Pipe(duplex=False)
-    process = _start(loop.main, task, path, theirs)
+    process = _start(loop.main, task, board, theirs)
     theirs.close()
     try:
         refusal = ours.recv() if ours.poll(OPENING_S) else f"{task.device}: did not open within {OPENING_S:g} s"
@@ -104,7 +100,7 @@ def _start_loop(task: Task, path: Path) -> BaseProcess:
     return process
 
 
-def _watch(task: Task, path: Path, board: Board, process: BaseProcess, received: list[int]) -> str:
+def _watch(task: Task, board: Board, process: BaseProcess, received: list[int]) -> str:
     """Wait for the end of the loop; return a sentence on how it came."""
     timeout_s = task.declared.timeout_s
     limit_ns = 1e9 * (timeout_s + 1.0 / task.rate)  # samples are a period apart
@@ -116,20 +112,20 @@ def _watch(task: Task, path: Path, board: Board, process: BaseProcess, received:
         if beat and time.perf_counter_ns() - beat > limit_ns and board.state != State.ENDED:
             process.kill()
             process.join()
-            return _rescue(task, path, board, f"the stage did not answer for {timeout_s:g} s")
+            return _rescue(task, board, f"the stage did not answer for {timeout_s:g} s")
     if board.state != State.ENDED:
-        return _rescue(task, path, board, board.reason or "the loop's process died")
+        return _rescue(task, board, board.reason or "the loop's process died")
     return f"The stage is at rest; {board.reason}."
 
 
-def _rescue(task: Task, path: Path, board: Board, reason: str) -> str:
+def _rescue(task: Task, board: Board, reason: str) -> str:
     """Bring the stage to rest from another process; return a sentence on the result."""
     board.set(failed=1)
     stage, reason = task.declared, f"{reason[0].upper()}{reason[1:]}"
     last = f"its drive was {quantity(float(board.drive[0]), stage.input_unit)} at last"
     if not stage.reopens:
         return f"{reason}, and the stage cannot be opened by another process: {last}."
-    process = _start(loop.rescue, task, path)
+    process = _start(loop.rescue, task, board)
     process.join((stage.x_limits[1] - stage.x_limits[0]) / stage.rate_limit + OPENING_S)
     if board.state == State.ENDED:
         return f"{reason}; another process has brought the stage to rest."

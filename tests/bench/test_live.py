@@ -350,9 +350,10 @@ def test_the_stream_of_a_run_that_did_not_end_is_not_written_over(piezobench: Co
     assert (tmp_path / "run.arrow").read_text() == "precious"
 
 
-def test_the_board_hands_over_samples_and_events_in_their_order(tmp_path: Path) -> None:
+def test_the_board_hands_over_samples_and_events_in_their_order() -> None:
     model = a_model()
-    one, other = (Board(tmp_path / "board", 10.0, model, create) for create in (True, False))
+    one = Board(10.0, model)
+    other = Board(10.0, model, one.memory)
     for k in range(3000):
         one.write((0.1 * k, 1.0, 2.0, float(k)))
     start, samples = other.read(0)
