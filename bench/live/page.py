@@ -19,6 +19,7 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, NumericInput, Span
 from bokeh.plotting import figure
 from bokeh.server.server import Server
+from bokeh.themes import Theme
 from tornado.netutil import bind_sockets
 
 from bench.live.board import FOLLOW, Board, State, edges_us
@@ -43,6 +44,32 @@ body { margin: 0 auto; max-width: 88rem; padding: 0 .8rem 2rem;
  background: light-dark(#fff, #15181c); color: light-dark(#1b1f24, #e3e6ea);
   font: 15px/1.45 system-ui, "DejaVu Sans", sans-serif; }
 """
+THEME = Theme(
+    json={
+        "attrs": {
+            "Plot": {
+                "height": 260,
+                "min_width": 330,
+                "sizing_mode": "stretch_width",
+                "toolbar_location": None,
+                "background_fill_alpha": 0.0,
+                "border_fill_alpha": 0.0,
+                "outline_line_color": None,
+                "styles": {"flex": "1 1 26rem"},
+            },
+            "Title": {"text_color": GREY},
+            "Axis": {"axis_label_text_color": GREY, "major_label_text_color": GREY},
+            "Grid": {"grid_line_color": "#80808040"},
+            "Legend": {
+                "background_fill_alpha": 0.0,
+                "border_line_alpha": 0.0,
+                "label_text_color": GREY,
+                "orientation": "horizontal",
+                "padding": 0,
+            },
+        }
+    }
+)
 TEMPLATE = f"""
 {{% block title %}}piezobench live{{% endblock %}}
 {{% block postamble %}}<meta name="viewport" content="width=device-width, initial-scale=1">
@@ -82,36 +109,13 @@ def _rms(error: Vector) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
-def _plot(title: str, x: str, y: str, **options: Any) -> Any:
-    plot = figure(
-        title=title,
-        x_axis_label=x,
-        y_axis_label=y,
-        height=260,
-        min_width=330,
-        sizing_mode="stretch_width",
-        toolbar_location=None,
-        background_fill_alpha=0.0,
-        border_fill_alpha=0.0,
-        styles={"flex": "1 1 26rem"},
-        **options,
-    )
-    for axis in (plot.xaxis, plot.yaxis):
-        axis.axis_label_text_color = axis.major_label_text_color = GREY
-    plot.title.text_color = GREY
-    plot.grid.grid_line_color, plot.outline_line_color = "#80808040", None
-    return plot
-
-
-def _line_plot(title: str, x: str, y: str, source: ColumnDataSource, *lines: tuple[str, str, dict[str, Any]]) -> Any:
-    """A plot of lines, each with x and y column and its style."""
-    plot = _plot(title, x, y)
-    for x_column, y_column, style in lines:
+def _plot(title: str, x: str, y: str, *lines: Any, **options: Any) -> Any:
+    """A plot with titles of its axes, and lines: source, columns of x and y, and style of each."""
+    plot = figure(title=title, x_axis_label=x, y_axis_label=y, **options)
+    for source, x_column, y_column, style in lines:
         plot.line(x_column, y_column, source=source, **style)
-    plot.legend.update(
-        background_fill_alpha=0.0, border_line_alpha=0.0, label_text_color=GREY, orientation="horizontal", padding=0
-    )
-    plot.add_layout(plot.legend[0], "below")
+    if lines:
+        plot.add_layout(plot.legend[0], "below")
     return plot
 
 
@@ -127,22 +131,20 @@ def plots(task: Task, sources: dict[str, ColumnDataSource]) -> list[Any]:
     service.quad(left="left", right="right", top="count", bottom=0, source=sources["service"], color=BLUE, alpha=0.7)
     service.add_layout(Span(location=1e6 / task.rate, dimension="height", line_color=RED, line_dash="dashed"))
     return [
-        _line_plot(
+        _plot(
             "Reference and measurement",
             "time, s",
             unit,
-            window,
-            ("t", "reference", reference),
-            ("t", "measured", measured),
+            (window, "t", "reference", reference),
+            (window, "t", "measured", measured),
         ),
-        _line_plot("Tracking error", "time, s", unit, window, ("t", "line_error", line), ("t", "error", measured)),
-        _line_plot(
+        _plot("Tracking error", "time, s", unit, (window, "t", "line_error", line), (window, "t", "error", measured)),
+        _plot(
             "Hysteresis, before and after",
             f"reference, {unit}",
             unit,
-            window,
-            ("reference", "line", line),
-            ("reference", "measured", measured),
+            (window, "reference", "line", line),
+            (window, "reference", "measured", measured),
         ),
         weights,
         service,
@@ -208,7 +210,7 @@ def document(task: Task, board: Board, doc: Document) -> None:
         events.text = "<b>Events</b><br>" + "<br>".join(escape(event) for event in reversed(board.last_events()))
 
     update()
-    doc.title = "piezobench live"
+    doc.title, doc.theme = "piezobench live", THEME
     doc.template = TEMPLATE  # type: ignore[assignment]
     doc.add_root(
         column(
