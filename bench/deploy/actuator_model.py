@@ -40,8 +40,8 @@ class ChosenModel:
             ""
             if self.error_percent is None
             else (
-                f"On the last fifth of the recording, which was kept back, it errs by {self.error_percent:.3g} % of "
-                "the range (RMS)."
+                f"On the last fifth of the recording, which was held out, its RMS error is "
+                f"{self.error_percent:.3g} % of the range."
             )
         )
 

@@ -77,7 +77,7 @@ class Loop:
             self.end(f"the stage failed: {' '.join(str(error).split()) or type(error).__name__}", failed=True)
         self._silent = 0 if math.isfinite(self._y) else self._silent + 1
         if self._silent > self._task.timeout_samples:
-            self.end(f"nothing was measured for {self._task.declared.timeout_s:g} s", failed=True)
+            self.end(f"no measurement for {self._task.declared.timeout_s:g} s", failed=True)
 
     def end(self, reason: str, failed: bool = False) -> None:
         """Begin the ramp to rest, unless it has begun."""
@@ -95,7 +95,7 @@ class Loop:
             board.log(f"follows {self._task.reference.words}" if set_point == FOLLOW else f"holds {set_point:.6g}")
         if board.learning != self._controller.learning:
             self._controller.learning = bool(board.learning)
-            board.log("learning" if board.learning else "learning waits")
+            board.log("learning" if board.learning else "learning paused")
 
     def run(self) -> bool:
         """Follow the reference until the end, then ramp to rest; False if the stage takes no drive any more."""

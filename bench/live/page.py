@@ -187,7 +187,7 @@ def controls(task: Task, board: Board) -> list[Any]:
 def status(task: Task, board: Board, rms: tuple[float, float]) -> str:
     """What the loop is doing and how well, as HTML."""
     measured, line = (escape(quantity(value, task.declared.output_unit, 3)) for value in rms)
-    learning = f", learning{'' if board.learning else ' waits'}, {board.hand_overs} hand-overs"
+    learning = f", learning{'' if board.learning else ' paused'}, {board.hand_overs} hand-overs"
     return (
         f"<b>{escape(str(task.device))}</b>, {escape(task.reference.words)}: "
         f"{STATES[State(board.state)]}{'' if task.learn == 'off' else learning}.<br>Tracking error over the last "

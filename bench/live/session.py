@@ -122,7 +122,7 @@ def _rescue(task: Task, board: Board, reason: str) -> str:
     """Bring the stage to rest from another process; return a sentence on the result."""
     board.set(failed=1)
     stage, reason = task.declared, f"{reason[0].upper()}{reason[1:]}"
-    last = f"its drive was {quantity(float(board.drive[0]), stage.input_unit)} at last"
+    last = f"its last drive was {quantity(float(board.drive[0]), stage.input_unit)}"
     if not stage.reopens:
         return f"{reason}, and the stage cannot be opened by another process: {last}."
     process = _start(loop.rescue, task, board)

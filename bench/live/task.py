@@ -58,7 +58,9 @@ def first_model(file: Path | None, declared: Declared, sample_time: float) -> Hy
     model = Deployment.load(file).model if deployed else HysteresisCreepModel.load(file)
     s = model.structure
     if abs(s.sample_time / sample_time - 1.0) > 1e-6:
-        raise ModelError(f"{file}: is of a model at {1.0 / s.sample_time:g} Hz; say --rate {1.0 / s.sample_time:g}")
+        raise ModelError(
+            f"{file}: the model is sampled at {1.0 / s.sample_time:g} Hz; use --rate {1.0 / s.sample_time:g}"
+        )
     for what, own, other in (
         ("input", s.input_unit, declared.input_unit),
         ("output", s.output_unit, declared.output_unit),

@@ -143,7 +143,7 @@ ENDS = {
     "raises": (1, "the amplifier is gone"),
     "hangs": (1, "did not answer for 3 s; another process has brought"),
     "returns nothing": (1, "returned None and no number"),
-    "returns NaN": (1, "nothing was measured for 3 s"),
+    "returns NaN": (1, "no measurement for 3 s"),
 }
 """Exit status, and part of the output."""
 
@@ -209,7 +209,7 @@ def test_a_stage_that_cannot_be_opened_again_is_left_and_that_is_said(piezobench
     os.kill(loop_of(call.pid), signal.SIGKILL)
     ended = call.wait()
     assert ended.status == 1
-    assert "and the stage cannot be opened by another process: its drive was" in ended.stdout
+    assert "and the stage cannot be opened by another process: its last drive was" in ended.stdout
 
 
 @pytest.mark.slow
@@ -445,7 +445,7 @@ def test_the_buttons_do_what_they_say(watched: str, browser: Browser) -> None:
     browser.open(watched)
     browser.wait_until(lambda: "samples at" in text_of(browser))
     for label, said in (
-        ("Do not learn", "learning waits"),
+        ("Do not learn", "learning paused"),
         ("Learn", "s: learning"),
         ("Hold", "s: holds"),
         ("Go to set point, µm", "s: holds 0"),
