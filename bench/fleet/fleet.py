@@ -15,7 +15,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.fleet.works import Work
@@ -26,13 +26,6 @@ from piezo_model.json_file import decoded, packed, unpacked
 
 Row = dict[str, Any]
 """``recording``, ``name`` and ``refused``, a sentence or ""; without a refusal, the figures of the work."""
-
-
-class StoredRow(TypedDict):
-    """A row on disk."""
-
-    digest: str
-    figures: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -116,8 +109,8 @@ def row_of(part: Part) -> Row:
                     figures = part.work.do(recording, further, product)
                     digest = part.digest(inputs, product)
                 with folder_here(f"{part.out}/rows") as folder:
-                    stored = StoredRow(digest=digest, figures=packed(figures))
-                    write_text(folder / f"{part.name}.json", json.dumps(stored) + "\n")
+                    stored = json.dumps({"digest": digest, "figures": packed(figures)})
+                    write_text(folder / f"{part.name}.json", f"{stored}\n")
         return {**row, **figures}
     except Exception as error:
         _remove(part.out, part.row, part.product)
@@ -136,10 +129,10 @@ def _stored(part: Part, inputs: Sequence[Path]) -> Row | None:
     """The figures on disk, if the digest of inputs and product is still the same."""
     try:
         with file_here(f"{part.out}/{part.row}") as path:
-            row = decoded(path.read_bytes(), StoredRow)
+            row = decoded(path.read_bytes(), dict[str, Any])
         with file_here(f"{part.out}/{part.product}") as product:
             return unpacked(row["figures"]) if row["digest"] == part.digest(inputs, product) else None
-    except (OSError, ValueError):  # absent, damaged, or of an earlier version
+    except (OSError, ValueError, KeyError):  # absent, damaged, or of an earlier version
         return None
 
 

@@ -3,7 +3,7 @@
 References leave the range, are NaN and infinite; the actuator of the loops is a model of another structure with noise.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -115,8 +115,3 @@ def learning(solver: str, size: int, faulty: bool = False, integral_gain: float 
         part="learning", solver=cast(Any, solver), x_limits=LIMITS, integral_gain=integral_gain, **PHASES
     )
     return Expected(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)
-
-
-def single(case: Expected) -> Expected:
-    """The same in single precision."""
-    return replace(case, settings=replace(case.settings, precision="float"))
