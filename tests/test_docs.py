@@ -38,9 +38,16 @@ def test_the_examples_of_a_page_run_and_print_what_it_shows(
     documents.run(page, tmp_path, piezobench)
 
 
+def included(found: re.Match[str]) -> str:
+    """The text that a page has from another file, as a whole or from one of its marks to the next."""
+    text = (ROOT / found[1]).read_text(encoding="utf-8")
+    return text.partition(f"[start:{found[2]}]")[2].partition(f"[end:{found[2]}]")[0] if found[2] else text
+
+
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.stem)
 def test_links_lead_to_files_that_are_there(page: Path) -> None:
-    for link in re.findall(r"\]\(([^)#]+\.\w+)\)", page.read_text(encoding="utf-8")):
+    text = re.sub(r'--8<-- "([^":]+):?(\w*)"', included, page.read_text(encoding="utf-8"))
+    for link in re.findall(r"\]\(([^)#:]+\.\w+)(?:#\S*)?\)", text):
         assert (page.parent / link).exists(), link
 
 
