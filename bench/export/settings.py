@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from bench.rendering import c_identifier
 from piezo_model.compensator import integral_share
 from piezo_model.learning.layout import block_samples, continuous_numbers
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
@@ -84,10 +83,8 @@ class ExportSettings:
             )
         if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
             raise ExportError(f"the lowest drive {self.x_limits[0]:g} must be below the highest {self.x_limits[1]:g}")
-        try:
-            c_identifier(self.name)
-        except ValueError as error:
-            raise ExportError(f"the name {error}") from None
+        if not (self.name.isascii() and self.name.isidentifier() and not self.name.startswith("_")):
+            raise ExportError(f"the name {self.name!r} is not an identifier of C")
         if len(self.name) > LONGEST_NAME:
             raise ExportError(
                 f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every "
