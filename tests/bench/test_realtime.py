@@ -32,7 +32,9 @@ def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.needs("cc")
-def test_a_run_is_told_in_tables_and_in_json(piezobench: CommandLine, model_file: Path, tmp_path: Path) -> None:
+def test_the_times_of_a_run_are_shown_in_tables_and_given_as_json(
+    piezobench: CommandLine, model_file: Path, tmp_path: Path
+) -> None:
     words = ("realtime", model_file, "--rate", 2000, "--seconds", 0.3)
     shown = piezobench(*words, "--out", tmp_path / "figures.json")
     assert shown.status == 0, shown.stderr
