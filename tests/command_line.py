@@ -19,6 +19,7 @@ from pathlib import Path
 PATIENCE_S = 60.0
 SERVER = """
 import gc, json, os, resource, sys
+from bench.cli import standard_streams
 from bench.cli.app import command_line, run
 from bench.problems import sets
 command_line()  # imports every verb
@@ -34,6 +35,7 @@ while line := sys.stdin.readline():
             os.dup2(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND), number)
         for stream in (sys.stdout, sys.stderr):
             stream.reconfigure(encoding=call["encoding"])
+        standard_streams.prepare()
         os.chdir(call["folder"])
         if call["largest_file"]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (call["largest_file"],) * 2)

@@ -1,7 +1,7 @@
-"""The ``piezobench`` command: one file a group of verbs.
+"""The ``piezobench`` command; each file holds a group of verbs.
 
-Whatever a user can get wrong is a sentence on standard error and exit status 2, without a traceback; exit status 1 is
-left to what is wrong with the program itself.
+A user's mistake ends in one sentence on standard error and exit status 2, without a traceback. Exit status 1 means a
+fault of the program itself.
 """
 
 import atexit
@@ -13,30 +13,30 @@ from types import FrameType
 from bench.cli import standard_streams
 
 REFUSED = 2
-"""Exit status for what a user can put right; 1 is left to what is wrong with the program itself."""
+"""Exit status after a user's mistake."""
 INTERRUPTED = 128 + signal.SIGINT
-"""Exit status after Ctrl-C, as shells have it; after another signal it is 128 and its number, too."""
+"""Exit status after Ctrl-C, as in shells: 128 plus the number of the signal."""
 
 
 def main() -> None:
     """Run the command line.
 
-    The verbs are imported in here: every child process of a race imports the script of its parent once more, and it
-    needs nothing of theirs.
+    The verbs are imported inside this function, because every child process of a race imports its parent's script again
+    and does not need them.
     """
     if sys.platform != "linux":
         print("piezobench: Linux only; on this system the library works from Python: piezo_model", file=sys.stderr)
         sys.exit(REFUSED)
     signal.signal(signal.SIGINT, _end)
-    status = 1  # of a traceback
+    status = 1  # after a traceback
 
     def leave() -> None:
         for stream in (sys.stdout, sys.stderr):
-            if stream is not None:  # which it is where its descriptor was closed
+            if stream is not None:  # None if the caller closed its descriptor
                 stream.flush()
         os._exit(status)
 
-    atexit.register(leave)  # which comes last: to free all that the libraries have made takes a second
+    atexit.register(leave)  # runs last, and skips the second that the libraries' own clean-up takes
     try:
         standard_streams.prepare()
         from bench.cli.app import run
@@ -52,6 +52,6 @@ def main() -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """End at once: while libraries are imported nothing has begun, and many take an interrupt for an error of their
-    own."""
+    """End at once: during the imports there is nothing to tidy up, and many libraries mistake an interrupt for an error
+    of their own."""
     os._exit(INTERRUPTED)

@@ -1,13 +1,11 @@
-"""The verbs of ``piezobench`` together, and how it refuses: one sentence on standard error, without a traceback.
+"""All verbs of ``piezobench``, and how a call is refused: one sentence on standard error, without a traceback.
 
-A verb is a function in one of the files here, and only the file of the verb that is asked for is imported: what a race
-needs takes seconds to import, and ``piezobench --help`` needs none of it. Of the other verbs only the docstring is
-read.
+A verb is a function in one of the files of this folder. Only the file of the requested verb is imported, since a race's
+imports take seconds and ``piezobench --help`` needs none of them; of the other verbs only the docstring is read.
 """
 
 import ast
 import gc
-import io
 import signal
 import sys
 from collections.abc import Callable, Collection
@@ -41,16 +39,15 @@ VERBS = {
     "realtime": "export_verbs",
     "live": "live_verb",
 }
-"""Verbs, in the order of ``--help``, and the file here that holds each: ``export-c`` is its function
-``export_c_verb``."""
+"""Verbs in the order of ``--help``, with the file of each; ``export-c`` is the function ``export_c_verb``."""
 AGAIN_S = 3.0
-"""Seconds after which an interrupt that nobody deals with is taken for lost."""
+"""Seconds after which a KeyboardInterrupt without effect is raised again."""
 _received: list[int] = []
 """Signals that asked the program to end."""
 
 
-def command_line(asked: Collection[str] = tuple(VERBS)) -> typer.Typer:
-    """The command line with the verbs that are asked for; the others are there to be listed."""
+def command_line(imported: Collection[str] = tuple(VERBS)) -> typer.Typer:
+    """The command line with these verbs imported; the others are only listed."""
     app = typer.Typer(
         add_completion=False,
         pretty_exceptions_enable=False,
@@ -59,12 +56,12 @@ def command_line(asked: Collection[str] = tuple(VERBS)) -> typer.Typer:
     )
     app.callback()(_options)
     for verb in VERBS:
-        app.command(verb)(load(verb)) if verb in asked else app.command(verb, help=_docstring(verb))(_listed)
+        app.command(verb)(load(verb)) if verb in imported else app.command(verb, help=_docstring(verb))(_listed)
     return app
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(is_given: bool) -> None:
+    if is_given:
         typer.echo(f"piezobench {installed_version('piezobench')}")
         raise typer.Exit
 
@@ -74,7 +71,7 @@ def _options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and end.")
     ] = False,
 ) -> None:
-    """Options of no verb."""
+    """Options before the verb."""
 
 
 def load(verb: str) -> Callable[..., Any]:
@@ -83,15 +80,10 @@ def load(verb: str) -> Callable[..., Any]:
 
 
 def run(words: list[str]) -> int:
-    """Do what the words of the command line say; returns the exit status.
+    """Run the command that the words say; returns the exit status.
 
-    SIGINT, SIGTERM and SIGHUP end it as an exception does, so that what it has started and made for the time being goes
-    with it.
+    SIGINT, SIGTERM and SIGHUP end it by an exception, so that its child processes and temporary files are removed.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            # a sign that this terminal lacks is not a reason to fail after the work
-            stream.reconfigure(errors="backslashreplace")
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
         return _refuse(verb, f"{other[0]} is not text in UTF-8, in which names of files are stored")
@@ -109,12 +101,12 @@ def _do(words: list[str], verb: str) -> int:
         verbs = command_line(words[:1])
         signal.signal(signal.SIGINT, _interrupt)
         for number in (signal.SIGTERM, signal.SIGHUP):
-            if signal.getsignal(number) is signal.SIG_DFL:  # and not ignored, as nohup has it
+            if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP
                 signal.signal(number, _interrupt)
         return verbs(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
     except KeyboardInterrupt:
         return INTERRUPTED
-    except typer.TyperException as error:  # usage: an option, an argument or a verb that is wrong
+    except typer.TyperException as error:  # a wrong verb, option or argument
         verb = verb if verb.strip() in VERBS else ""
         return _refuse(verb, f"{error.format_message().rstrip('.')}; see piezobench{verb} --help")
     except _user_errors() as error:
@@ -125,11 +117,11 @@ def _do(words: list[str], verb: str) -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, and again later where it was lost: what libraries do at import or at a collection of
-    garbage may swallow it."""
+    """Raise KeyboardInterrupt, and again later if it had no effect: a library may swallow it at import or in a callback
+    of the garbage collector."""
     if number != signal.SIGALRM:
         _received.append(number)
-        # a terminal that is closed says so twice, and the second time must not cut the tidying short
+        # closing a terminal sends two signals; the second one must not cut the clean-up short
         if number != signal.SIGINT:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -138,12 +130,12 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     ]
     signal.signal(signal.SIGALRM, _interrupt)
     signal.setitimer(signal.ITIMER_REAL, 0.001 if collecting else AGAIN_S)
-    if not collecting and (number != signal.SIGALRM or not _is_on_its_way()):
+    if not collecting and (number != signal.SIGALRM or not _is_handled()):
         raise KeyboardInterrupt
 
 
-def _is_on_its_way() -> bool:
-    """Whether what runs now is done on account of a KeyboardInterrupt."""
+def _is_handled() -> bool:
+    """Whether a KeyboardInterrupt is being handled now."""
     error = sys.exc_info()[1]
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
@@ -155,7 +147,7 @@ def _function(verb: str) -> str:
 
 
 def _docstring(verb: str) -> str:
-    """What the function of a verb says of itself, without importing its file."""
+    """Docstring of a verb's function, without importing its file."""
     source = Path(__file__).with_name(f"{VERBS[verb]}.py").read_text(encoding="utf-8")
     return next(
         ast.get_docstring(node) or ""
@@ -165,11 +157,11 @@ def _docstring(verb: str) -> str:
 
 
 def _listed() -> None:
-    """Stands for a verb that was not asked for."""
+    """Placeholder of a verb that is only listed."""
 
 
 def _user_errors() -> tuple[type[Exception], ...]:
-    """What a user can put right; imported once something has been raised."""
+    """Exceptions that stand for a user's mistake; imported only after an exception."""
     from bench.export.settings import ExportError
     from bench.live.device import DeviceError
     from bench.live.reference import ReferenceError

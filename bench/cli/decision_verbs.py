@@ -1,4 +1,4 @@
-"""Verbs that make something of finished runs: ``compare`` them, ``deploy`` what one has found."""
+"""Verbs for finished runs: ``compare`` them, ``deploy`` the best solver of one."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,21 +13,28 @@ from bench.deploy.decision import decide
 from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
 from bench.races.kind import open_run
-from bench.report.console import AsJson, check_writable, console, lines_of, print_json, print_report, progress_bar
+from bench.report.console import (
+    AsJson,
+    check_writable,
+    lines_of,
+    print_report,
+    print_result,
+    progress_bar,
+)
 from bench.report.words import OURS_NOTE
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
 FAILED, CANNOT_TELL = 3, 4
-"""Exit status of a comparison that found what it was told to fail on, and of one that could not have found it."""
-NEAREST = 5
-"""Solvers of which it says why they do not qualify."""
+"""Exit status of a comparison that found a change that --fail-on names, and of one that could not have found it."""
+MOST_REFUSED = 5
+"""Most solvers for which the reason is printed why they do not qualify."""
 
 
 def compare_verb(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; all are compared with the first."),
+        typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; each is compared with the first."),
     ],
     out: Annotated[
         Path | None, typer.Option(help="Folder for the comparison; compare-A-B beside the last run by default.")
@@ -35,19 +42,17 @@ def compare_verb(
     fail_on: Annotated[
         Literal["nothing", "regression", "difference"],
         typer.Option(
-            help=f"What ends with exit status {FAILED}; with {CANNOT_TELL} where nothing is found and the runs cannot "
-            "tell."
+            help=f"Exit with status {FAILED} on such a change, and with {CANNOT_TELL} if none is found but the "
+            "runs are too noisy to tell."
         ),
     ] = "nothing",
-    smallest: Annotated[
-        float, typer.Option(help="Smallest change of times that matters, as a ratio above 1.")
-    ] = SMALLEST,
+    smallest: Annotated[float, typer.Option(help="Smallest ratio of times, above 1, that matters.")] = SMALLEST,
     as_json: AsJson = False,
 ) -> None:
-    """Compare runs: what is faster, slower, more or less accurate.
+    """Compare runs: which solvers became faster, slower, more or less accurate.
 
-    Times count as different, solver lane by solver lane, only beyond the noise that the runs themselves show; where a
-    change that matters could not have been seen, it says so.
+    Times of a solver lane differ only if the change exceeds the noise between the runs. Where a change that matters
+    could have gone unseen, the comparison says so.
     """
     if not smallest > 1.0:
         raise typer.BadParameter(f"a change of times is a ratio above 1, and not {smallest:g}", param_hint="--smallest")
@@ -65,11 +70,8 @@ def compare_verb(
         page = comparison_report.write(
             found, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
         )
-    if as_json:
-        print_json(comparison_report.to_dict(found))
-    else:
-        print_report(report, lines_of(report.notes))
-        console.print(f"\n{OURS_NOTE}\nComparison: {page}")
+    files = ["", OURS_NOTE, f"Comparison: {page}"]
+    print_report(report, comparison_report.to_dict(found), as_json, lines_of(report.notes), files)
     bad = sum(each.differences if fail_on == "difference" else each.regressions for each in found)
     if fail_on != "nothing" and (bad or any(each.cannot_tell for each in found)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)
@@ -79,41 +81,41 @@ def deploy_verb(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(help="Folder of a one-shot race or of a stream.")],
     out: Annotated[
-        Path | None, typer.Option(help="Where the decision is written; compensator.json in the run by default.")
+        Path | None, typer.Option(help="File for the compensator; compensator.json in the run by default.")
     ] = None,
     accuracy: Annotated[
-        float, typer.Option(min=0.0, help="Largest relative cost gap and violation, on every problem.")
+        float, typer.Option(min=0.0, help="Largest relative cost gap and constraint violation on any problem.")
     ] = 1e-9,
     deadline: Annotated[float, typer.Option(min=0.0, help="Deadline in µs.")] = 125.0,
     misses: Annotated[
         int,
         typer.Option(
-            min=0, help="Deadlines that may be missed beyond those that a solver that does nothing misses here, too."
+            min=0, help="Missed deadlines allowed beyond those that a solver that does nothing misses on this machine."
         ),
     ] = 0,
     lane: Annotated[
         list[Lane] | None,
-        typer.Option(help="Lane that the controller can have; may be given again. Kernel and direct by default."),
+        typer.Option(help="Lane that the controller can use, repeatable; kernel and direct by default."),
     ] = None,
     model: Annotated[
         Path | None,
-        typer.Option(help="Model of your actuator, written by identify; not needed if the race was on your recording."),
+        typer.Option(help="Model of your actuator from identify; not needed if the race used your recording."),
     ] = None,
     problem: Annotated[
         str | None,
         typer.Option(
-            help="Problem of the run whose model is taken, as set/name; by default "
-            "the model of your recording, if the race was on one."
+            help="Use the model of this problem of the run, set/name; by default that of your recording, if the race "
+            "used one."
         ),
     ] = None,
-    simulated: Annotated[bool, typer.Option("--simulated", help="Take the model of a simulated actuator.")] = False,
+    simulated: Annotated[bool, typer.Option("--simulated", help="Allow the model of a simulated actuator.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Pick the solver for a controller, and say why.
+    """Choose the solver for a controller, and say why.
 
-    It is exact enough on every problem, misses no deadline beyond those that the machine itself misses, and has the
-    lowest p99.9 (the time that 99.9 % of its answers need at most). The model comes from --model, or is what identify
-    makes of the recording that was raced on. SelfLearningCompensator.load starts from the file that is written.
+    The solver is accurate enough on every problem, misses no deadline beyond those that the machine itself misses, and
+    has the smallest p99.9 (99.9 % of its answers take at most this time). The model comes from --model, or from
+    identifying the recording of the race. SelfLearningCompensator.load starts from the written file.
     """
     if model is not None:
         refuse(context, ("problem", "simulated"), "says which model of the run is taken, and --model gives another")
@@ -130,32 +132,28 @@ def deploy_verb(
         )
     made = deployment(decision, found)
     made.save(target)
-    if as_json:
-        print_json(
-            {
-                "file": target,
-                "solver": made.solver,
-                "lane": made.lane,
-                "tier": made.tier,
-                "settings": dict(made.settings),
-                "mode": made.mode,
-                "model_from": found.source,
-                "forced": found.model.warning,
-                "unseen_error_percent": found.error_percent,
-                "rule": rule.sentence,
-                "why": decision.sentences(),
-                "figures": decision.chosen.figures(),
-                "runners_up": [each.figures() for each in decision.runners_up],
-                "refused": [{**each.figures(), "why": why} for each, why in decision.refused],
-            }
-        )
-        return
-    for sentence in decision.sentences():
-        console.print(sentence)
-    for each, why in decision.refused[:NEAREST]:
-        console.print(f"Not qualified: {each.name} {why}.")
-    if found.model.warning:
-        console.print(found.model.warning)
-    console.print(
-        f"Model: from {found.source}.{found.sentence and f' {found.sentence}'}\n{OURS_NOTE}\nCompensator: {target}"
-    )
+    document = {
+        "file": target,
+        "solver": made.solver,
+        "lane": made.lane,
+        "tier": made.tier,
+        "settings": dict(made.settings),
+        "mode": made.mode,
+        "model_from": found.source,
+        "forced": found.model.warning,
+        "unseen_error_percent": found.error_percent,
+        "rule": rule.sentence,
+        "why": decision.sentences(),
+        "figures": decision.chosen.figures(),
+        "runners_up": [each.figures() for each in decision.runners_up],
+        "refused": [{**each.figures(), "why": why} for each, why in decision.refused],
+    }
+    lines = [
+        *decision.sentences(),
+        *(f"Not qualified: {each.name} {why}." for each, why in decision.refused[:MOST_REFUSED]),
+        found.model.warning,
+        f"Model: from {found.source}.{found.sentence and f' {found.sentence}'}",
+        OURS_NOTE,
+        f"Compensator: {target}",
+    ]
+    print_result(document, lines, as_json)

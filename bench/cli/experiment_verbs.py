@@ -5,30 +5,35 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import SolverName
-from bench.report.console import AsJson, console, lines_of, print_json, print_report, progress_bar
+from bench.cli.options import Seed, SolverName
+from bench.report.console import AsJson, lines_of, print_report, progress_bar
 from bench.stage.setup import StageSetup
 
 FOLDER = Path("results/experiment")
 
 
 def experiment_verb(
-    out: Annotated[Path, typer.Option(help="Folder of the report, the figures and their numbers.")] = FOLDER,
-    quick: Annotated[bool, typer.Option("--quick", help="Short phases: seconds, and less exact.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for the report, the figures and their data.")] = FOLDER,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Shorten the phases to seconds, with less exact results.")
+    ] = False,
+    seed: Seed = 0,
     solver: SolverName = "projected_difference",
     as_json: AsJson = False,
 ) -> None:
-    """Let a simulated stage learn while it moves, and draw it."""
-    from bench.experiment.experiment import run  # the figures' library takes a while to load
+    """Let a simulated stage learn while it moves, and draw the result."""
+    from bench.experiment.experiment import run  # the plot library is slow to load
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is not a folder", param_hint="--out")
     setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)
     with progress_bar() as progress:
-        found, written = run(out, setup, progress)
-    if as_json:
-        print_json({"report": written, "page": written.with_suffix(".html"), **found.document})
-        return
-    print_report(found, ["", *lines_of(found.notes)])
-    console.print(f"Page: {written.with_suffix('.html')}\nReport: {written}")
+        report, written = run(out, setup, progress)
+    page = written.with_suffix(".html")
+    print_report(
+        report,
+        {"report": written, "page": page, **report.document},
+        as_json,
+        ["", *lines_of(report.notes)],
+        [f"Page: {page}", f"Report: {written}"],
+    )

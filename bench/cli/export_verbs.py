@@ -1,13 +1,13 @@
-"""Verbs that take a model out of Python: ``export-c``, ``export-fmu``, and ``realtime``, the exported C on this
+"""Verbs that export a model: ``export-c``, ``export-fmu``, and ``realtime``, which runs the exported C on this
 machine."""
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from bench.cli.options import RateLimit
 from bench.export.realtime import real_time
 from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
@@ -17,27 +17,29 @@ from piezo_model.atomic_file import write_text
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import format_of
 
-ModelArgument = Annotated[Path, typer.Argument(help="Model written by identify, or compensator written by deploy.")]
-PartChoice = Annotated[Part, typer.Option("--part", help="Compensation alone, or the whole self-learning loop.")]
+ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
+PartChoice = Annotated[Part, typer.Option("--part", help="Compensation alone, or the complete self-learning loop.")]
 SolverChoice = Annotated[
     LoopSolver | None,
     typer.Option(
         "--solver",
-        help="Of the learning: a solver that works in "
-        "cycles, or recursive_active_set: continuous, exact at every interval.",
+        help="Solver of the self-learning loop: recursive_active_set learns continuously and is exact at every "
+        "interval, the others learn in cycles.",
     ),
 ]
-PrecisionChoice = Annotated[Precision, typer.Option("--precision", help="Of signals, states and model.")]
-Low = Annotated[float | None, typer.Option("--low", help="Lowest drive; the file's or the model's range by default.")]
-High = Annotated[
-    float | None, typer.Option("--high", help="Highest drive; the file's or the model's range by default.")
+PrecisionChoice = Annotated[Precision, typer.Option("--precision", help="Number format of signals, states and model.")]
+Low = Annotated[
+    float | None,
+    typer.Option("--low", help="Lowest drive; by default that of the compensator or the model's range."),
 ]
-RateLimit = Annotated[float | None, typer.Option("--rate-limit", help="Fastest change of the drive, per second.")]
-
+High = Annotated[
+    float | None,
+    typer.Option("--high", help="Highest drive; by default that of the compensator or the model's range."),
+]
 IntegralGain = Annotated[
     float,
     typer.Option(
-        "--integral-gain", help="Of integral action on the sensor, per second: the bandwidth in rad/s; 0 for none."
+        "--integral-gain", help="Gain of the integral action on the sensor in 1/s, its bandwidth in rad/s; 0 for none."
     ),
 ]
 
@@ -52,7 +54,7 @@ def export_c_verb(
     high: High = None,
     rate_limit: RateLimit = None,
     integral_gain: IntegralGain = 0.0,
-    name: Annotated[str, typer.Option(help="Prefix of files, functions and types.")] = "piezo",
+    name: Annotated[str, typer.Option(help="Prefix of the names of files, functions and types.")] = "piezo",
 ) -> None:
     """Write the compensator as C99 for a controller."""
     from bench.export.building import write_folder
@@ -63,26 +65,23 @@ def export_c_verb(
     )
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
-    what = {"compensator": "the compensator", "learning": f"the self-learning loop with {settings.solver}"}[
-        settings.part
-    ]
+    what = "the compensator" if part == "compensator" else f"the self-learning loop with {settings.solver}"
     console.print(
         f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, "
-        "the calls and the memory."
+        f"the calls and the memory.\nSource: {folder}; make -C {folder} run builds and runs the example."
     )
-    console.print(f"Source: {folder}; make -C {folder} run builds and runs the example.")
 
 
 def export_fmu_verb(
     model: ModelArgument,
-    out: Annotated[Path, typer.Argument(help="Where the FMU is written.")],
-    fmi: Annotated[int, typer.Option(min=2, max=3, help="Version of FMI.")] = 3,
+    out: Annotated[Path, typer.Argument(help="File of the FMU to write.")],
+    fmi: Annotated[int, typer.Option(min=2, max=3, help="Major version of FMI.")] = 3,
     low: Low = None,
     high: High = None,
     rate_limit: RateLimit = None,
     integral_gain: IntegralGain = 0.0,
 ) -> None:
-    """Write the compensator as a Co-Simulation FMU with a binary for this machine and its source."""
+    """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
     from bench.export.fmu import write_fmu
 
     loaded, settings = _opened(model, low, high, rate_limit, None, integral_gain=integral_gain)
@@ -98,16 +97,18 @@ def export_fmu_verb(
 def realtime_verb(
     model: ModelArgument,
     rate: Annotated[float, typer.Option(min=1.0, max=1e6, help="Samples per second.")] = 8000.0,
-    seconds: Annotated[float, typer.Option(min=0.01, help="Length of the run.")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=0.01, help="Duration of the run in s.")] = 60.0,
     part: PartChoice = "compensator",
     solver: SolverChoice = None,
     precision: PrecisionChoice = "double",
-    priority: Annotated[int, typer.Option(min=0, max=99, help="Of SCHED_FIFO; 0 does not ask for it.")] = 80,
-    core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last by default.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Where histograms and figures are written, JSON.")] = None,
+    priority: Annotated[
+        int, typer.Option(min=0, max=99, help="Priority under SCHED_FIFO; 0 for the default scheduler.")
+    ] = 80,
+    core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last one by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="JSON file to write histograms and figures to.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the exported C on this machine on an absolute schedule and count its misses."""
+    """Run the exported C on this machine with absolute deadlines and count those it misses."""
     if out is not None:
         check_writable(out)
     loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
@@ -150,7 +151,7 @@ def _opened(
     solver: LoopSolver | None,
     **options: Any,
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
-    """Model and settings of a file of identify or deploy."""
+    """Model and export settings from a file of identify or deploy."""
     if solver is not None and options.get("part") != "learning":
         raise typer.BadParameter("is for --part learning; a compensator alone has no solver", param_hint="--solver")
     limits, chosen = None, solver
@@ -158,7 +159,7 @@ def _opened(
         deployed = Deployment.load(path)
         model, limits = deployed.model, deployed.x_limits
         if chosen is None and options.get("part") == "learning":
-            chosen = _of_ours(deployed, path)
+            chosen = _exported_solver(deployed, path)
     else:
         model = HysteresisCreepModel.load(path)
     if model.warning:
@@ -166,18 +167,17 @@ def _opened(
     s = model.structure
     lowest, highest = limits or (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
     limits = (lowest if low is None else low, highest if high is None else high)
-    if rate_limit is not None and not 0.0 < rate_limit < math.inf:
-        raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
     return model, ExportSettings(solver=chosen or SOLVERS[0], x_limits=limits, rate_limit=rate_limit, **options)
 
 
-def _of_ours(deployed: Deployment, path: Path) -> LoopSolver:
-    """The exported solver of a deployed one; the recursive one, once a cycle, gives the optimum of the exact one."""
+def _exported_solver(deployed: Deployment, path: Path) -> LoopSolver:
+    """The exported solver that stands for the deployed one."""
     if deployed.mode == "continuous":
         return "recursive_active_set"
-    for solver in SOLVERS:
-        if solver == deployed.solver:
-            return "box_active_set" if solver == "recursive_active_set" else solver
+    if deployed.solver == "recursive_active_set":
+        return "box_active_set"  # solving once a cycle, both give the optimum
+    if deployed.solver in SOLVERS:
+        return deployed.solver
     raise ExportError(
         f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives "
         "the exact optimum, --solver projected_difference spreads its work over the learning phase"

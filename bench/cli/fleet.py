@@ -1,4 +1,4 @@
-"""What the verbs of one recording do with many: the work on each, the fleet's table and page, and its first screen."""
+"""The verbs of one recording applied to many: the work on each, the table and page of all, and the first screen."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,32 +6,31 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import refuse
-from bench.cli.worker_options import SPREADING
+from bench.cli.options import PARALLEL, refuse
 from bench.fleet.fleet import done, drawn, parts_of
 from bench.fleet.report import DISTANT, report, table_of, write
 from bench.fleet.storage import folder_here, matching
 from bench.fleet.works import Work
 from bench.processes.engine import Workers
-from bench.report.console import errors, lines_of, print_json, print_report, progress_bar
+from bench.report.console import errors, lines_of, print_report, progress_bar
 from piezo_model.recordings import RecordingError
 
 OutDir = Annotated[
     str | None,
     typer.Option(
         "--out-dir",
-        help="For many recordings: folder or URL for what is made of "
-        "each, with a table and a page of all. What is there of the same content and settings is kept.",
+        help="For many recordings: folder or URL for the result of each and for a table and a page of all. Results "
+        "that are there already, of the same content and settings, are kept.",
     ),
 ]
 PAGES = 100
-"""Most outliers that have pages of their own; each page takes a second and a megabyte."""
+"""Most outliers with pages of their own; a page takes a second and a megabyte."""
 MOST_REFUSED = 12
-"""Lines on the first screen for what was refused."""
+"""Most lines about refused recordings on the first screen."""
 
 
 def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None = None) -> str:
-    """Where what is made of many goes; a refusal where nothing says it."""
+    """The folder for the results of many recordings; refuses the call if it is not given."""
     if out_dir is None:
         raise typer.TyperException(
             "Missing option '--out'" if len(recordings) == 1 else "Missing option '--out-dir' for many recordings"
@@ -42,20 +41,20 @@ def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None
 
 
 def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> str:
-    """The one recording of a file --out."""
+    """The single recording of a call without --out-dir; refuses several, and options for many."""
     if out_dir is not None or len(recordings) > 1:
         raise typer.BadParameter("is for one recording, and --out-dir for many", param_hint="--out")
-    refuse(context, SPREADING, "is for many recordings, with --out-dir")
+    refuse(context, PARALLEL, "is for many recordings, with --out-dir")
     return recordings[0]
 
 
 def process(
     work: Work, recordings: Sequence[str], out: str, workers: Workers, title: str, what: str, as_json: bool
 ) -> None:
-    """Do the work on all, write table and page, and show them; in the end RecordingError where some were refused."""
+    """Do the work on all recordings, write table and page, and show them; then RecordingError if any was refused."""
     workers.check()
     parts = list(parts_of(work, matching(recordings), out))
-    with folder_here(out):  # or it is refused before the work and not after it
+    with folder_here(out):  # fails before the work if the folder cannot be written
         pass
     try:
         with progress_bar() as progress:
@@ -73,16 +72,12 @@ def process(
         errors.print("Interrupted; what is done is kept, and the same command carries on.", soft_wrap=True)
         raise
     refused = table[table.refused != ""]
-    if as_json:
-        print_json({"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records")})
-    else:
-        why = [line for said in refused.refused for line in lines_of([said])]
-        if len(why) > MOST_REFUSED:
-            why = [*why[:MOST_REFUSED], "… and more in the table."]
-        print_report(
-            report(title, table, what),
-            [*(["Refused:", *why] if why else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"],
-        )
+    reasons = lines_of(refused.refused)
+    if len(reasons) > MOST_REFUSED:
+        reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
+    below = [*(["Refused:", *reasons] if reasons else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"]
+    document = {"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records")}
+    print_report(report(title, table, what), document, as_json, below)
     if len(refused):
         raise RecordingError(
             f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why"

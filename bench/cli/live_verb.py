@@ -1,4 +1,4 @@
-"""The verb ``live``: a compensator on a stage, watched in a browser."""
+"""The verb ``live``: runs a compensator on a stage, with a page in the browser."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +13,7 @@ from bench.live.task import Learn, Task, first_model
 from bench.report.console import check_writable, console
 
 SHARE = 0.6
-"""Of the output's range, the default sine of a simulated stage."""
+"""Peak-to-peak height of the default sine of a simulated stage, as a share of the output's range."""
 FASTEST_HZ = 20_000.0
 
 
@@ -22,49 +22,53 @@ def live_verb(
         Path | None,
         typer.Argument(
             metavar="[COMPENSATOR_OR_MODEL]",
-            help="A model written by identify, or what deploy wrote; learned from the straight line on by default.",
+            help="Model from identify or compensator from deploy; by default it starts from a straight line.",
         ),
     ] = None,
     simulate: Annotated[
-        str | None, typer.Option(metavar="KIND", help="A simulated actuator, such as relay_preisach.")
+        str | None, typer.Option(metavar="KIND", help="Simulated actuator, such as relay_preisach.")
     ] = None,
-    device: Annotated[Path | None, typer.Option(metavar="STAGE.py", help="A file with the class of a stage.")] = None,
-    reference: Annotated[
-        Path | None, typer.Option(help="A file with a reference column, followed over and over.")
+    device: Annotated[
+        Path | None, typer.Option(metavar="STAGE.py", help="Python file with the class of your stage.")
     ] = None,
+    reference: Annotated[Path | None, typer.Option(help="File with a reference column, repeated without end.")] = None,
     sine_words: Annotated[
-        str | None, typer.Option("--sine", metavar="5Hz:10um", help="Frequency and amplitude, and a centre if need be.")
+        str | None,
+        typer.Option("--sine", metavar="5Hz:10um", help="Sine reference: frequency and amplitude, optionally :centre."),
     ] = None,
     staircase_words: Annotated[
-        str | None, typer.Option("--staircase", metavar="0.5s:4um:8", help="Time and height of a level, and how many.")
+        str | None,
+        typer.Option(
+            "--staircase",
+            metavar="0.5s:4um:8",
+            help="Staircase reference: hold time, step height and number of levels.",
+        ),
     ] = None,
-    set_point: Annotated[float | None, typer.Option(help="One value, output unit.")] = None,
-    rate: Annotated[float, typer.Option(help=f"Samples a second, up to {FASTEST_HZ:g}.")] = 1000.0,
-    seconds: Annotated[float, typer.Option(min=0.0, help="How long; 0 until it is stopped.")] = 0.0,
-    learn: Annotated[Learn, typer.Option(help="How it learns.")] = "continuous",
+    set_point: Annotated[float | None, typer.Option(help="Constant reference in the output's unit.")] = None,
+    rate: Annotated[float, typer.Option(min=1.0, max=FASTEST_HZ, help="Samples per second.")] = 1000.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Duration in s; 0 until it is stopped.")] = 0.0,
+    learn: Annotated[Learn, typer.Option(help="Mode of learning.")] = "continuous",
     integral_gain: Annotated[
-        float, typer.Option(min=0.0, help="Of integral action beside the compensation, 1/s.")
+        float, typer.Option(min=0.0, help="Gain of the integral action beside the compensation, 1/s.")
     ] = 0.0,
     record: Annotated[
-        Path | None, typer.Option(metavar="FILE.parquet", help="Where everything is recorded; identify reads it.")
+        Path | None, typer.Option(metavar="FILE.parquet", help="File for the recording, which identify can read.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of a simulated sensor's noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated sensor's noise.")] = 0,
     page: Annotated[
-        bool, typer.Option("--page/--no-page", help="Whether there is a page to watch and steer it.")
+        bool, typer.Option("--page/--no-page", help="Whether to serve a page that shows and steers the run.")
     ] = True,
-    host: Annotated[str, typer.Option(help="Address of the page; of this machine only by default.")] = "127.0.0.1",
+    host: Annotated[str, typer.Option(help="Address of the page; by default this machine only.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 5006,
 ) -> None:
-    """Run a compensator on a stage, simulated or your own, and watch it learn.
+    """Run a compensator on a simulated stage or your own, and watch it learn.
 
-    However it ends, the drive ramps to rest at the stage's rate limit.
+    At the end, after an error too, the drive ramps to rest at the stage's rate limit.
     """
     if (simulate is None) == (device is None):
         raise typer.BadParameter(
             "say either a simulated actuator or a stage's file", param_hint="--simulate KIND | --device STAGE.py"
         )
-    if not 1.0 <= rate <= FASTEST_HZ:
-        raise typer.BadParameter(f"the rate must be from 1 to {FASTEST_HZ:g} Hz, not {rate:g}", param_hint="--rate")
     shapes = {"--reference": reference, "--sine": sine_words, "--staircase": staircase_words, "--set-point": set_point}
     if len(given := [name for name, value in shapes.items() if value is not None]) > 1:
         raise typer.BadParameter(
@@ -76,7 +80,6 @@ def live_verb(
                 f"{record} is written as Parquet, so its name must end in .parquet", param_hint="--record"
             )
         check_writable(record, "--record")
-
     if not integral_gain <= rate:
         raise typer.BadParameter(
             f"must be at most the rate, {rate:g} 1/s, not {integral_gain:g}", param_hint="--integral-gain"
@@ -105,14 +108,14 @@ def live_verb(
     else:
         wanted = constant(centre if set_point is None else set_point)
     task = Task(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
-    found = run(task, record, (host, port) if page else None, _told)
-    for sentence in found.sentences:
+    result = run(task, record, (host, port) if page else None, _print_now)
+    for sentence in result.sentences:
         console.print(sentence)
-    if found.status:
-        raise typer.Exit(found.status)
+    if result.status:
+        raise typer.Exit(result.status)
 
 
-def _told(text: str) -> None:
-    """Print at once, even where standard output is not a terminal: the address of the page is needed while it runs."""
+def _print_now(text: str) -> None:
+    """Print without buffering: the address of the page is needed during the run."""
     console.print(text)
     console.file.flush()

@@ -1,4 +1,4 @@
-"""Verbs of a model that is there: ``validate`` it on another recording, ``simulate`` a drive with it."""
+"""Verbs for an identified model: ``validate`` it on another recording, ``simulate`` a drive with it."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,43 +7,51 @@ import numpy as np
 import typer
 
 from bench.cli.fleet import OutDir, only, out_dir_of, process
-from bench.cli.options import STARTS, Input, Output, Start, Time, reads_a_recording
-from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
+from bench.cli.options import (
+    STARTS,
+    Input,
+    Output,
+    Scheduler,
+    Start,
+    Time,
+    WorkerBackend,
+    WorkerCount,
+    reads_a_recording,
+)
 from bench.fleet.storage import absolute
 from bench.fleet.works import Validating
 from bench.processes.engine import Backend, Workers
-from bench.report.console import AsJson, check_writable, console, print_json
+from bench.report.console import AsJson, check_writable, print_result
 from piezo_model import HysteresisCreepModel
 from piezo_model.recordings import RecordingError, read_reference, write_table
 from piezo_model.units import quantity
-
-Model = Annotated[Path, typer.Argument(help="Model written by identify.")]
 
 
 @reads_a_recording
 def validate_verb(
     context: typer.Context,
     model: Annotated[
-        str, typer.Argument(help="Model written by identify; for many recordings also the folder of their models.")
+        str, typer.Argument(help="Model from identify; for many recordings also the folder of their models.")
     ],
     recording: Annotated[
-        list[str], typer.Argument(help="A recording in any known format. Many, as paths or URLs, go with --out-dir.")
+        list[str],
+        typer.Argument(help="A recording in any known format; or many, as paths or URLs, with --out-dir."),
     ],
     reading: dict[str, Any],
     out_dir: OutDir = None,
     time: Time = None,
     input: Input = None,
     output: Output = None,
-    page: Annotated[Path | None, typer.Option(help="Where a page with pictures is written, HTML.")] = None,
+    page: Annotated[Path | None, typer.Option(help="HTML file for a page with plots.")] = None,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
-    """Judge a model on a recording that its identification has not seen, or each of many.
+    """Check a model against a recording that it was not identified from, or against many.
 
-    The states at the start are found as identify finds them, and an offset of the sensor between the sessions is
-    removed and said.
+    The initial states are estimated as in identify; an offset of the sensor between the two sessions is removed and
+    reported.
     """
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Validating(absolute(model), opening)
@@ -67,28 +75,22 @@ def validate_verb(
         from piezo_model.identification.fit_review import review
 
         recording_page.write(page, file.name, review(opened, loaded, found))
-    if as_json:
-        print_json({"model": model, "page": page, **found.to_dict()})
-        return
-    console.print(opened.describe())
-    for sentence in found.sentences():
-        console.print(sentence)
-    if page is not None:
-        console.print(f"Page: {page}")
+    lines = [opened.describe(), *found.sentences(), f"Page: {page}" if page else ""]
+    print_result({"model": model, "page": page, **found.to_dict()}, lines, as_json)
 
 
 @reads_a_recording
 def simulate_verb(
-    model: Model,
-    drive: Annotated[Path, typer.Argument(help="A file with a drive column, in any format of recordings.")],
-    out: Annotated[Path, typer.Option(help="Where drive and output are written, CSV or Parquet.")],
+    model: Annotated[Path, typer.Argument(help="Model from identify.")],
+    drive: Annotated[Path, typer.Argument(help="File with a drive column, in any format of recordings.")],
+    out: Annotated[Path, typer.Option(help="CSV or Parquet file for drive and output.")],
     reading: dict[str, Any],
     time: Time = None,
     input: Input = None,
     start: Start = "identified",
     as_json: AsJson = False,
 ) -> None:
-    """Compute what the model makes of a drive."""
+    """Compute the output of the model for a drive."""
     check_writable(out)
     loaded = HysteresisCreepModel.load(model)
     s = loaded.structure
@@ -103,23 +105,20 @@ def simulate_verb(
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
     write_table(out, columns, loaded.warning)
-    if as_json:
-        print_json(
-            {
-                "output": out,
-                "samples": y.size,
-                "lowest": y.min(),
-                "highest": y.max(),
-                "unit": s.output_unit,
-                "start": began,
-                "forced": loaded.warning,
-            }
-        )
-        return
-    if loaded.warning:
-        console.print(loaded.warning)
-    console.print(STARTS[began])
-    console.print(
-        f"{y.size} samples of output from {quantity(y.min(), s.output_unit)} to {quantity(y.max(), s.output_unit)}."
-    )
-    console.print(f"Output: {out}")
+    lowest, highest = y.min(), y.max()
+    document = {
+        "output": out,
+        "samples": y.size,
+        "lowest": lowest,
+        "highest": highest,
+        "unit": s.output_unit,
+        "start": began,
+        "forced": loaded.warning,
+    }
+    lines = [
+        loaded.warning,
+        STARTS[began],
+        f"{y.size} samples of output from {quantity(lowest, s.output_unit)} to {quantity(highest, s.output_unit)}.",
+        f"Output: {out}",
+    ]
+    print_result(document, lines, as_json)

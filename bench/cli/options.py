@@ -1,20 +1,22 @@
-"""Options that several verbs share, defined once, and the refusal of those that a call would not use."""
+"""Options that several verbs share, defined once, and the refusal of options that a call would ignore."""
 
 import functools
 import inspect
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 import typer
 
+from bench.processes.engine import Backend
 from solvers import find
 
 Verb = Callable[..., None]
 
 
 def grouped(group: str, options: Mapping[str, Any]) -> Callable[[Verb], Verb]:
-    """Add options, as annotations by their names, to a verb, which gets their values by name as its argument
-    ``group``."""
+    """Add options, given as annotations by name, to a verb, which receives their values as a dictionary in its
+    parameter ``group``."""
 
     def decorate(verb: Verb) -> Verb:
         signature = inspect.signature(verb, eval_str=True)
@@ -37,13 +39,13 @@ def grouped(group: str, options: Mapping[str, Any]) -> Callable[[Verb], Verb]:
 
 
 def is_given(context: typer.Context, option: str) -> bool:
-    """Whether the command line names this parameter of the verb, if only with its default."""
+    """Whether this parameter of the verb is on the command line, even if with its default value."""
     source = context.get_parameter_source(option)
     return source is not None and source.name == "COMMANDLINE"
 
 
 def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
-    """Refuse these parameters of the verb where the command line names one; ``why`` follows its name."""
+    """Refuse the call if one of these parameters of the verb is on the command line; ``why`` follows its name."""
     for option in options:
         if is_given(context, option):
             raise typer.BadParameter(
@@ -52,7 +54,7 @@ def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
 
 
 def installed(name: str) -> str:
-    """The name of a solver that is known and installed here; any other is refused."""
+    """Callback of an option: the name of a registered solver whose library is installed."""
     try:
         find(name).load()
     except KeyError as error:
@@ -62,33 +64,55 @@ def installed(name: str) -> str:
     return name
 
 
-SolverName = Annotated[str, typer.Option("--solver", callback=installed, help="Any registered solver.")]
+def positive(value: float | None) -> float | None:
+    """Callback of an option: a positive finite number, or None if the option is not given."""
+    if value is not None and not 0.0 < value < math.inf:
+        raise typer.BadParameter(f"must be positive, not {value:g}")
+    return value
 
 
-FILE = "A recording in any known format; piezobench inspect shows how it is read."
+SolverName = Annotated[str, typer.Option("--solver", callback=installed, help="Name of a registered solver.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
+RateLimit = Annotated[
+    float | None,
+    typer.Option("--rate-limit", callback=positive, help="Largest change of the drive, input units per second."),
+]
+
+PARALLEL = ("workers", "backend", "scheduler")
+"""Names of the following three parameters in a verb."""
+WorkerCount = Annotated[int, typer.Option("--workers", min=1, help="Number of worker processes, each on its own core.")]
+WorkerBackend = Annotated[Backend, typer.Option("--backend", help="Where the workers run.")]
+Scheduler = Annotated[
+    str,
+    typer.Option("--scheduler", help="Address of a Dask scheduler whose workers see the same folder under this path."),
+]
+
+FILE = "A recording in any known format; 'piezobench inspect' shows how it is read."
 Time = Annotated[
     str | None,
     typer.Option(
-        help="Time column: a name, a path such as group/channel, or a number counted "
-        "from 1; guessed by default; none for no clock."
+        help="Time column: its name, a path such as group/channel, or its number counted from 1; 'none' if there is no "
+        "clock. Guessed by default."
     ),
 ]
 Input = Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")]
 Output = Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")]
 READING_OPTIONS: dict[str, Any] = {
     "sample_time": Annotated[float | None, typer.Option(help="Sampling period in s, for a file without times.")],
-    "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, in place of --sample-time.")],
-    "header_row": Annotated[int | None, typer.Option(help="Row that names the columns, counted from 1; 0 for none.")],
-    "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; found by default.")],
+    "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, instead of --sample-time.")],
+    "header_row": Annotated[
+        int | None, typer.Option(help="Row with the column names, counted from 1; 0 if there is none.")
+    ],
+    "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; detected by default.")],
     "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")],
     "resample": Annotated[
-        float | None, typer.Option(help="Sampling period in s to interpolate to, for times that are not even.")
+        float | None, typer.Option(help="Sampling period in s to interpolate to, if the times are not equidistant.")
     ],
     "input_unit": Annotated[
-        str | None, typer.Option(help="Unit of the input, such as V, where the file does not say it.")
+        str | None, typer.Option(help="Unit of the input, such as V, if the file does not state it.")
     ],
     "output_unit": Annotated[
-        str | None, typer.Option(help="Unit of the output, such as um, where the file does not say it.")
+        str | None, typer.Option(help="Unit of the output, such as um, if the file does not state it.")
     ],
 }
 
@@ -97,7 +121,8 @@ Start = Annotated[
     Literal["identified", "rest"],
     typer.Option(
         "--start",
-        help="Begin with the states that identify found before its recording, or at rest at the centre of the range.",
+        help="Initial states: those that identify found at the start of its recording, or rest at the centre of the "
+        "range.",
     ),
 ]
 STARTS = {
@@ -106,13 +131,14 @@ STARTS = {
 }
 
 
-def as_text(**said: Any) -> dict[str, str]:
-    """What was said of a recording, as the options of a problem set."""
-    return {name: str(value) for name, value in said.items() if value is not None}
+def as_text(**values: Any) -> dict[str, str]:
+    """The given values as texts, the form in which a problem set takes its options."""
+    return {name: str(value) for name, value in values.items() if value is not None}
 
 
 def reads_a_recording(verb: Verb) -> Verb:
-    """Add the options to a verb, which gets them together as its argument ``reading``."""
+    """Add READING_OPTIONS to a verb, which receives them as a dictionary in its parameter ``reading``, without
+    ``sample_rate``."""
 
     @grouped("reading", READING_OPTIONS)
     @functools.wraps(verb)

@@ -1,4 +1,4 @@
-"""The verb ``problems``: what the problem sets hold, whether every proof holds, and the problems as files."""
+"""The verb ``problems``: lists the problem sets and their problems, checks their proofs, and writes them to files."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -14,6 +14,7 @@ from bench.cli.options import (
     READING_OPTIONS,
     Input,
     Output,
+    Seed,
     Time,
     as_text,
     is_given,
@@ -22,8 +23,11 @@ from bench.cli.options import (
 )
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
-from bench.report.console import AsJson, console, print_json, print_table, progress_bar, records
+from bench.report.console import AsJson, console, print_json, print_table, progress_bar, show_table
+from bench.report.words import by_heading
 from solvers.certificate import WORK, Certificate, NotCertified, verify
+
+HEADINGS = ("problem", "optimum", "variables", "rows", "condition", "gaps are relative to", "proofs")
 
 
 @reads_a_recording
@@ -31,44 +35,42 @@ def problems_verb(
     context: typer.Context,
     reading: dict[str, Any],
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
-    verify: Annotated[bool, typer.Option("--verify", help="Replay every proof in exact arithmetic.")] = False,
+    verify: Annotated[bool, typer.Option("--verify", help="Check every proof again in exact arithmetic.")] = False,
     source: Annotated[
-        Path | None, typer.Option("--from", help="Folder with saved problems, in place of making them.")
+        Path | None, typer.Option("--from", help="Folder with saved problems, instead of making them.")
     ] = None,
     export: Annotated[
-        Path | None, typer.Option(help="Folder for the problems as NPZ and a test set of qpbenchmark.")
+        Path | None, typer.Option(help="Folder to write the problems to, as NPZ and as a test set of qpbenchmark.")
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Number of problems; all by default.")] = None,
-    seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 0,
+    seed: Seed = 0,
     recording: Annotated[Path | None, typer.Option(help=f"For the set recorded. {FILE}")] = None,
     time: Time = None,
     input: Input = None,
     output: Output = None,
-    folder: Annotated[Path | None, typer.Option(help="For the set foreign: NPZ, MAT, QPS and MPS files.")] = None,
-    test_set: Annotated[
-        Path | None, typer.Option(help="For the set test_set: Python file with one of qpbenchmark.")
+    folder: Annotated[
+        Path | None, typer.Option(help="For the set foreign: folder of NPZ, MAT, QPS and MPS files.")
     ] = None,
-    work: Annotated[float, typer.Option(min=1.0, help="For programs of others: bit operations for each proof.")] = WORK,
+    test_set: Annotated[
+        Path | None, typer.Option(help="For the set test_set: Python file with a test set of qpbenchmark.")
+    ] = None,
+    work: Annotated[
+        float, typer.Option(min=1.0, help="For the sets foreign and test_set: most bit operations of a proof.")
+    ] = WORK,
     as_json: AsJson = False,
 ) -> None:
-    """List the problem sets, or the problems of one.
+    """List the problem sets, or the problems of one set.
 
-    Every proof can be checked again, and the problems be written to files.
+    It can also check every proof again and write the problems to files.
     """
     of_sets = ("recording", "time", "input", "output", "folder", "test_set", "work", *READING_OPTIONS)
     if problem_set is None and source is None:
-        refuse(
-            context,
-            ("verify", "export", "limit", "seed", *of_sets),
-            "needs problems; name a --set, or a folder with --from",
-        )
+        needs_problems = ("verify", "export", "limit", "seed", *of_sets)
+        refuse(context, needs_problems, "needs problems; name a --set, or a folder with --from")
         sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
-        if as_json:
-            print_json(records(("set", "problems", "what it is for"), sets))
-        else:
-            print_table(("set", "problems", "what it is for"), sets, left=3)
+        show_table(("set", "problems", "what it is for"), sets, 3, as_json)
         return
-    said = as_text(
+    set_options = as_text(
         recording=recording,
         folder=folder,
         test_set=test_set,
@@ -81,56 +83,56 @@ def problems_verb(
     if source is not None:
         refuse(context, ("seed", *of_sets), "is for making problems, and those in the folder --from are made")
     elif problem_set is not None:
-        check_options([problem_set], [option for option in said if option != "work" or is_given(context, "work")])
-    chosen, left_out, total = _chosen(problem_set, source, seed, said)
+        check_options(
+            [problem_set], [option for option in set_options if option != "work" or is_given(context, "work")]
+        )
+    problems, left_out, total = _problems(problem_set, source, seed, set_options)
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)
     rows: list[tuple[str, ...]] = []
     failures: list[str] = []
     exported: dict[str, list[bool]] = defaultdict(list)
     with progress_bar() as progress:
-        for done, problem in enumerate(islice(chosen, limit)):
-            progress(f"{problem.set_name}/{problem.name}", done, min(total, limit or total))
-            proofs = _failures(problem) if verify else {}
-            failures += [f"{problem.set_name}/{problem.name} ({scaling}): {why}" for scaling, why in proofs.items()]
-            rows.append((*_described(problem), ("; ".join(proofs.values()) or "holds") if verify else ""))
+        for done, problem in enumerate(islice(problems, limit)):
+            name = f"{problem.set_name}/{problem.name}"
+            progress(name, done, min(total, limit or total))
+            wrong = _failures(problem) if verify else {}
+            failures += [f"{name} ({scaling}): {why}" for scaling, why in wrong.items()]
+            rows.append((*_described(problem), "; ".join(wrong.values()) or "holds"))
             if export is not None:
                 problem.save(export / f"{problem.set_name}--{problem.name}.npz")
                 exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
-    heads = (
-        "problem",
-        "optimum",
-        "variables",
-        "rows",
-        "condition",
-        "gaps are relative to",
-        *(("proofs",) if verify else ()),
-    )
-    shown = [row[: len(heads)] for row in rows]
+    headings = HEADINGS if verify else HEADINGS[:-1]
+    shown = [row[: len(headings)] for row in rows]
     test_sets = (
         [] if export is None else [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
     )
     if as_json:
         print_json(
             {
-                "problems": records(heads, shown),
+                "problems": by_heading(headings, shown),
                 "left_out": dict(left_out),
                 "test_sets": test_sets,
                 "failures": failures,
             }
         )
     else:
-        print_table(heads, shown, left=2)
+        print_table(headings, shown, left=2)
         for name, why in left_out.items():
             console.print(f"Not certified and therefore not raced: {name}: {why}")
         for path in test_sets:
             console.print(f"Test set of qpbenchmark: {path}")
     if not rows:
         raise ProblemSetError(f"there is no certified problem in {source or problem_set}")
-    if verify:
-        verdict = _verdict(len(rows), len(left_out), failures)
-        if not as_json:
-            console.print(verdict)
+    if failures:
+        more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
+        raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
+    if verify and not as_json:
+        count = len(rows) + len(left_out)
+        share = 100.0 * len(rows) / count
+        console.print(
+            f"{len(rows)} of {count} problems are certified in every scaling ({share:.0f} %): every proof holds."
+        )
 
 
 def _count(cls: type[ProblemSet]) -> str:
@@ -139,16 +141,12 @@ def _count(cls: type[ProblemSet]) -> str:
     )
 
 
-def _chosen(
-    problem_set: str | None,
-    source: Path | None,
-    seed: int,
-    options: Mapping[str, str],
+def _problems(
+    problem_set: str | None, source: Path | None, seed: int, options: Mapping[str, str]
 ) -> tuple[Iterator[RaceProblem], Mapping[str, str], int]:
-    """The problems, those that are left out and why (known at the end), and how many there are at most."""
+    """The problems, those left out with the reason (complete after the last problem), and the largest count."""
     if source is None:
-        assert problem_set is not None
-        made = make(problem_set, seed, options)
+        made = make(str(problem_set), seed, options)
         return made.problems(), made.left_out, len(made)
     if not source.is_dir():
         raise ProblemSetError(f"{source}: is not a folder")
@@ -170,7 +168,7 @@ def _failures(problem: RaceProblem) -> dict[str, str]:
 
 def _described(problem: RaceProblem) -> tuple[str, ...]:
     form = next(iter(problem.forms.values()))
-    rows = sum(right.size for right in (form.qp.h, form.qp.b) if right is not None)
+    rows = sum(side.size for side in (form.qp.h, form.qp.b) if side is not None)
     condition = f"{problem.condition:.1e}" if problem.condition < float("inf") else "singular"
     return problem.name, _optimum(form.certificate), str(problem.d), str(rows), condition, f"{form.yardstick:.3g}"
 
@@ -179,12 +177,3 @@ def _optimum(certificate: Certificate) -> str:
     if certificate.convexity_shift:
         return f"of P + {certificate.convexity_shift:.0e} I, since rounding left P indefinite"
     return "unique" if certificate.unique else "not unique"
-
-
-def _verdict(count: int, left_out: int, failures: list[str]) -> str:
-    """The count of problems whose proofs hold; ProblemSetError where one does not."""
-    if failures:
-        more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
-        raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
-    share = 100.0 * count / (count + left_out)
-    return f"{count} of {count + left_out} problems are certified in every scaling ({share:.0f} %): every proof holds."

@@ -1,4 +1,4 @@
-"""The verb ``inspect``: what a file is understood as, before anything is made of it."""
+"""The verb ``inspect``: how a recording is read, before it is used."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,7 +23,7 @@ def inspect_verb(
     output: Output = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show how a recording is read: its columns, units, sampling, rows and ranges, and which columns are guessed."""
+    """Show how a recording is read: columns, units, sampling and ranges, and which columns are guessed."""
     table = open_table(recording, ReadOptions(**reading))
     refused, opened = None, None
     try:
@@ -64,7 +64,7 @@ def inspect_verb(
 
 
 def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
-    """Every column with its range; where roles are settled, only theirs are known without another pass."""
+    """All columns with their ranges; once the roles are settled, only the ranges of those columns are known."""
     roles = {} if opened is None else {name: role for role, name in opened.columns.items()}
     spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
     if opened is None:
@@ -77,7 +77,7 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
                     if column.kind == "number" and column.rows == table.columns[0].rows
                 ],
             )
-        except RecordingError:  # what is wrong is said at the end
+        except RecordingError:  # reported at the end
             found = {}
         ranges = {k: (profile.low, profile.high) for k, profile in found.items()}
     else:

@@ -1,4 +1,4 @@
-"""Verbs of a control engineer: ``identify`` a model from a recording, ``compensate`` a reference with it."""
+"""Verbs for a stage: ``identify`` a model from a recording, ``compensate`` a reference with it."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,30 +11,33 @@ from bench.cli.options import (
     STARTS,
     Input,
     Output,
+    RateLimit,
+    Scheduler,
     SolverName,
     Start,
     Time,
+    WorkerBackend,
+    WorkerCount,
     reads_a_recording,
 )
-from bench.cli.worker_options import Scheduler, WorkerBackend, WorkerCount
 from bench.fleet.storage import absolute
 from bench.fleet.works import FOLLOWED, Compensating, Identifying
 from bench.processes.engine import Backend, Workers
-from bench.report.console import AsJson, check_writable, console, print_json, print_table, progress_bar
+from bench.report.console import AsJson, check_writable, console, print_result, print_table, progress_bar
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import LagChoice
 from piezo_model.units import quantity
 
 SHOWN = 8
-"""Rows of the table of what cross-validation tried; the page has all."""
+"""Rows of the table of cross-validated structures; the page has all."""
 
 
 @reads_a_recording
 def identify_verb(
     context: typer.Context,
-    recording: Annotated[list[str], typer.Argument(help=f"{FILE} Many, as paths or URLs, go with --out-dir.")],
+    recording: Annotated[list[str], typer.Argument(help=f"{FILE} Or many, as paths or URLs, with --out-dir.")],
     reading: dict[str, Any],
-    out: Annotated[Path | None, typer.Option(help="Where the model of one recording is written, JSON.")] = None,
+    out: Annotated[Path | None, typer.Option(help="JSON file for the model of one recording.")] = None,
     out_dir: OutDir = None,
     time: Time = None,
     input: Input = None,
@@ -50,20 +53,20 @@ def identify_verb(
         typer.Option(
             "--rates",
             "--creep-rates",
-            help="Creep rates in 1/s, separated by commas, or none; by cross-validation by default.",
+            help="Creep rates in 1/s, separated by commas, or 'none'; by cross-validation by default.",
         ),
     ] = None,
     skip: Annotated[
-        int | None, typer.Option(min=0, help="Samples at the start not to count; a transient's by default.")
+        int | None, typer.Option(min=0, help="Samples at the start to leave out; those of a transient by default.")
     ] = None,
     lag: Annotated[
-        LagChoice, typer.Option(help="Whether a lag of the sensor is estimated, removed too, or ignored.")
+        LagChoice, typer.Option(help="Whether to estimate a lag of the sensor, to remove it too, or to ignore it.")
     ] = "estimate",
     solver: SolverName = "box_active_set",
     force: Annotated[
-        bool, typer.Option("--force", help="Write a model even of data that it does not describe.")
+        bool, typer.Option("--force", help="Write the model even if it does not describe the data.")
     ] = False,
-    page: Annotated[Path | None, typer.Option(help="Where a page with pictures and advice is written, HTML.")] = None,
+    page: Annotated[Path | None, typer.Option(help="HTML file for a page with plots and advice.")] = None,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",
@@ -71,7 +74,7 @@ def identify_verb(
 ) -> None:
     """Identify a model of hysteresis and creep from a recording, or one from each of many.
 
-    It says how well the model fits and what it found out about the recording; --page draws it.
+    It reports how well the model fits and what the recording lacks; --page draws it.
     """
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, solver, force)
@@ -102,10 +105,8 @@ def identify_verb(
             from bench.report import recording_page  # plots take a second to import
 
             recording_page.write(page, file.name, review(opened, model))
-    if as_json:
-        print_json({"model": out, "page": page, "report": dict(model.report)})
-        return
-    if selection := model.report.get("selection"):
+    selection = model.report.get("selection")
+    if selection and not as_json:
         print_table(
             ("n", "m", "creep rates, 1/s", "unknowns", "error of the drive, % of range", "standard error", ""),
             [
@@ -122,37 +123,37 @@ def identify_verb(
             ],
             left=0,
         )
-        console.print(selection["sentence"])
-    for sentence in (model.report["headline"], *model.report["findings"], *model.report["advice"]):
-        console.print(sentence)
-    console.print(f"Model: {out}")
-    if page is not None:
-        console.print(f"Page: {page}")
+    lines = [
+        selection["sentence"] if selection else "",
+        model.report["headline"],
+        *model.report["findings"],
+        *model.report["advice"],
+        f"Model: {out}",
+        f"Page: {page}" if page else "",
+    ]
+    print_result({"model": out, "page": page, "report": dict(model.report)}, lines, as_json)
 
 
 @reads_a_recording
 def compensate_verb(
     context: typer.Context,
     model: Annotated[
-        str, typer.Argument(help="Model written by identify; for many references also the folder of their models.")
+        str, typer.Argument(help="Model from identify; for many references also the folder of their models.")
     ],
     reference: Annotated[
         list[str],
         typer.Argument(
-            help="A file with a reference column, in any format of "
-            "recordings. Many, as paths or URLs, go with --out-dir."
+            help="File with a reference column, in any format of recordings; or many, as paths or URLs, with --out-dir."
         ),
     ],
     reading: dict[str, Any],
-    out: Annotated[
-        Path | None, typer.Option(help="Where the drive of one reference is written, CSV or Parquet.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV or Parquet file for the drive of one reference.")] = None,
     out_dir: OutDir = None,
     time: Time = None,
     column: Annotated[str | None, typer.Option("--reference", help="Reference column.")] = None,
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
-    rate_limit: Annotated[float | None, typer.Option(help="Fastest change of the drive, per second.")] = None,
+    rate_limit: RateLimit = None,
     start: Start = "identified",
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
@@ -160,8 +161,6 @@ def compensate_verb(
     as_json: AsJson = False,
 ) -> None:
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
-    if rate_limit is not None and not rate_limit > 0.0:
-        raise typer.BadParameter(f"the fastest change must be positive, not {rate_limit:g}", param_hint="--rate-limit")
     work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit, start)
     if out is None:
         process(
@@ -176,48 +175,26 @@ def compensate_verb(
         return
     file = Path(only(context, reference, out_dir))
     check_writable(out)
-    found = work.do(file, [Path(model)], out)
-    if as_json:
-        print_json(
-            {
-                "drive": out,
-                **{
-                    name: found[name]
-                    for name in (
-                        "samples",
-                        "lowest",
-                        "highest",
-                        "unit",
-                        "share_at_limits",
-                        "share_followed",
-                        "largest_error",
-                        "output_unit",
-                        "start",
-                        "forced",
-                    )
-                },
-            }
-        )
-        return
-    console.print(
-        f"The model follows {100.0 * found['share_followed']:.3g} % of the reference, to "
-        f"{100.0 * FOLLOWED:g} % of its range; elsewhere it misses by up to "
-        f"{quantity(found['largest_error'], found['output_unit'], 3)}."
-        if found["share_followed"] < 1.0
-        else f"The model follows all of the reference, to {100.0 * FOLLOWED:g} % of its range."
-    )
-    for sentence in filter(None, (STARTS[found["start"]], found["forced"])):
-        console.print(sentence)
-    console.print(
-        f"{found['samples']} samples of drive from {quantity(found['lowest'], found['unit'])} to "
-        f"{quantity(found['highest'], found['unit'])}; "
+    result = work.do(file, [Path(model)], out)
+    follows = f"to {100.0 * FOLLOWED:g} % of its range"
+    misses = quantity(result["largest_error"], result["output_unit"], 3)
+    lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))
+    lines = [
+        f"The model follows {100.0 * result['share_followed']:.3g} % of the reference, {follows}; elsewhere it misses "
+        f"by up to {misses}."
+        if result["share_followed"] < 1.0
+        else f"The model follows all of the reference, {follows}.",
+        STARTS[result["start"]],
+        result["forced"],
+        f"{result['samples']} samples of drive from {lowest} to {highest}; "
         + (
-            f"{100 * found['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
-            if found["share_at_limits"]
+            f"{100 * result['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
+            if result["share_at_limits"]
             else "the limits are never reached."
-        )
-    )
-    console.print(f"Drive: {out}")
+        ),
+        f"Drive: {out}",
+    ]
+    print_result({"drive": out, **result}, lines, as_json)
 
 
 def _rates(text: str | None) -> tuple[float, ...] | None:

@@ -1,4 +1,4 @@
-"""Standard input, output and error of the command: all three are open, and what cannot be written is one sentence."""
+"""Standard input, output and error of the command: all three are open, and a failed write ends in one sentence."""
 
 import io
 import os
@@ -8,13 +8,15 @@ from typing import TextIO
 
 
 class OutputError(Exception):
-    """Standard output cannot be written; the message is one sentence. No OSError, of which libraries think that it is
-    theirs."""
+    """Standard output cannot be written; the message is one sentence.
+
+    It is not an OSError, which libraries would handle as their own.
+    """
 
 
 class _Stream(io.FileIO):
-    """A standard stream that goes to the null device from the first failure on, which of standard error is said
-    nowhere."""
+    """A standard stream that is redirected to the null device after its first failure; a failure of standard error is
+    silent."""
 
     def write(self, data: object) -> int:
         try:
@@ -28,23 +30,24 @@ class _Stream(io.FileIO):
 
 
 def prepare() -> None:
-    """Make the streams safe to write to; OutputError where there is no standard output.
+    """Make the streams safe to write to; OutputError if there is no standard output.
 
-    A descriptor that the caller closed would be that of the next file that is opened, and what is printed would go into
-    it.
+    The next file that is opened would take the number of a descriptor that the caller closed, and printed text would
+    end up in it. A character that the terminal's encoding lacks is printed as an escape sequence.
     """
-    there = [_is_open(number) for number in range(3)]
-    for _ in range(there.count(False)):
-        os.open(os.devnull, os.O_RDWR)  # which takes the lowest number that is free
+    is_open = [_is_open(number) for number in range(3)]
+    for _ in range(is_open.count(False)):
+        os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
     sys.stderr = _stream(2, sys.stderr, lines=True)
-    if not there[1]:
+    if not is_open[1]:
         raise OutputError("standard output is closed; send it to a file, or to /dev/null")
     sys.stdout = _stream(1, sys.stdout, lines=sys.stdout.isatty())
 
 
 def _stream(number: int, before: TextIO | None, lines: bool) -> TextIO:
     raw = _Stream(number, "w", closefd=False)
-    return io.TextIOWrapper(io.BufferedWriter(raw), before.encoding if before else "utf-8", line_buffering=lines)
+    encoding = before.encoding if before else "utf-8"
+    return io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=lines)
 
 
 def _is_open(number: int) -> bool:

@@ -1,26 +1,26 @@
-"""Two runs against each other: which solver lanes became slower or faster, and which tiers they lost or gained.
+"""Comparison of two runs: solver lanes that became slower or faster, and tiers that they lost or gained.
 
-What both runs measured is compared, at equal settings. With r the logarithm of update and solve in run b over that in
-run a, l a solver lane and u a problem in one scaling:
+Only measurements that both runs have are compared, at equal settings. With r the logarithm of the time of update and
+solve in run b over that in run a, l a solver lane and u a problem in one scaling:
 
     r_lu = median of r over the settings of l on u
-    e_lu = r_lu − median over l of r_lu                    what the field has in common is the machine's
+    e_lu = r_lu − median over l of r_lu                    the common change is that of the machine
     θ_l  = median over u of e_lu                           exp θ_l is the ratio of the lane
     D    = 1.4826 · median over l of |θ_l − median θ|      the deviation of the field
     I_l  = 95 % bootstrap interval of θ_l over the u, wider by 5 D at either end
 
-The problems of a lane share its process, so the bootstrap does not see what changes from process to process, where
-memory lies and how the core fares; D does, since most lanes do not change. A lane is slower or faster where I_l
-excludes 0. There is no difference where it holds 0 and excludes ±log(smallest); otherwise, or where D is above a sixth
-of log(smallest) (3 % of 1.2 times), it cannot be told.
+All problems of a lane run in the same process, so the bootstrap misses variation between processes, such as memory
+layout and the state of the core; D contains it, since most lanes do not change. A lane is slower or faster if I_l
+excludes 0. There is no difference if I_l contains 0 and excludes ±log(smallest); otherwise, or if D exceeds a sixth of
+log(smallest) (3 % for 1.2), the comparison cannot tell.
 
-Times in turns, when all solvers share the machine's moment, are taken where both runs have them for enough problems,
-and hot ones elsewhere.
+Times in turns, for which all solvers meet the machine in the same state, are used if both runs have them for enough
+problems, and hot times otherwise.
 
-The accuracy of a first answer is exact, that of timed answers is of data that each run draws anew: a tier is lost that
-run a reaches with one setting and run b with none, if with that setting more problems than by chance became wrong:
-BY_CHANCE (the least of six coins that all fall on one side has p = 3 %), or one by the first answers where both runs
-have the same seed and so the same problems.
+The first answer of a measurement is reproducible; the timed answers are of data that each run draws anew. A tier is
+lost if run a reaches it with some setting, run b with none, and with run a's setting more problems became wrong than by
+chance: BY_CHANCE of them (six coins fall on the same side with p = 3 %), or a single one by its first answer if both
+runs have the same seed and so the same problems.
 """
 
 import math
@@ -41,12 +41,11 @@ from bench.timing.clock import Effort
 from solvers import Status, Tier
 
 SMALLEST = 1.2
-"""Smallest ratio of times that matters, unless the user says otherwise."""
+"""Default of the smallest ratio of times that matters."""
 WIDER, SHARE = 5.0, 1.0 / 6.0
-"""Deviations of the field that an interval is wider by at either end, and the largest of log(smallest) at which
-anything can be told."""
+"""Widening of an interval at either end in deviations D, and largest D in log(smallest) for a finding."""
 FEWEST_LANES, FEWEST_PROBLEMS = 5, 3
-"""Solver lanes, and problems of one, that it takes to tell anything."""
+"""Smallest numbers of solver lanes, and of problems of a lane, for a finding."""
 DRAWS = 1_000
 BY_CHANCE = 6
 SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
@@ -54,42 +53,41 @@ BETTER = "in turns"
 BLOCK = ["timed", "problem_set", "problem", "scaling"]
 SOLVER_LANE = ["solver", "lane"]
 NAMES = [*MEASURED, "setting", "start"]
-"""What a row of one run has in common with that of another one."""
+"""Columns that identify the same measurement in two runs."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What changed from run a to run b."""
+    """Changes from run a to run b."""
 
     a: Run
     b: Run
     smallest: float
     times: pd.DataFrame
-    """One row a solver lane; see `compare_times`."""
+    """One row per solver lane; see `compare_times`."""
     field: pd.DataFrame
-    """By way of timing, the common ``factor`` and the ``deviation`` D of the field."""
+    """Common ``factor`` and ``deviation`` D of the field for each way of timing."""
     sentinel: float
-    """The factor of the fixed piece of work that is timed beside the solvers."""
+    """Ratio of the times of the fixed piece of work that is timed beside the solvers."""
     lost: pd.DataFrame
-    """One row a tier: LANE, ``tier``."""
+    """LANE and ``tier``, one row per tier."""
     gained: pd.DataFrame
     alone: tuple[pd.DataFrame, pd.DataFrame]
-    """Rows of one run only."""
+    """Rows that only the first run has, and only the second."""
 
     @property
     def regressions(self) -> int:
-        """Solver lanes that became slower, and tiers that were lost."""
+        """Number of solver lanes that became slower plus tiers that were lost."""
         return self.count(SLOWER) + len(self.lost)
 
     @property
     def differences(self) -> int:
-        """These, and the other way round."""
+        """Number of regressions and improvements."""
         return self.regressions + self.count(FASTER) + len(self.gained)
 
     @property
     def moved(self) -> bool:
-        """Whether the field as a whole changed and the fixed piece of work did not, so that nobody knows whose change
-        it is."""
+        """Whether the field as a whole changed unlike the fixed piece of work, so that the cause is unknown."""
         return bool((np.abs(np.log(self.field.factor / self.sentinel)) > math.log(self.smallest)).any())
 
     @property
@@ -98,12 +96,12 @@ class Comparison:
         return self.moved or bool(self.count(CANNOT_TELL))
 
     def count(self, finding: str) -> int:
-        """Solver lanes of which that is found."""
+        """Number of solver lanes with this finding."""
         return int((self.times.finding == finding).sum())
 
 
 def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
-    """Compare run b with run a; RunError where one is not a finished one-shot race. ``smallest`` is above 1."""
+    """Compare run b with run a; RunError if one is not a finished one-shot race. ``smallest`` is above 1."""
     for run in (a, b):
         if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
             raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
@@ -131,8 +129,8 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
 
 
 def levels(found: Measurements) -> pd.DataFrame:
-    """One row an answer and way of timing: NAMES, ``timed`` and ``level``, the log of the median of update and solve,
-    NaN of too few calls."""
+    """One row per answer and way of timing: NAMES, ``timed`` and ``level``, the logarithm of the median time of update
+    plus solve, NaN for too few calls."""
     parts = []
     for timed in WAYS:
         calls = by_task(found.times, (timed,))
@@ -152,22 +150,22 @@ def levels(found: Measurements) -> pd.DataFrame:
 
 
 def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What two runs say about times.
+    """Compare the times of two runs.
 
     Parameters
     ----------
     pairs : DataFrame
-        One row a task and way of timing: BLOCK, SOLVER_LANE, ``level_a`` and ``level_b``.
+        One row per task and way of timing: BLOCK, SOLVER_LANE, ``level_a`` and ``level_b``.
     smallest : float
         Smallest ratio that matters, above 1.
 
     Returns
     -------
     times : DataFrame
-        One row a solver lane: SOLVER_LANE, ``timed``, ``problems``, ``ratio``, ``ratio_low``, ``ratio_high`` and
+        One row per solver lane: SOLVER_LANE, ``timed``, ``problems``, ``ratio``, ``ratio_low``, ``ratio_high`` and
         ``finding``.
     field : DataFrame
-        By way of timing, ``factor`` and ``deviation``.
+        ``factor`` and ``deviation`` for each way of timing.
     """
     keys = [pairs[name] for name in [*BLOCK, *SOLVER_LANE]]
     own = (pairs.level_b - pairs.level_a).groupby(keys).median()
@@ -205,7 +203,7 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
 
 
 def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) -> tuple[float, float]:
-    """The interval of the median of what a lane has of its own on each problem; infinite for too few."""
+    """Interval I_l of a lane from its e_lu; infinite for too few problems or lanes."""
     if values.size < FEWEST_PROBLEMS or not math.isfinite(deviation):
         return -math.inf, math.inf
     medians = np.median(values[chance.integers(0, values.size, (DRAWS, values.size))], axis=1)
@@ -228,9 +226,9 @@ def _finding(low: float, high: float, deviation: float, smallest: float) -> str:
 
 
 def lost_tiers(a: pd.DataFrame, b: pd.DataFrame, least: int = 1) -> pd.DataFrame:
-    """LANE and ``tier`` of what rows a reach and rows b, the same tasks in the same order, do not.
+    """LANE and ``tier`` of the tiers that rows a reach and rows b, the same tasks in the same order, do not.
 
-    ``least`` is the number of problems of which the first answer has to become wrong for that.
+    ``least`` is the number of first answers that have to become wrong.
     """
     both = tier_settings(a).merge(tier_settings(b), on=[*LANE, "tier"], suffixes=("", "_b"))
     found = both[(both.setting != "") & (both.setting_b == "")].to_dict("records")
@@ -251,8 +249,8 @@ def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], 
 
 
 def _first_answers(rows: pd.DataFrame) -> pd.DataFrame:
-    """Without what is of the timed answers: their gap, and whether a solver was caught, which is looked for at a
-    setting that is drawn."""
+    """The rows without the results of timed answers: their gap, and the statuses of cheats, which are searched for at a
+    setting drawn at random."""
     caught = rows.status.isin([str(status) for status in CHEATS])
     return rows.assign(timed_gap=math.nan, status=rows.status.mask(caught, str(Status.OK)))
 

@@ -1,5 +1,4 @@
-"""What a comparison says and shows: sentences, one table with a row a solver lane, one picture; on a page, as Markdown
-and as JSON."""
+"""Report of a comparison: sentences, a table with one row per solver lane, a picture; as page, Markdown and JSON."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
-from bench.derived.ranking import ASKED
+from bench.derived.ranking import TIER_NAMES
 from bench.report.console import plain_json
 from bench.report.plot import ROW, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
@@ -25,9 +24,9 @@ HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "problems
 TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.3, 1.5, 2, 3, 5, 10, 20, 50, 100]
 COLOURS = {SLOWER: "#d55e00", FASTER: "#009e73", CANNOT_TELL: "#cc79a7", SAME: "#999999"}
 MOST_NAMED, MOST_TOLD = 4, 2
-"""Solver lanes in a sentence on what only one run has, and differences in a warning."""
+"""Most solver lanes in a sentence about rows of one run only, and most differences in a warning."""
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
-"""Settings that change nothing of what is compared, or which the time itself shows."""
+"""Settings that do not affect the comparison, or whose effect the times show."""
 DEFINITIONS = (
     "ratio: update and solve in the second run over the first at equal settings, median over the problems; in turns "
     "with the other solvers where both runs have such times, hot otherwise. What the field has in common on a problem "
@@ -46,7 +45,7 @@ DEFINITIONS = (
 
 
 def report(comparisons: Sequence[Comparison]) -> Report:
-    """Everything that is said and shown."""
+    """Report of comparisons with the same first run."""
     tables = [_table(each) for each in comparisons]
     rows = [[each.b.path.name, *row] for each, table in zip(comparisons, tables, strict=True) for row in _rows(table)]
     changed = [row for row in rows if row[4] not in (SAME, "–") or row[-1] != "–"]
@@ -55,11 +54,11 @@ def report(comparisons: Sequence[Comparison]) -> Report:
         Table(
             title,
             ("run", *HEADINGS)[first:],
-            [row[first:] for row in some],
+            [row[first:] for row in shown],
             5 - first,
             ("run", "lane", "times", "finding"),
         )
-        for title, some in (
+        for title, shown in (
             ("Solver lanes", rows),
             ("Solver lanes that differ, or of which it cannot be told", changed),
         )
@@ -88,7 +87,7 @@ def write(comparisons: Sequence[Comparison], found: Report, folder: Path) -> Pat
 
 
 def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
-    """Everything as JSON can hold it; null stands for what is not known."""
+    """The comparisons as a JSON document; null stands for an unknown number."""
     return plain_json(
         {
             "format": FORMAT,
@@ -116,7 +115,7 @@ def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
 
 
 def sentences(each: Comparison) -> list[str]:
-    """What is found, and what could not have been."""
+    """The findings, and the changes that could not have been found."""
     lanes = len(each.times)
     counts = [
         f"{solver_lanes(count, lanes)} {'is' if count == 1 else 'are'} {finding}"
@@ -130,7 +129,7 @@ def sentences(each: Comparison) -> list[str]:
     ]
     name = f"{each.b.path.name} against {each.a.path.name}"
     unseen = " that can be told" if each.cannot_tell else ""
-    said = [f"{name}: {joined(counts) or f'no difference{unseen} in {solver_lanes(lanes)}'}."]
+    found = [f"{name}: {joined(counts) or f'no difference{unseen} in {solver_lanes(lanes)}'}."]
     if count := each.count(CANNOT_TELL):
         noise = joined(
             f"{100.0 * deviation:.1f} % {timed}"
@@ -138,7 +137,7 @@ def sentences(each: Comparison) -> list[str]:
             if np.isfinite(deviation)
         )
         why = f"lanes deviate from each other by {noise}" if noise else "too few lanes race to tell a change from noise"
-        said.append(
+        found.append(
             f"In {solver_lanes(count, lanes)} a change by a factor of {each.smallest:g} may have gone unseen: {why}. "
             "A quiet machine, more problems and --repeats help."
         )
@@ -149,11 +148,11 @@ def sentences(each: Comparison) -> list[str]:
         if each.moved
         else ", which is divided out"
     )
-    return [*said, f"The field as a whole changed by a factor of {factors}{beside}."] if factors else said
+    return [*found, f"The field as a whole changed by a factor of {factors}{beside}."] if factors else found
 
 
 def notes(each: Comparison) -> list[str]:
-    """What only one of the runs has, a sentence each."""
+    """A sentence for each run about the rows that only it has."""
     found = []
     for run, rows in zip((each.a, each.b), each.alone, strict=True):
         names = [f"{marked(solver)} ({lane})" for solver, lane in rows[SOLVER_LANE].value_counts().index]
@@ -164,14 +163,14 @@ def notes(each: Comparison) -> list[str]:
 
 
 def warnings(each: Comparison) -> list[str]:
-    """Machines, settings and versions that differ."""
+    """Differences between machines, settings and versions."""
     pairs = zip(_conditions(each.a.settings).items(), _conditions(each.b.settings).values(), strict=True)
     found = []
     for (what, first), second in pairs:
         differ = [
-            f"{name} is {_said(first[name])} in the first run and {_said(second[name])} in the second"
+            f"{name} is {_text(first[name])} in the first run and {_text(second[name])} in the second"
             for name in sorted(first.keys() & second.keys())
-            if _said(first[name]) != _said(second[name])
+            if _text(first[name]) != _text(second[name])
         ]
         more = f"; {len(differ) - MOST_TOLD} more" if len(differ) > MOST_TOLD else ""
         found += [f"Different {what}: {'; '.join(differ[:MOST_TOLD])}{more}."] if differ else []
@@ -179,27 +178,27 @@ def warnings(each: Comparison) -> list[str]:
 
 
 def _conditions(settings: RunFile) -> dict[str, Mapping[str, Any]]:
-    """Under which a run was made."""
-    machine, asked = settings["machine"], settings["settings"]
+    """Machine, settings and versions of a run."""
+    machine, chosen = settings["machine"], settings["settings"]
     return {
         "machines": {name: machine.get(name) for name in ("processor", "cores", "system", "python", "core")},
         "settings": {
-            name: value for name, value in (asked | (asked.get("effort") or {})).items() if name not in IGNORED
+            name: value for name, value in (chosen | (chosen.get("effort") or {})).items() if name not in IGNORED
         },
         "packages": machine.get("versions", {}),
         "solvers": settings.get("field", {}),
     }
 
 
-def _said(value: Any) -> str:
-    """A setting in words; the order in a list means nothing."""
+def _text(value: Any) -> str:
+    """A setting as text, independent of the order in a list."""
     return (", ".join(sorted(map(str, value))) or "all") if isinstance(value, list) else str(value)
 
 
 def _table(each: Comparison) -> pd.DataFrame:
-    """The times with what was lost and gained, the findings first."""
+    """The times with the lost and gained tiers, changes first."""
     parts = [
-        tiers.assign(tiers=what + tiers.tier.map(lambda tier: ASKED[Tier(tier)]) + " " + tiers.scaling)
+        tiers.assign(tiers=what + tiers.tier.map(lambda tier: TIER_NAMES[Tier(tier)]) + " " + tiers.scaling)
         for what, tiers in (("lost ", each.lost), ("gained ", each.gained))
         if len(tiers)
     ]
@@ -235,7 +234,7 @@ def _rows(table: pd.DataFrame) -> list[list[str]]:
 
 
 def _ratios(each: Comparison, number: int) -> Figure:
-    """Ratios with their intervals, the largest first."""
+    """Ratios of times with their intervals, the largest first."""
     table = each.times[each.times.ratio_low > 0.0].sort_values("ratio", ascending=False)
     table = table.assign(name=table.solver.map(marked) + " (" + table.lane + ")")
     return Figure(

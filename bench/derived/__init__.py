@@ -1,1 +1,1 @@
-"""What follows from a table of measurements: pure functions, of which nothing is stored."""
+"""Results derived from a table of measurements by pure functions; nothing derived is stored."""

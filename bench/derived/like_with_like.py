@@ -1,10 +1,9 @@
-"""Our solvers beside each of the others, in the same lane, at the same accuracy, on the same problems.
+"""Our fastest solver of each lane against each of the others, at the same accuracy and on the same problems.
 
-    ratio = median over the problems of a size of ours / that of the other
+    ratio = median time of ours over the problems of a size / median time of the other
 
-at the settings that stand for 1e-9, from a cold start, for each number of unknowns; ours is the one that is fastest in
-the lane on all of them. *Hot* calls follow each other, and *in turns* each finds the caches that the other solvers
-left.
+at the settings for a cost gap of 1e-9, from a cold start, for each number of unknowns. *Hot* calls follow each other
+directly; *in turns* with the other solvers, each call finds the caches that they left.
 """
 
 import numpy as np
@@ -18,15 +17,20 @@ from solvers.registry import OURS
 COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]
 
 
-def like_with_like(found: Measurements) -> pd.DataFrame:
-    """One row a lane, way of timing, number of unknowns d and other solver, the fastest first: COLUMNS; of those that
-    reach 1e-9."""
-    rows = found.tiers[
-        (found.tiers.tier == Tier.HIGH) & (found.tiers.start == "cold") & (found.tiers.scaling == found.scaling)
+def like_with_like(measurements: Measurements) -> pd.DataFrame:
+    """COLUMNS, one row per lane, way of timing, number of unknowns d and other solver that reaches 1e-9, the fastest
+    first."""
+    rows = measurements.tiers[
+        (measurements.tiers.tier == Tier.HIGH)
+        & (measurements.tiers.start == "cold")
+        & (measurements.tiers.scaling == measurements.scaling)
     ]
     lines = []
     for timed in WAYS:
-        us = {task: float(np.median(np.concatenate(calls))) for task, calls in by_task(found.times, (timed,)).items()}
+        us = {
+            task: float(np.median(np.concatenate(calls)))
+            for task, calls in by_task(measurements.times, (timed,)).items()
+        }
         for lane, part in rows.assign(us=rows.task.map(us)).dropna(subset="us").groupby("lane"):
             ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
             if ours.empty:

@@ -1,17 +1,17 @@
-"""The measurements of a run, read once, and what is said of them at each tier.
+"""The measurements of a run, read once, and their rows at each tier.
 
-Accuracy is the same wherever it was measured, so a setting is judged by the rows of all hosts; times are those of one
-host, the one with most rows. A measurement that was repeated in fresh processes has the medians of its times, the
-largest maximum, the sum of its samples and the spread
+Accuracy does not depend on the machine, so a setting is judged by the rows of all hosts; times are those of the host
+with most rows. A measurement that was repeated in fresh processes has the medians of its times, the largest maximum,
+the total number of samples and the spread of the solve,
 
-    (max p50 − min p50) / median p50
+    (max p50 − min p50) / median p50.
 
-of the solve. What is said of its answer is that of the first repeat that is not ok, so that nothing which goes wrong
-now and then is lost; a repeat in which it was not run counts only where it was run in none.
+Its answer is that of the first repeat whose status is not ok, so that an occasional failure is not lost; a repeat that
+was not run counts only if none was run.
 
-What answers took is told call by call, update and solve together, the same in tables, plots and decisions: a percentile
-of a solver is that of all its calls on all the problems in question. Hot calls follow each other; in turns each finds
-the caches that the other solvers left.
+Times are those of single calls, update plus solve, in tables, plots and decisions alike: a percentile of a solver is
+taken over all its calls on all the problems in question. *Hot* calls follow each other directly; *in turns* with the
+other solvers, each call finds the caches that they left.
 """
 
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ from bench.derived.tier_settings import LANE, tier_settings
 from solvers import Status, Tier
 
 FLOOR = "null"
-"""The solver that does nothing."""
+"""Name of the solver that does nothing."""
 MEDIANS = [
     "setup_us",
     "update_us",
@@ -47,7 +47,7 @@ WORST = ["cost_gap", "violation", "timed_gap", "stage_excess"]
 
 @dataclass(frozen=True)
 class Measurements:
-    """A table of measurements, one row each, with the raw times by task and repeat."""
+    """A table of measurements and the raw times by task and repeat."""
 
     every: pd.DataFrame
     every_time: pd.DataFrame
@@ -59,7 +59,7 @@ class Measurements:
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The rows of that host, one for all repeats, with ``total_us``, update and solve."""
+        """The rows of that host, one for all repeats, with ``total_us``, update plus solve."""
         rows = over_repeats(tainted(self.every)[self.every.host == self.host])
         return rows.assign(total_us=rows.update_us + rows.solve_us_p50)
 
@@ -71,37 +71,36 @@ class Measurements:
 
     @cached_property
     def field(self) -> pd.DataFrame:
-        """Settings and defaults, without the floor and limits of iterations."""
+        """The rows of ladder settings and defaults, without the floor and the limits of iterations."""
         return self.rows[(self.rows.solver != FLOOR) & ((self.rows.rung >= 0) | self.rows.is_default)]
 
     @cached_property
     def settings(self) -> pd.DataFrame:
-        """Which setting stands for which tier."""
+        """The setting of each tier."""
         return tier_settings(self.every[self.every.solver != FLOOR])
 
     @cached_property
     def tiers(self) -> pd.DataFrame:
-        """The field at each tier that a solver lane reaches and at the default."""
+        """The field's rows at each tier that a solver lane reaches, and at its defaults."""
         return at_tiers(self.field, self.settings)
 
     @cached_property
     def scaling(self) -> str:
-        """The scaling of the first screen, in which most settings were measured; that of the scaled data where there
-        is no difference."""
+        """The scaling of the first screen: the one with most rows, "scaled" in case of a tie."""
         counts = self.every.scaling.value_counts()
         return "scaled" if counts.empty or counts.get("scaled", 0) == counts.max() else str(counts.idxmax())
 
     @cached_property
     def problems(self) -> int:
-        """How many there are."""
+        """Number of problems."""
         return int(self.rows.groupby(["problem_set", "problem"]).ngroups)
 
 
 def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting") -> pd.DataFrame:
-    """The rows of the settings that stand for tiers, once for each, and of the default, with ``tier`` and ``right``.
+    """The rows of each tier's setting and of the defaults, with ``tier`` and ``right``; an answer that is not right has
+    the status missed.
 
-    An answer that is not right has missed its tier. ``column`` is the setting that is taken: ``furthest`` takes one
-    where the tier is not reached, too.
+    ``column`` names the setting's column: ``furthest`` gives a setting even if the tier is not reached.
     """
     chosen = settings.loc[settings[column] != "", [*LANE, "tier", column]].rename(columns={column: "setting"})
     parts = [
@@ -122,12 +121,12 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
 
 
 def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a task, with ``repeats``, of which it was run, and ``solve_us_spread``."""
+    """One row per task, with the number of ``repeats`` that were run and ``solve_us_spread``."""
     rows = measured(rows)
     if not (rows.repeat > 0).any():
         return rows.assign(repeats=1, solve_us_spread=np.nan)
     groups = rows.sort_values("repeat").groupby("task", sort=False)
-    said = (
+    answers = (
         rows.assign(ok=rows.status == Status.OK)
         .sort_values(["ok", "repeat"])
         .groupby("task", sort=False)
@@ -135,7 +134,7 @@ def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
         .set_index("task")
     )
     p50 = groups.solve_us_p50
-    merged = said.drop(columns="ok").assign(
+    merged = answers.drop(columns="ok").assign(
         **{name: groups[name].median() for name in MEDIANS},
         **{name: groups[name].max() for name in [*WORST, "solve_us_max"]},
         samples=groups.samples.sum(),
@@ -150,12 +149,13 @@ def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
 
 Microseconds = NDArray[np.float64]
 WAYS = {"hot": "", "in turns": "interleaved_"}
-"""How calls are timed, and how the names begin under which a run keeps the times."""
+"""Ways of timing, with the prefix of the names under which a run stores the times."""
 
 
 def by_task(times: pd.DataFrame, ways: Iterable[str] = ("hot",)) -> dict[str, list[Microseconds]]:
-    """Update and solve together by task, µs; where updates were timed apart, their median is added."""
-    found: dict[str, list[Microseconds]] = {}
+    """Times of the calls of each task, update plus solve, in µs; the median update is added if updates were timed
+    separately."""
+    calls: dict[str, list[Microseconds]] = {}
     for way in ways:
         updates, solves = (
             times[times.what == WAYS[way] + what].set_index(["task", "repeat"]).ns for what in ("update", "solve")
@@ -164,13 +164,13 @@ def by_task(times: pd.DataFrame, ways: Iterable[str] = ("hot",)) -> dict[str, li
             solve = np.asarray(solves[key], dtype=np.float64) / 1e3
             update = np.asarray(updates.get(key, ()), dtype=np.float64) / 1e3
             if solve.size:
-                found.setdefault(key[0], []).append(
+                calls.setdefault(key[0], []).append(
                     solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0)
                 )
-    return found
+    return calls
 
 
-def pooled(found: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
-    """Those of some tasks, each counted once."""
-    parts = [part for task in dict.fromkeys(tasks) for part in found.get(task, [])]
+def pooled(calls: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
+    """The times of some tasks, each counted once."""
+    parts = [part for task in dict.fromkeys(tasks) for part in calls.get(task, [])]
     return np.concatenate(parts) if parts else np.zeros(0)

@@ -1,10 +1,10 @@
-"""What the figures of a one-shot race show, computed here once as tables.
+"""Tables of the figures of a one-shot race.
 
-All are of cold starts. But for the work–precision picture, each solver lane has one setting for all problems: that
-which stands for 1e-9, or where none does, the one that is right on most problems. A *view* is one problem set in one
-scaling. The time of an answer is the median of update plus the median of solve.
+All are of cold starts. Except in the work–precision picture, each solver lane has one setting for all problems: that of
+the tier 1e-9, or the one that is right on most problems. A *view* is one problem set in one scaling. The time of an
+answer is the median of update plus the median of solve.
 
-The performance profile of Dolan and Moré over the problems p of a view, with t_p,s infinite where s was not right:
+The performance profile of Dolan and Moré over the problems p of a view, with t_p,s infinite if s was not right:
 
     ρ_s(τ) = share of the p with t_p,s ≤ τ · min over all solvers of t_p
 
@@ -25,16 +25,16 @@ from solvers.registry import FAMILIES, OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
 MOST_GAP = 1e3
-"""Cost gaps above this are drawn at it."""
+"""Largest cost gap on a plot; larger ones are drawn at this value."""
 OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
 EXACT, OTHERS = ("box_active_set", "recursive_active_set"), 5
-"""Whose time by size stands in the report beside that of how many others."""
+"""Our solvers in the report's table of times by size, and the number of others."""
 MOST_IN_PROFILE, MOST_BARS = 10, 24
 STAGES = ("set-up", "update", "solve")
 
 
 def named(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with its views and with names of solver lanes."""
+    """The table with ``view``, ``name`` of the solver lane, and whether its settings count steps."""
     return table.assign(
         view=table.problem_set + ", " + table.scaling + " data",
         name=table.solver.map(marked) + " (" + table.lane + ")",
@@ -43,12 +43,11 @@ def named(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def ranked(table: pd.DataFrame, score: pd.Series) -> pd.DataFrame:
-    """The lines of each view by the least score of their rows, the best first, and ``front``, whether a line is among
-    the BEST."""
+    """The lines of each view sorted by the smallest score of their rows; ``front`` marks the BEST of them."""
     names = table.assign(score=score).groupby(["view", "name"]).score.min().sort_values(kind="stable")
     place = names.groupby(level="view").cumcount()
     at = place.reindex(pd.MultiIndex.from_frame(table[["view", "name"]])).to_numpy()
-    views = table["view"].map({view: i for i, view in enumerate(dict.fromkeys(table["view"]))})
+    views = pd.factorize(table["view"])[0]
     return (
         table.assign(views=views, at=at, front=at < BEST)
         .sort_values(["views", "at"], kind="stable", ignore_index=True)
@@ -56,14 +55,13 @@ def ranked(table: pd.DataFrame, score: pd.Series) -> pd.DataFrame:
     )
 
 
-def work_precision(found: Measurements) -> pd.DataFrame:
-    """Worst cost gap against the time of an answer, one row a solver lane and setting that answers every problem that
-    the lane was asked.
+def work_precision(measurements: Measurements) -> pd.DataFrame:
+    """Worst cost gap against the time of an answer, one row per solver lane and setting that answers all its problems.
 
-    ``is_default`` marks the library's own settings. The paper's method is there once more at its own pace, a step a
-    sampling period; it comes first, and then the others by their time to a gap of 1e-9.
+    ``is_default`` marks the library's own settings. The paper's method appears once more at its own pace, one step per
+    sampling period; it comes first, then the others by their time to a gap of 1e-9.
     """
-    rows = found.field[found.field.start == "cold"]
+    rows = measurements.field[measurements.field.start == "cold"]
     rows = rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK))
     table = (
         rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"])
@@ -118,22 +116,21 @@ def work_precision(found: Measurements) -> pd.DataFrame:
     ]
 
 
-def _timed(found: Measurements) -> pd.DataFrame:
-    """Rows at 1e-9, or at the setting that comes nearest to it, with the time of an answer, infinite where it is not
-    right.
+def _timed(measurements: Measurements) -> pd.DataFrame:
+    """Rows at the setting for 1e-9 or the nearest to it, with ``time_us``, infinite if the answer is not right.
 
-    Those that count steps are left out.
+    Methods whose settings count steps are left out.
     """
-    rows = found.field[found.field.start == "cold"]
-    table = named(at_tiers(rows, found.settings, "furthest"))
+    rows = measurements.field[measurements.field.start == "cold"]
+    table = named(at_tiers(rows, measurements.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
     return table.assign(time_us=table.total_us.where(table.right, np.inf).fillna(np.inf))
 
 
-def performance_profile(found: Measurements) -> pd.DataFrame:
-    """ρ_s(τ) at its steps, one row a step, of the solvers that are best in the mean over the problems of log τ."""
+def performance_profile(measurements: Measurements) -> pd.DataFrame:
+    """ρ_s(τ), one row per step of the function, for the solvers with the smallest mean of log τ over the problems."""
     steps_of = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share"])]
-    for view, part in _timed(found).groupby("view", sort=False):
+    for view, part in _timed(measurements).groupby("view", sort=False):
         times = part.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
         ratios = times.div(times.min(axis=1), axis=0).where(np.isfinite(times)).dropna(how="all")
         if ratios.empty:
@@ -151,10 +148,10 @@ def performance_profile(found: Measurements) -> pd.DataFrame:
     return together(steps_of)
 
 
-def sizes(found: Measurements) -> pd.DataFrame:
-    """Median time of an answer by number of unknowns, where all answers of the size were right; none for one size
-    only."""
-    table = _timed(found)
+def sizes(measurements: Measurements) -> pd.DataFrame:
+    """Median time of an answer by number of unknowns, if all answers of that size are right; empty if
+    there is one size."""
+    table = _timed(measurements)
     table = table[table.groupby("view").d.transform("nunique") > 1]
     lines = (
         table.groupby(["view", "name", "solver", "lane", "d"], sort=False)
@@ -167,13 +164,12 @@ def sizes(found: Measurements) -> pd.DataFrame:
     return ranked(lines, 1e3 * missing + np.log(lines.time_us).groupby([lines["view"], lines.name]).transform("mean"))
 
 
-def time_by_size(found: Measurements) -> pd.DataFrame:
-    """Of :func:`sizes`, our exact solvers and the fastest others in their fastest lane: view, name, then a column a
-    size.
+def time_by_size(measurements: Measurements) -> pd.DataFrame:
+    """Excerpt of :func:`sizes`: our exact solvers and the fastest others in their fastest lane, one column per size.
 
-    Fastest are those with right answers at most sizes, and among them by the geometric mean over the sizes.
+    The others are ordered by the number of sizes with right answers, then by the geometric mean of their times.
     """
-    table = sizes(found)
+    table = sizes(measurements)
     if not len(table):
         return table
     wide = table.pivot_table(index=["view", "solver", "name"], columns="d", values="time_us").reset_index()
@@ -186,16 +182,16 @@ def time_by_size(found: Measurements) -> pd.DataFrame:
 
 
 def stages(table: pd.DataFrame) -> pd.DataFrame:
-    """Where the time goes, one row a solver lane and stage, the fastest first: medians in µs, and shares of their sum.
+    """Time of set-up, update and solve, one row per solver lane and stage, the fastest first: medians in µs and shares.
 
-    Of a summary, the fastest of each lane in each view at the most exact tier that they reach.
+    They are the fastest of each lane and view in a summary, at the most accurate tier that they reach.
     """
     table = named(summary.raced(table))
     table = table[table.solve_us_p50.notna() & ~table.stepping]
     rank = table.tier.map(MOST_EXACT.index)
     best = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values("total_us", kind="stable")
     best = best.groupby(["view", "lane"], sort=False).head(MOST_BARS)
-    found = [
+    rows = [
         {
             **{name: line[name] for name in ("view", "name", "solver", "lane", "tier")},
             "stage": stage,
@@ -211,7 +207,7 @@ def stages(table: pd.DataFrame) -> pd.DataFrame:
         )
     ]
     return pd.DataFrame(
-        found,
+        rows,
         columns=[
             "view",
             "name",

@@ -1,9 +1,9 @@
-"""Who reaches which accuracy how fast: the short table of a one-shot race, over all problem sets together.
+"""The short table of a one-shot race: time to each accuracy, over all problem sets together.
 
-A row is a solver lane on data in the first scaling, started cold; for each tier it has the median over the problems of
-update and solve at the one setting that stands for it. Rows are ordered by the most exact cost gap that a solver
-reaches, 1e-9 counting most, and then by the time for that. The paper's method comes first, at its own pace of one step
-a sampling period, whatever a step costs to compute.
+A row is a solver lane in the first scaling, from a cold start. For each tier it has the median time of update plus
+solve over the problems at the tier's setting. Rows are ordered by the most accurate tier reached among 1e-9, 1e-6 and
+1e-3, then by the time for it. The paper's method comes first, at its own pace of one step per sampling period, whatever
+a step costs.
 """
 
 import math
@@ -24,43 +24,42 @@ from solvers.registry import FAMILIES
 PAPER = "projected_difference"
 PACE = f"paper's method{MARK}"
 ORDER = (Tier.HIGH, Tier.MID, Tier.LOW)
-ASKED = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-12", Tier.STAGE: "stage"}
-"""How a tier is called on the first screen."""
+TIER_NAMES = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-12", Tier.STAGE: "stage"}
+"""Name of a tier on the first screen."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a solver lane took at one tier; of a tier that it does not reach, on how many problems the furthest setting
-    is right."""
+    """Time of a solver lane at one tier, and on how many problems its best setting is right."""
 
     us: float
-    """Median over the problems, NaN where it is not reached."""
+    """Median over the problems; NaN if the tier is not reached."""
     right: int
     problems: int
     setting: str = ""
     left_out: float = math.nan
-    """Share of the problems on which the setting that the others choose is right."""
+    """Share of the problems on which the setting chosen on the other problems is right."""
 
     @property
     def reached(self) -> bool:
-        """Whether one setting does on all problems."""
+        """Whether one setting meets the tier on all problems."""
         return not math.isnan(self.us)
 
 
 @dataclass(frozen=True)
 class Line:
-    """A solver in a lane, under the name that it has in tables."""
+    """A solver lane, under its name in tables."""
 
     name: str
     solver: str
     lane: str
     results: dict[Tier, Result]
     default_gap: float
-    """The worst of its defaults; NaN where it has no answer."""
+    """Largest cost gap of its defaults; NaN if an answer is missing."""
 
     @property
     def place(self) -> tuple[float, ...]:
-        """The smaller, the better."""
+        """Sort key; smaller is better."""
         best = next(
             (i for i, tier in enumerate(ORDER) if tier in self.results and self.results[tier].reached), len(ORDER)
         )
@@ -68,46 +67,53 @@ class Line:
         return self.name != PACE, best, at
 
 
-def ranking(found: Measurements) -> list[Line]:
-    """The lines of the table in their order."""
-    field = found.field[(found.field.scaling == found.scaling) & (found.field.start == "cold")]
-    rows = found.tiers[(found.tiers.scaling == found.scaling) & (found.tiers.start == "cold")]
-    rows = rows.assign(name=rows.solver.map(marked))
-    pace = of_paper(rows)
-    us = (
-        pd.concat([rows, pace.assign(name=PACE, total_us=pace.periods * PERIOD_US)])
-        .groupby(["name", "lane", "tier"])
-        .total_us.median()
+def ranking(measurements: Measurements) -> list[Line]:
+    """The lines of the table, sorted."""
+    field, rows, settings = (
+        table[table.scaling == measurements.scaling]
+        for table in (measurements.field, measurements.tiers, measurements.settings)
     )
-    gaps = rows[rows.is_default].drop_duplicates("task").groupby(["name", "lane"]).cost_gap.agg(worst)
-    lines = {}
-    for row in field.drop_duplicates(["solver", "lane"]).to_dict("records"):
-        solver, lane = row["solver"], row["lane"]
-        paced = [PACE] if len(of_paper(field)) and solver == PAPER and lane == lane_of_paper(field) else []
-        for name in (marked(solver), *paced):
-            lines[name, lane] = Line(name, solver, lane, {}, float(gaps.get((marked(solver), lane), math.nan)))
-    for chosen in found.settings[found.settings.scaling == found.scaling].to_dict("records"):
-        for name in (marked(chosen["solver"]), PACE):
-            if (line := lines.get((name, chosen["lane"]))) is not None and line.solver == chosen["solver"]:
-                time = float(us.get((name, chosen["lane"], chosen["tier"]), math.nan))
-                line.results[Tier(chosen["tier"])] = Result(
-                    time, chosen["right"], chosen["problems"], chosen["setting"], chosen["left_out"]
-                )
-    return sorted(lines.values(), key=lambda line: line.place)
+    rows = rows[rows.start == "cold"]
+    us = with_pace(rows).groupby(["name", "lane", "tier"]).total_us.median()
+    gaps = rows[rows.is_default].drop_duplicates("task").groupby(["solver", "lane"]).cost_gap.agg(worst)
+    lines = []
+    names = with_pace(field[field.start == "cold"])[["name", "solver", "lane"]].drop_duplicates()
+    for name, solver, lane in names.itertuples(index=False):
+        results = {
+            Tier(one.tier): Result(
+                float(us.get((name, lane, one.tier), math.nan)), one.right, one.problems, one.setting, one.left_out
+            )
+            for one in settings[(settings.solver == solver) & (settings.lane == lane)].itertuples()
+        }
+        lines.append(Line(name, solver, lane, results, float(gaps.get((solver, lane), math.nan))))
+    return sorted(lines, key=lambda line: line.place)
+
+
+def with_pace(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with their ``name`` in tables, and those of the paper's method a second time as PACE, with the time of
+    one step per sampling period."""
+    pace = of_paper(rows)
+    return pd.concat(
+        [
+            rows.assign(name=rows.solver.map(marked)),
+            pace.assign(name=PACE, total_us=pace.periods * PERIOD_US),
+        ],
+        ignore_index=True,
+    )
 
 
 def lane_of_paper(rows: pd.DataFrame) -> str:
-    """The lane whose steps stand for the paper's method."""
+    """The lane that represents the paper's method."""
     return str(Lane.KERNEL if ((rows.solver == PAPER) & (rows.lane == Lane.KERNEL)).any() else Lane.DIRECT)
 
 
 def of_paper(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the paper's method in its lane on the problems that it takes."""
+    """Rows of the paper's method in its lane on the problems that it supports."""
     return rows[(rows.solver == PAPER) & (rows.lane == lane_of_paper(rows)) & (rows.status != Status.UNSUPPORTED)]
 
 
 def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Table:
-    """The ranking as text: a terminal has room for the lanes with a ladder only, and for cells of eleven letters."""
+    """The ranking as text; for a terminal without the wrapper lanes and with cells of at most eleven characters."""
     targets = [tier for tier in TARGETS if any(tier in line.results for line in lines)]
     if terminal:
         lines = [line for line in lines if line.lane not in FAMILIES] or lines
@@ -118,7 +124,7 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
     headings = [
         "solver",
         "lane",
-        *(f"to {ASKED[tier]}" if tier is not Tier.STAGE else "stage" for tier in targets),
+        *(f"to {TIER_NAMES[tier]}" if tier is not Tier.STAGE else "stage" for tier in targets),
         "default" if terminal else "default gap",
     ]
     missed = "✗2/3" if terminal else "not reached (2/3)"
@@ -135,14 +141,14 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
 
 
 def _cells(results: Sequence[Result | None], terminal: bool) -> list[str]:
-    """The cells of a line; what the same setting reaches once more is not printed again."""
-    found: list[str] = []
+    """The cells of a line; "=" stands for the same setting as in the cell before."""
+    cells: list[str] = []
     before = ""
     for result in results:
         same = result is not None and result.reached and result.setting == before
-        found.append("–" if result is None else "=" if same else (_narrow if terminal else _wide)(result))
+        cells.append("–" if result is None else "=" if same else (_narrow if terminal else _wide)(result))
         before = result.setting if result is not None and result.reached else ""
-    return found
+    return cells
 
 
 def _wide(cell: Result) -> str:
@@ -151,37 +157,24 @@ def _wide(cell: Result) -> str:
 
 
 def _narrow(cell: Result) -> str:
-    us = cell.us
     if not cell.reached:
         return f"✗{cell.right}/{cell.problems}"
-    time = (
-        f"{us / 1e6:.2g}s"
-        if us >= 1e6
-        else f"{us / 1e3:.0f}ms"
-        if us >= 1e4
-        else number(us)
-        if us >= 1.0
-        else f"{us:.2f}"
-    )
+    us = cell.us
+    time = number(us) if us >= 1.0 else f"{us:.2f}"
+    if us >= 1e4:
+        time = f"{us / 1e6:.2g}s" if us >= 1e6 else f"{us / 1e3:.0f}ms"
     return f"{time} {_periods(us):>5}"
 
 
 def _periods(us: float) -> str:
-    """Sampling periods in at most five letters, as far as there are fewer than a hundred thousand."""
+    """Sampling periods in at most five characters, below 100 000 periods."""
     count = us / PERIOD_US
-    return (
-        f"{count:.3f}"
-        if count < 0.01
-        else f"{count:.2f}"
-        if count < 1.0
-        else f"{count:.1f}"
-        if count < 10.0
-        else f"{count:.0f}"
-    )
+    digits = 3 if count < 0.01 else 2 if count < 1.0 else 1 if count < 10.0 else 0
+    return f"{count:.{digits}f}"
 
 
 def yardstick(foreign: bool, own: bool) -> str:
-    """What a cost gap is divided by, and why."""
+    """Definition of the cost gap and its denominator."""
     ours = "V* + c, the squared error of the best model: 1e-3 is 0.1 % more squared error than need be"
     theirs = "max(½ x*ᵀPx*, |qᵀx*|) where the cost of a program from a file is not a sum of squares"
     over = "; over ".join(text for text, there in ((ours, own), (theirs, foreign)) if there)

@@ -1,9 +1,9 @@
-"""Every figure of the large table of a one-shot race.
+"""The large table of a one-shot race.
 
-A row stands for one solver in one lane, at one tier with the setting that stands for it, in one scaling, cold or warm,
-over all problems of a set: on how many it is right, the worst cost gap, medians over the problems of the medians of the
-times, and the p99 of an answer over all calls. A tier that is not reached has no row. The last row of each scaling is
-the floor, a solver that does nothing.
+A row is a solver lane at one tier and its setting, in one scaling, from a cold or warm start, over all problems of a
+set: the number of right answers, the worst cost gap, medians over the problems of the median times, and the p99 of an
+answer over all calls. A tier that is not reached has no row. The last row of each scaling is the floor, a solver that
+does nothing.
 """
 
 import pandas as pd
@@ -19,18 +19,18 @@ from solvers.registry import OURS
 
 GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "setting", "start"]
 FLOOR = "floor"
-"""Name and status of the solver that does nothing: its own name, null, would be read from a CSV as a missing value."""
+"""Name and status of the solver that does nothing; its own name, null, would read as a missing value in a CSV."""
 
 
-def summary(found: Measurements) -> pd.DataFrame:
-    """One row a solver, lane, tier, start and scaling: right answers first, then by time, the floor last.
+def summary(measurements: Measurements) -> pd.DataFrame:
+    """One row per GROUP: those with all answers right first, then by time, the floor last.
 
-    ``settings`` are those of the first problem; tolerances are multiples of a constant of each. ``left_out`` is of all
-    sets together.
+    ``settings`` are those of the first problem, since tolerances are multiples of a constant of the problem;
+    ``left_out`` counts all sets together.
     """
-    calls = by_task(found.times)
-    nothing = found.rows[found.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
-    rows = pd.concat([found.tiers, nothing], ignore_index=True)
+    calls = by_task(measurements.times)
+    nothing = measurements.rows[measurements.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
+    rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
     table = (
         rows.groupby(GROUP, dropna=False)
         .agg(
@@ -67,7 +67,7 @@ def summary(found: Measurements) -> pd.DataFrame:
         ours=table.solver.isin(OURS),
         answer_us_p99=table.answer_us_p99.astype(float),
     )
-    table = table.merge(found.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
+    table = table.merge(measurements.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
     floor = table.solver == NULL
     table.loc[floor, ["solver", "status"]] = FLOOR
     order = ["problem_set", "scaling", "floor", "all_right", "total_us"]
@@ -79,12 +79,12 @@ def summary(found: Measurements) -> pd.DataFrame:
 
 
 def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
-    """Of a summary, the rows of solvers that start cold, or warm; not the floor."""
+    """The rows of a summary with this start, without the floor."""
     return table[(table.status != FLOOR) & (table.start == start)]
 
 
 def _known(values: pd.Series) -> float:
-    """The median; NaN where any problem has no such figure, so that the quick ones do not stand for all."""
+    """The median; NaN if the time of any problem is missing, so that the fast problems do not stand for all."""
     return float(values.median(skipna=False))
 
 
@@ -94,17 +94,16 @@ def _statuses(values: pd.Series) -> str:
 
 
 def _first_message(values: pd.Series) -> str:
-    said = [value for value in values if value]
-    return str(said[0]) if said else ""
+    return next((str(value) for value in values if value), "")
 
 
-def failures(found: Measurements) -> list[list[str]]:
-    """What went wrong, once a solver lane, scaling and status: these, how often, the first setting, problem and
-    message.
+def failures(measurements: Measurements) -> list[list[str]]:
+    """Failures, one row per solver lane, scaling and status: these, their number, and setting, problem and message of
+    the first.
 
-    That tight settings fail is in their nature, and what was not run is not a failure.
+    Rows that were not run are no failures.
     """
-    wrong = found.field[(found.field.message != "") & (found.field.status != Status.NOT_RUN)]
+    wrong = measurements.field[(measurements.field.message != "") & (measurements.field.status != Status.NOT_RUN)]
     return [
         [
             str(cell)

@@ -1,4 +1,4 @@
-"""The table of a one-shot race, of which everything else is a function."""
+"""Columns of the table of a one-shot race, from which all results are derived."""
 
 from bench.store import Schema
 
@@ -53,4 +53,4 @@ ONESHOT = Schema(
     ),
     ("problem_set", "problem", "scaling", "solver", "lane", "rung", "start", "repeat"),
 )
-"""One row a measurement."""
+"""One row per measurement."""

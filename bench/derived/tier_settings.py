@@ -1,11 +1,12 @@
-"""Which setting of a solver stands for a tier.
+"""The setting of a solver at each tier.
 
-One setting for all problems: the loosest that meets the tier ten times over on every one, else three times, else once.
-Where none does, the tier is not reached. The margin is for data that were not measured: answers on fresh data change
-their verdict in a quarter of the cases at margins from 1 to 3, and in one of 140 above ten.
+It is one setting for all problems: the loosest that meets the tier with margin ten on every problem, else with margin
+three, else with margin one. If there is none, the tier is not reached. The margin allows for data that were not
+measured: on fresh data, answers with margins from 1 to 3 change between right and wrong in a quarter of the cases, and
+above ten in one of 140.
 
-How good the choice is on a problem that it has not seen is told by leaving out each problem in turn: the share of them
-on which the setting that the others choose is right.
+Leaving out each problem in turn shows how the choice generalises: the share of problems on which the setting chosen on
+the others is right.
 """
 
 import math
@@ -21,29 +22,28 @@ from solvers import Tier
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
 MARGINS = (10.0, 3.0, 1.0)
 FEWEST = 3
-"""Problems from which on one can be left out."""
+"""Smallest number of problems of which one can be left out."""
 LANE = ["scaling", "solver", "lane"]
 PROBLEM = ["problem_set", "problem"]
 
 
 def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a scaling, solver lane and tier: LANE, ``tier``, ``setting`` ("" where it is not reached), ``rung``,
-    ``margin``, ``problems``, ``right`` (on how many the setting is right, or where none is right on all, the one that
-    is on most), ``furthest`` (that setting) and ``left_out``, the share that stays right with the judged problem left
-    out.
+    """One row per LANE and ``tier``, with the chosen ``setting`` ("" if the tier is not reached), its ``rung`` and
+    ``margin``, the number of ``problems``, ``furthest``, the chosen setting or the one that is right on most problems,
+    ``right``, on how many that one is, and ``left_out``, the share that stays right with the judged problem left out.
     """
     rows = measured(tainted(rows))
     cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
     cold = cold.assign(number=cold.groupby(PROBLEM).ngroup())
-    found = []
+    lines = []
     for tier in TARGETS:
         part = cold[applies(cold, tier)]
         for key, lane in part.assign(error=error(part, tier)).groupby(LANE, sort=False):
-            found.append(
+            lines.append(
                 {**dict(zip(LANE, cast(tuple[str, ...], key), strict=True)), "tier": str(tier), **_chosen(lane)}
             )
     return pd.DataFrame(
-        found, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"]
+        lines, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"]
     )
 
 
@@ -66,8 +66,8 @@ def _chosen(rows: pd.DataFrame) -> dict[str, object]:
 
 
 def by_problem(rows: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The errors of a solver lane as (problems, settings), over repeats and hosts the worst, infinite for what was not
-    measured; the rungs."""
+    """The largest errors of a solver lane over repeats and hosts as an array (problems, settings), infinite if not
+    measured, and the rungs of the settings."""
     problems, i = np.unique(rows.number, return_inverse=True)
     rungs, j = np.unique(rows.rung, return_inverse=True)
     worst = np.full((problems.size, rungs.size), -math.inf)
@@ -76,7 +76,7 @@ def by_problem(rows: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.int6
 
 
 def choice(errors: NDArray[np.float64]) -> int | None:
-    """The setting of a table of errors (problems, settings from loose to tight), or None.
+    """Index of the chosen setting for errors (problems, settings from loose to tight), or None.
 
     Examples
     --------
@@ -90,11 +90,11 @@ def choice(errors: NDArray[np.float64]) -> int | None:
 
 
 def margin(errors: NDArray[np.float64]) -> float:
-    """The largest of MARGINS that all the errors leave."""
+    """The largest of MARGINS that all errors meet."""
     return next(each for each in MARGINS if each * errors.max() <= 1.0)
 
 
 def left_out(errors: NDArray[np.float64]) -> float:
-    """The share of the problems on which the setting that the others choose is right."""
-    kept = [choice(np.delete(errors, i, axis=0)) for i in range(len(errors))]
-    return float(np.mean([at is not None and errors[i, at] <= 1.0 for i, at in enumerate(kept)]))
+    """Share of the problems on which the setting chosen on the other problems is right."""
+    chosen = [choice(np.delete(errors, i, axis=0)) for i in range(len(errors))]
+    return float(np.mean([at is not None and errors[i, at] <= 1.0 for i, at in enumerate(chosen)]))

@@ -1,9 +1,8 @@
-"""A one-shot race in words: who is fastest in each lane, where the paper's method stands, whether the stage would
-notice.
+"""The result of a one-shot race in sentences: the fastest solver of each lane, the paper's method, the effect on the
+stage.
 
-Like is compared with like: within a lane, ours beside the best of the others, on a machine whose instruction set,
-compiler and drift are said. Figures have as many digits as the drift of the machine allows, and a reservation comes
-before the figures that it concerns.
+Solvers are compared within a lane, ours with the best of the others, and the machine's instruction set, compiler and
+drift are stated. Times have as many digits as the drift allows; a reservation precedes the numbers that it concerns.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,9 +14,9 @@ import pandas as pd
 from bench.derived import summary as summaries
 from bench.derived.accuracy import TOLERANCE, UNNOTICED
 from bench.derived.measurements import Measurements
-from bench.derived.ranking import ASKED, PACE, Line, of_paper, ranking
+from bench.derived.ranking import PACE, TIER_NAMES, Line, of_paper, ranking
 from bench.derived.tier_settings import FEWEST
-from bench.derived.wrapper_share import in_lane_direct
+from bench.derived.wrapper_share import REPORTING, in_lane_direct
 from bench.report.words import format_distinct, joined, marked, number, percent, rounded, settings_label, solver_lanes
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
@@ -25,76 +24,76 @@ from solvers import Lane, Tier
 from solvers.registry import FAMILIES, OURS
 
 GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
-"""The tier that is spoken of is the first that anybody reaches."""
-SPOKEN = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python", Lane.CODEGEN: "generated"}
-"""Lanes of which a sentence speaks, in words."""
-MUCH = 0.1
-"""Drift from which on there is a reservation."""
+"""The first of these tiers that any solver lane reaches is the one of the verdict."""
+LANE_NAMES = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python", Lane.CODEGEN: "generated"}
+"""Lanes of the verdict and their names in it."""
+MOST_DRIFT = 0.1
+"""Largest drift without a reservation."""
 
 
-def verdict(found: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
-    """At most four sentences; ``core`` is instruction set and compiler, ``drift`` that of the machine as a share."""
-    lines = ranking(found)
-    said = [
-        *_winners(found, [line for line in lines if line.name != PACE], core, drift),
-        *_paper(found, [line for line in lines if line.name == PACE], drift),
+def verdict(measurements: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
+    """At most four sentences; ``core`` is instruction set and compiler, ``drift`` the relative drift of the machine."""
+    lines = ranking(measurements)
+    sentences = [
+        *_winners(measurements, [line for line in lines if line.name != PACE], core, drift),
+        *_paper(measurements, [line for line in lines if line.name == PACE], drift),
     ]
-    return [*(_reservation(drift) if any("µs" in sentence for sentence in said) else ()), *said, *_stage(found)]
-
-
-def _reservation(drift: float) -> Iterator[str]:
-    if drift > MUCH:
-        yield (
+    if drift > MOST_DRIFT and any("µs" in sentence for sentence in sentences):
+        sentences.insert(
+            0,
             f"With reservation: in one fifth of the race the machine took {100.0 * drift:.0f} % more or less time "
-            "for a fixed piece of work than "
-            "in all of it, so times that differ by less than that cannot be distinguished."
+            "for a fixed piece of work than in all of it, so times that differ by less than that cannot be "
+            "distinguished.",
         )
+    return [*sentences, *_stage(measurements)]
 
 
-def _winners(found: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
+def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
     at = next(
         (tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None
     )
-    problems = "the problem" if found.problems == 1 else f"all {found.problems} problems"
+    problems = "the problem" if measurements.problems == 1 else f"all {measurements.problems} problems"
     if at is None:
         yield (
-            f"No solver reaches {ASKED[Tier.LOW] if any(line.results for line in lines) else 'any accuracy'} on "
+            f"No solver reaches {TIER_NAMES[Tier.LOW] if any(line.results for line in lines) else 'any accuracy'} on "
             f"{problems} with one setting."
         )
         return
-    there = [line for line in lines if at in line.results]
-    reach = [line for line in there if line.results[at].reached]
-    chosen = "" if found.problems >= FEWEST else ", each with a setting chosen on the problem it is judged on"
-    lanes = [lane for lane in SPOKEN if any(line.lane == lane for line in reach)]
+    judged = [line for line in lines if at in line.results]
+    reach = [line for line in judged if line.results[at].reached]
+    chosen = "" if measurements.problems >= FEWEST else ", each with a setting chosen on the problem it is judged on"
+    lanes = [lane for lane in LANE_NAMES if any(line.lane == lane for line in reach)]
     fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in lanes)
     more = f"; fastest {fastest}" if fastest else ""
-    where = f" ({core}; drift {100.0 * drift:.0f} %)" if core else ""
-    yield f"{solver_lanes(len(reach), len(there), 'reach')} {ASKED[at]} on {problems}{chosen}{more}{where}."
+    machine = f" ({core}; drift {100.0 * drift:.0f} %)" if core else ""
+    yield f"{solver_lanes(len(reach), len(judged), 'reach')} {TIER_NAMES[at]} on {problems}{chosen}{more}{machine}."
 
 
 def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:
-    """The fastest in a lane, and beside one of ours the best of the others, or the other way round."""
+    """The fastest solver of a lane, and the best of the others if it is ours, or our best if it is not."""
     ranked = sorted(lines, key=lambda line: line.results[at].us)
     best = ranked[0]
     other = next((line for line in ranked if (line.solver in OURS) != (best.solver in OURS)), None)
     beside = "" if other is None else f" beside {other.name} {rounded(other.results[at].us, drift)} µs"
     us = best.results[at].us
-    return f"{SPOKEN[lane]} {best.name} {rounded(us, drift)} µs ({rounded(us / PERIOD_US, drift)} of a period){beside}"
+    return (
+        f"{LANE_NAMES[lane]} {best.name} {rounded(us, drift)} µs ({rounded(us / PERIOD_US, drift)} of a period){beside}"
+    )
 
 
 def _steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """The paper's learning phase of 15 200 steps, one row a problem."""
+    """Rows of the paper's learning phase of 15 200 steps, one per problem."""
     part = of_paper(rows)
     return part[(part.start == "cold") & part.settings.str.contains('"steps": 15200')].drop_duplicates("task")
 
 
-def _paper(found: Measurements, lines: Sequence[Line], drift: float) -> Iterator[str]:
-    part = _steps(found.field[found.field.scaling == found.scaling])
+def _paper(measurements: Measurements, lines: Sequence[Line], drift: float) -> Iterator[str]:
+    part = _steps(measurements.field[measurements.field.scaling == measurements.scaling])
     part = part[part.cost_gap.notna()]
     if part.empty:
         return
     reach = [
-        f"{ASKED[tier]} on {line.results[tier].right}"
+        f"{TIER_NAMES[tier]} on {line.results[tier].right}"
         for line in lines
         for tier in (Tier.LOW, Tier.MID, Tier.HIGH)
         if tier in line.results
@@ -108,16 +107,16 @@ def _paper(found: Measurements, lines: Sequence[Line], drift: float) -> Iterator
 
 
 def _ends(part: pd.DataFrame) -> str:
-    """Where the steps end."""
+    """The cost gap at the end of the steps."""
     gaps = part.cost_gap
-    if len(gaps) == 1 or gaps.median() == gaps.max():
+    if gaps.median() == gaps.max():
         return f"ends {percent(gaps.max())} above the optimal cost"
     return f"ends at worst {percent(gaps.max())} above the optimal cost (median {percent(gaps.median())})"
 
 
-def _stage(found: Measurements) -> Iterator[str]:
-    """Whether the paper's model can be distinguished from the optimum's by the rule of the tier stage."""
-    part = _steps(found.field[found.field.scaling == found.scaling])
+def _stage(measurements: Measurements) -> Iterator[str]:
+    """Whether the tier `stage` distinguishes the paper's model from the optimal one."""
+    part = _steps(measurements.field[measurements.field.scaling == measurements.scaling])
     part = part[part.stage_excess.notna()]
     if part.empty:
         return
@@ -130,13 +129,13 @@ def _stage(found: Measurements) -> Iterator[str]:
     )
 
 
-def notes(found: Measurements, summary: pd.DataFrame) -> list[str]:
-    """What else a race shows: other scalings, warm starts, cold caches, settings that differ by lane."""
-    return [*_other_scalings(found), *_warm(summary), *_turns(found), *_lanes(found)]
+def notes(measurements: Measurements, summary: pd.DataFrame) -> list[str]:
+    """Further findings: other scalings, warm starts, cold caches, defaults that differ between lanes."""
+    return [*_other_scalings(measurements), *_warm(summary), *_turns(measurements), *_lanes(measurements)]
 
 
 def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
-    """Problems of which 1e-9 of the yardstick is less than rounding leaves of the cost, a sum of about d products as
+    """Problems for which 1e-9 of the yardstick is below the rounding error of the cost, a sum of about d products as
     large as V*."""
     resolved = costs.d * np.finfo(float).eps * costs.V.abs()
     for name, part in costs[TOLERANCE[Tier.HIGH] * costs.yardstick < resolved].groupby("problem", sort=False):
@@ -147,13 +146,15 @@ def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
         )
 
 
-def _other_scalings(found: Measurements) -> Iterator[str]:
-    for scaling, part in _steps(found.field[found.field.scaling != found.scaling]).groupby("scaling"):
+def _other_scalings(measurements: Measurements) -> Iterator[str]:
+    for scaling, part in _steps(measurements.field[measurements.field.scaling != measurements.scaling]).groupby(
+        "scaling"
+    ):
         yield f"On {scaling} data the paper's method {_ends(part)} after its 15 200 steps."
 
 
 def _warm(table: pd.DataFrame) -> Iterator[str]:
-    """What a start at the optimum of the problem before is worth."""
+    """Benefit of starting at the optimum of the problem before."""
     table = table.drop_duplicates([name for name in summaries.GROUP if name != "tier"])
     same = [name for name in summaries.GROUP if name not in ("start", "tier")]
     both = summaries.raced(table, "warm").merge(summaries.raced(table), on=same, suffixes=("", "_cold"))
@@ -168,9 +169,11 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
         )
 
 
-def _turns(found: Measurements) -> Iterator[str]:
-    """What cold caches cost."""
-    rows = found.field[(found.field.start == "cold") & (found.field.scaling == found.scaling)]
+def _turns(measurements: Measurements) -> Iterator[str]:
+    """Cost of cold caches."""
+    rows = measurements.field[
+        (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
+    ]
     ratio = (rows.interleaved_us_p50 / rows.solve_us_p50).groupby([rows.solver, rows.lane]).median().dropna()
     if len(ratio):
         yield (
@@ -179,25 +182,25 @@ def _turns(found: Measurements) -> Iterator[str]:
         )
 
 
-def _lanes(found: Measurements) -> Iterator[str]:
-    """Lanes in which the defaults of a library differ from those of its own object."""
-    rows = found.field[found.field.is_default & (found.field.scaling == found.scaling)].drop_duplicates(
-        ["solver", "lane"]
-    )
-    asked = {
+def _lanes(measurements: Measurements) -> Iterator[str]:
+    """Wrapper lanes in which the defaults of a library differ from those in the lane direct."""
+    rows = measurements.field[
+        measurements.field.is_default & (measurements.field.scaling == measurements.scaling)
+    ].drop_duplicates(["solver", "lane"])
+    defaults = {
         (line["solver"], line["lane"]): decoded(line["settings"], dict[str, Any]) for line in rows.to_dict("records")
     }
-    for (solver, lane), there in asked.items():
-        own = asked.get((in_lane_direct(solver), Lane.DIRECT))
-        if own is not None and lane in FAMILIES:
-            # how a failure is said
-            differ = {name for name in {*there, *own} - {"raise_error"} if there.get(name) != own.get(name)}
-            has = [
-                settings_label({name: value for name, value in of.items() if name in differ}) or "none of these"
-                for of in (there, own)
+    for (solver, lane), wrapper in defaults.items():
+        direct = defaults.get((in_lane_direct(solver), Lane.DIRECT))
+        if direct is None or lane not in FAMILIES:
+            continue
+        differ = {name for name in {*wrapper, *direct} - REPORTING if wrapper.get(name) != direct.get(name)}
+        if differ:
+            labels = [
+                settings_label({name: value for name, value in settings.items() if name in differ}) or "none of these"
+                for settings in (wrapper, direct)
             ]
-            if differ:
-                yield (
-                    f"The default settings of {solver} in the lane {lane} differ from those in the lane direct: "
-                    f"{has[0]}; direct: {has[1]}."
-                )
+            yield (
+                f"The default settings of {solver} in the lane {lane} differ from those in the lane direct: "
+                f"{labels[0]}; direct: {labels[1]}."
+            )

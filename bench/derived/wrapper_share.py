@@ -1,7 +1,6 @@
-"""What calling a library through another package costs: its time over that of the same library in the lane direct, at
-the same settings.
+"""Cost of calling a library through a wrapper: ratio of its time to that in the lane direct, at the same settings.
 
-Problems are compared on which both are right to 1e-3. What is above 1 is the price of conversion and repeated set-up.
+Only problems count on which both are right to 1e-3. The excess over 1 is the cost of conversion and repeated set-up.
 """
 
 from typing import Any
@@ -15,27 +14,29 @@ from solvers import Lane, Tier
 from solvers.registry import FAMILIES
 
 OTHER_NAMES = {"highs": "highspy", "proxqp": "proxsuite"}
-"""Of libraries that qpsolvers and cvxpy call otherwise than the lane direct does."""
-SAYS_NOTHING = {"raise_error"}
-"""Settings that say how a failure is said."""
+"""Names in the lane direct of libraries that qpsolvers and cvxpy call differently."""
+REPORTING = {"raise_error"}
+"""Settings that affect how a failure is reported, but not the answer."""
 COLUMNS = ["solver", "lane", "settings", "problems", "us", "direct_us", "ratio"]
 
 
 def in_lane_direct(solver: str) -> str:
-    """The name of a wrapper's library in the lane direct."""
+    """Name in the lane direct of a library that a wrapper calls."""
     return OTHER_NAMES.get(solver, solver)
 
 
-def wrapper_share(found: Measurements) -> pd.DataFrame:
-    """One row a wrapper and setting that both lanes were asked for: COLUMNS, medians over the ``problems`` where both
-    are right."""
-    rows = found.field[(found.field.start == "cold") & (found.field.scaling == found.scaling)]
-    rows = rows.assign(us=rows.total_us, asked=rows.settings.map(_asked), library=rows.solver.map(in_lane_direct))
-    rows = rows[right(rows, Tier.LOW) & (rows.asked != "")]
+def wrapper_share(measurements: Measurements) -> pd.DataFrame:
+    """COLUMNS, one row per wrapper and setting that the lane direct has, too; medians over the ``problems`` on which
+    both are right."""
+    rows = measurements.field[
+        (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
+    ]
+    rows = rows.assign(us=rows.total_us, key=rows.settings.map(_key), library=rows.solver.map(in_lane_direct))
+    rows = rows[right(rows, Tier.LOW) & (rows.key != "")]
     direct = (
         rows[rows.lane == Lane.DIRECT].drop(columns="library").rename(columns={"solver": "library", "us": "direct_us"})
     )
-    same = ["problem_set", "problem", "library", "asked"]
+    same = ["problem_set", "problem", "library", "key"]
     both = rows[rows.lane.isin([str(lane) for lane in FAMILIES])].merge(
         direct[[*same, "direct_us"]].drop_duplicates(same), on=same
     )
@@ -54,8 +55,7 @@ def wrapper_share(found: Measurements) -> pd.DataFrame:
     return table[COLUMNS]
 
 
-def _asked(settings: str) -> str:
-    """What a lane was asked for, as far as it changes the answer; "" for nothing, of which each package makes what it
-    will."""
-    known = {name: value for name, value in decoded(settings, dict[str, Any]).items() if name not in SAYS_NOTHING}
-    return repr(sorted(known.items())) if known else ""
+def _key(settings: str) -> str:
+    """The settings that affect the answer, as a text; "" for defaults, which differ between packages."""
+    effective = {name: value for name, value in decoded(settings, dict[str, Any]).items() if name not in REPORTING}
+    return repr(sorted(effective.items())) if effective else ""

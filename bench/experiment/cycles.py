@@ -1,7 +1,7 @@
-"""Error against cycle number, on a stage that stays as it is and on one that drifts.
+"""Error against cycle number, on a steady stage and on a drifting one.
 
-A compensator that was made once, before the start-up, is the paper's reason for learning while running: it disregards
-temperature and ageing. On the drifting stage it is what learns for two cycles and keeps that model.
+The paper learns while running because a compensator that is designed once, before start-up, ignores temperature and
+ageing. On the drifting stage, such a compensator learns for two cycles and then keeps its model.
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from bench.experiment.runs import HINDSIGHT, LEARNED, ONCE, STRAIGHT, lines
+from bench.experiment.figures import HINDSIGHT, LEARNED, ONCE, STRAIGHT, lines
 from bench.report.plot import Axis
 from bench.report.report import Figure
 from bench.stage.setup import AXES
@@ -30,7 +30,7 @@ def per_cycle(trial: Trial) -> Vector:
 
 
 def errors(runs: Mapping[str, Trial]) -> pd.DataFrame:
-    """Errors by stage, name and cycle: of the runs, and of two on a drifting stage."""
+    """Errors by stage, name and cycle: of the runs on the steady stage, and of two on the drifting one."""
     setup = runs[LEARNED].setup
     drifting = replace(
         setup,
@@ -52,7 +52,7 @@ def errors(runs: Mapping[str, Trial]) -> pd.DataFrame:
 
 
 def figure(table: pd.DataFrame) -> Figure:
-    """The errors, first on the stage that stays as it is."""
+    """The errors on the steady stage, and below on the drifting one."""
     last = int(table.cycle.max())
     cycle = Axis(
         "cycle", "cycle", values=range(1, last + 1), label="format(datum.value, 'd')", domain=(0.8, last + 0.2)
@@ -74,7 +74,7 @@ def figure(table: pd.DataFrame) -> Figure:
 
 
 def sentences(table: pd.DataFrame) -> tuple[str, str]:
-    """How soon the learning has settled, and what it is for."""
+    """The first cycle in which learning has settled, and its benefit on the drifting stage."""
     found = {key: part.percent.to_numpy() for key, part in table.groupby(["stage", "name"])}
     steady, drifting, once = found[STEADY, LEARNED], found[DRIFTING, LEARNED], found[DRIFTING, ONCE]
     settled = int(np.argmax(steady <= 2.0 * steady.min())) + 1

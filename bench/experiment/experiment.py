@@ -1,4 +1,4 @@
-"""All figures of the experiment from the runs that they share, and their report."""
+"""The experiment: its runs, and the report with all figures."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.experiment import cycles, loops, staircases
-from bench.experiment.runs import HINDSIGHT, LEARNED, STRAIGHT
+from bench.experiment import cycles, figures
+from bench.experiment.figures import HINDSIGHT, LEARNED, STRAIGHT
 from bench.messages.progress import Progress, silent
 from bench.report.report import Report, Table
 from bench.report.writing import write_report
@@ -17,8 +17,8 @@ from bench.stage.trial import Trial
 
 
 def run(folder: Path, setup: StageSetup, progress: Progress = silent) -> tuple[Report, Path]:
-    """Make the experiment and write its report and figures into a folder, which is made if it is not there; OSError
-    where it cannot be."""
+    """Run the experiment and write its report and figures into a folder, which is created if necessary; OSError if that
+    fails."""
     folder.mkdir(parents=True, exist_ok=True)
     runs: dict[str, Trial] = {}
     for done, (name, made) in enumerate(
@@ -33,7 +33,7 @@ def run(folder: Path, setup: StageSetup, progress: Progress = silent) -> tuple[R
 
 
 def report(setup: StageSetup, runs: Mapping[str, Trial], by_cycle: pd.DataFrame) -> Report:
-    """What the runs say and show."""
+    """Report of the runs."""
     indices = range(len(AXES))
     rows = [
         [AXES[i], *(f"{runs[name].rms_percent()[i]:.3f}" for name in (STRAIGHT, HINDSIGHT, LEARNED))] for i in indices
@@ -41,8 +41,12 @@ def report(setup: StageSetup, runs: Mapping[str, Trial], by_cycle: pd.DataFrame)
     return Report(
         [verdict(runs)],
         Table("RMS error in the last cycle, % of range", ("axis", STRAIGHT, HINDSIGHT, LEARNED), rows),
-        figures=[*(staircases.figure(i, runs) for i in indices), loops.figure(runs), cycles.figure(by_cycle)],
-        notes=[*(staircases.sentence(i, runs) for i in indices), *loops.sentences(runs), *cycles.sentences(by_cycle)],
+        figures=[*(figures.staircase(i, runs) for i in indices), figures.loops(runs), cycles.figure(by_cycle)],
+        notes=[
+            *(figures.staircase_sentence(i, runs) for i in indices),
+            *figures.loop_sentences(runs),
+            *cycles.sentences(by_cycle),
+        ],
         definitions=[
             "A straight line is the one through the corners of the ranges. Errors are those of the measured "
             "platform in percent of the reference's range."
@@ -67,7 +71,7 @@ def verdict(runs: Mapping[str, Trial]) -> str:
 
 
 def settings(setup: StageSetup) -> list[tuple[str, str]]:
-    """What the experiment was made with."""
+    """Stage, reference, model and learning of the experiment."""
     kinds = ", ".join(f"{axis}: {actuators.plant}" for axis, actuators in zip(AXES, setup.actuators, strict=True))
     return [
         (

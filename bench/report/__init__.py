@@ -1,1 +1,1 @@
-"""What all reports are made of: words and tables for the terminal and Markdown, plots, and pages that stand alone."""
+"""Building blocks of all reports: wording, tables for terminal and Markdown, plots, and self-contained pages."""

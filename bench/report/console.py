@@ -1,4 +1,4 @@
-"""What the command line shows: progress on standard error while it works, tables and sentences on standard output."""
+"""Output of the command line: progress on standard error, tables and sentences on standard output."""
 
 from __future__ import annotations
 
@@ -19,35 +19,36 @@ from rich.text import Text
 
 from bench.messages import progress
 from bench.rendering import terminal
+from bench.report.words import by_heading
 
 if TYPE_CHECKING:
     from bench.report.report import Report
 
 
 class PlainConsole(Console):
-    """Shows text as it is: names and units such as [um] come from files of users, and are neither markup nor
-    commands."""
+    """Shows text as it is: names and units such as [um] come from users' files and are neither markup nor control
+    sequences."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, markup=False, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Every string that is printed, in tables, too, comes by here."""
+        """Called for every printed string, including the cells of tables."""
         return super().render_str(terminal(text), **options)
 
 
 console = PlainConsole(soft_wrap=True)
 errors = PlainConsole(stderr=True)
 COLUMNS, LINES = 100, 40
-"""Of the first screen."""
+"""Size of the first screen."""
 AROUND, FEWEST_ROWS = 5, 10
-"""Lines of the first screen between table and sentences, and rows of the table that it has at least."""
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output in place of tables and sentences.")]
+"""Lines of the first screen around the table, and smallest number of rows of the table."""
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables and sentences.")]
 
 
 @contextmanager
 def progress_bar() -> Iterator[progress.Progress]:
-    """Yield a function that is told (what, done, total); silent when standard error is not a terminal."""
+    """Yield a function that shows (what, done, total); silent if standard error is not a terminal."""
     columns = (
         BarColumn(bar_width=24),
         MofNCompleteColumn(),
@@ -60,10 +61,10 @@ def progress_bar() -> Iterator[progress.Progress]:
 
 
 def check_writable(out: Path, option: str = "--out") -> None:
-    """Refuse a file that cannot be written before the work and not after it."""
+    """Refuse an output file that cannot be written, before the work starts."""
     if not out.parent.is_dir():
         raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint=option)
-    if out.exists() and not out.is_file():  # it would be replaced, be it /dev/null
+    if out.exists() and not out.is_file():  # writing would replace it, even /dev/null
         raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint=option)
     if not os.access(out.parent, os.W_OK):
         raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint=option)
@@ -79,8 +80,7 @@ def lines_of(texts: Iterable[str]) -> list[str]:
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int = 240) -> None:
-    """Print a table, the first ``left`` columns aligned to the left; where nobody looks, as wide as it needs up to
-    ``width``."""
+    """Print a table, the first ``left`` columns aligned to the left; outside a terminal, at most ``width`` wide."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0) if width == COLUMNS else (0, 1))
     for i, heading in enumerate(headings):
         table.add_column(heading, justify="left" if i < left else "right", no_wrap=i < left, overflow="fold")
@@ -89,30 +89,52 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
 
 
-def print_report(report: Report, below: Sequence[str] = ()) -> None:
-    """The first screen of a report: verdict, as many rows of the short table as there is room for, how many more there
-    are, and lines below."""
-    above, shown = lines_of(report.verdict), report.terminal or report.table
+def show_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int, as_json: bool) -> None:
+    """Print a table, or its rows by their headings as JSON."""
+    if as_json:
+        print_json(by_heading(headings, rows))
+    else:
+        print_table(headings, rows, left)
+
+
+def print_result(document: Any, lines: Iterable[str], as_json: bool) -> None:
+    """Print the result of a verb: a JSON document, or the lines that are not empty."""
+    if as_json:
+        print_json(document)
+    else:
+        for line in filter(None, lines):
+            console.print(line)
+
+
+def print_report(
+    report: Report, document: Any, as_json: bool, below: Sequence[str] = (), files: Sequence[str] = ()
+) -> None:
+    """Print a JSON document, or the first screen of a report: the verdict, the rows of the short table that fit, the
+    lines below, and lines that name its files."""
+    if as_json:
+        print_json(document)
+        return
+    lines, shown = lines_of(report.verdict), report.terminal or report.table
     if shown is not None and shown.rows:
-        above += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
-    for line in above:
+        lines += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
+    for line in lines:
         console.print(line)
     if shown is not None and shown.rows:
-        rows = shown.rows[: max(LINES - len(above) - len(below) - AROUND, FEWEST_ROWS)]
+        rows = shown.rows[: max(LINES - len(lines) - len(below) - AROUND, FEWEST_ROWS)]
         print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
         if (more := len((report.table or shown).rows) - len(rows)) > 0:
             console.print(f"{more} more rows are on the page.")
-    for line in below:
+    for line in [*below, *files]:
         console.print(line)
 
 
 def print_json(value: Any) -> None:
-    """Print a document for machines; null stands for what is not known."""
+    """Print a JSON document; null stands for an unknown number."""
     print(json.dumps(plain_json(value), indent=1, allow_nan=False))
 
 
 def plain_json(value: Any) -> Any:
-    """A value as JSON can hold it: null stands for a number that is not finite, text for what is none of JSON's.
+    """A value converted to JSON's types: null for a number that is not finite, text for any other type.
 
     Examples
     --------
@@ -124,8 +146,3 @@ def plain_json(value: Any) -> Any:
 
 def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else str(value)
-
-
-def records(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, str]]:
-    """Rows of a table by their headings."""
-    return [dict(zip(headings, row, strict=True)) for row in rows]

@@ -1,8 +1,8 @@
-"""Plots as data: which columns of a table lie along which axes, and with what marks.
+"""Plots as data: the columns of a table along the axes, and the marks.
 
-A room that has something to show names columns here and draws nothing; `bench.report.vega` makes the drawing. By
-convention a table has the columns ``name``, what a line stands for, ``view``, where there is a choice between several,
-and ``front``, whether a line is among the best, which have colours and names.
+Other modules declare plots here; `bench.report.vega` draws them. By convention a table has the columns ``name``, the
+label of a line, ``view``, if the reader can choose between several views, and ``front``, whether a line is among the
+best, which are drawn in colour and named.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,57 +13,57 @@ import numpy as np
 import pandas as pd
 
 LEAST_GAP = 1e-17
-"""Cost gaps below this are drawn at it."""
+"""Smallest cost gap on a plot; smaller ones are drawn at this value."""
 BEST = 12
-"""Lines of a picture that have colours and names; there are twelve that can be told apart."""
+"""Most lines of a plot in colour; twelve can be distinguished."""
 PALETTE = ("#1f86c7", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Okabe and Ito's colours, which colour-blind readers can tell apart; their blue is too dark to be read on a dark page,
-this one is read on both."""
+"""Okabe and Ito's colours, which colour-blind readers can distinguish, with a lighter blue that is legible on a dark
+page too."""
 GREY = "#999999"
 INK = "currentColor"
 HEIGHT = 380
 ROW = 20
-"""Height of one bar, pixels."""
+"""Height of one bar in pixels."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A column along an axis; one of names has an entry for each."""
+    """A column along an axis; a column of names has one position for each name."""
 
     column: str
     title: str = ""
     log: bool = False
     powers_of_ten: bool = False
-    """Whether its labels are."""
+    """Whether labels are powers of ten."""
     percent: bool = False
     values: Sequence[float] = ()
-    """Where it has labels."""
+    """Positions of the labels."""
     label: str = ""
-    """Vega's expression for a label."""
+    """Label as an expression of Vega."""
     domain: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
 class Mark:
-    """What stands at each row of the table, or at those for which Vega's expression ``where`` is true."""
+    """A mark for each row of the table, or for the rows for which Vega's expression ``where`` is true."""
 
     kind: Literal["line", "step", "point", "hollow", "bar", "range"]
     by: str = ""
-    """Column whose values have colours of their own."""
+    """Column whose values determine the colour."""
     where: str = ""
     colour: str = ""
     size: float = 1.6
-    """Width of a line in pixels, area of a point in square pixels."""
+    """Width of a line in pixels, or area of a point in square pixels."""
     opacity: float = 1.0
     along: str = ""
-    """Column that orders the points of a line, if it is not the horizontal one, or the parts of a bar."""
+    """Column that orders the points of a line, by default the horizontal one, or the parts of a bar."""
     x: str = ""
-    """Column in place of the one of the axis; likewise for the other end of a bar or range."""
+    """Column instead of the axis's own; ``x2`` and ``y2`` are the other end of a bar or range."""
     y: str = ""
     x2: str = ""
     y2: str = ""
     share: bool = False
-    """Whether bars are stacked to shares of their sum."""
+    """Whether bars are stacked as shares of their sum."""
 
 
 @dataclass(frozen=True)
@@ -74,19 +74,18 @@ class Plot:
     y: Axis
     marks: Sequence[Mark]
     tips: Sequence[str] = ()
-    """Columns that are shown under the pointer."""
+    """Columns shown under the pointer."""
     colours: Mapping[str, str] = field(default_factory=dict)
-    """Of the values of a mark's ``by``; without them the palette in the order of the table."""
+    """Colour of each value of a mark's column ``by``; by default the palette in the order of the table."""
     rules: Mapping[str, float] = field(default_factory=dict)
     """Dashed lines at values of ``x`` or ``y``."""
     height: int = HEIGHT
     where: str = ""
-    """Rows of the table that are drawn, in pandas' words."""
+    """Rows to draw, as an expression of pandas' ``query``."""
 
 
 def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, along: str = "") -> tuple[Mark, ...]:
-    """Lines of a crowd: the best in colours with names, the others grey, and whichever is sought for by its name on the
-    page."""
+    """Many lines: the best in colour with names, the others grey, and those highlighted whose name the reader types."""
     sought = "sought != '' && indexof(lower(datum.name), lower(sought)) >= 0"
     dots = (
         (Mark("point", colour=GREY, size=12.0, opacity=0.35), Mark("point", "name", where="datum.front", size=40.0))
@@ -103,7 +102,7 @@ def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, alo
 
 
 def first_view(table: pd.DataFrame) -> str:
-    """The view that is shown by default, "" of an empty table or one without views."""
+    """The default view; "" for an empty table or one without views."""
     if "view" not in table:
         return ""
     names = dict.fromkeys(map(str, table["view"]))  # min takes the first of equals
@@ -111,14 +110,14 @@ def first_view(table: pd.DataFrame) -> str:
 
 
 def together(parts: list[pd.DataFrame]) -> pd.DataFrame:
-    """The parts under each other, the first of which may have the columns alone."""
-    whole = [part for part in parts if len(part)]
-    return pd.concat(whole, ignore_index=True) if whole else parts[0]
+    """Concatenate tables, of which the first gives the columns if all are empty."""
+    filled = [part for part in parts if len(part)]
+    return pd.concat(filled, ignore_index=True) if filled else parts[0]
 
 
 def log_ticks(values: pd.Series) -> tuple[list[float], str]:
-    """Where a logarithmic axis over these values has lines, where a reader counts, and how their labels are written;
-    none on a short stretch."""
+    """Positions and number format of the labels of a logarithmic axis over these values; no positions if the axis is
+    shorter than the ticks' spacing."""
     known = values[np.isfinite(values.astype(float)) & (values > 0.0)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (1.0, 10.0)
     first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))

@@ -1,5 +1,4 @@
-"""The page of one recording: its loops measured and modelled, the error over time, the weights, what is left over, and
-advice."""
+"""The page of one recording: measured and modelled loops, error over time, weights, spectrum of the error, advice."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +12,7 @@ from bench.report.writing import write_page
 from piezo_model.identification.fit_review import Review
 
 POINTS = 2_500
-"""Most points of a line."""
+"""Largest number of points of a line."""
 BLUE, RED, GREEN = PALETTE[:3]
 STANDING = {"free": BLUE, "at its bound": "#e69f00", "never reached": RED}
 
@@ -24,7 +23,7 @@ def write(path: Path, name: str, review: Review) -> Path:
 
 
 def report(name: str, review: Review) -> Report:
-    """Everything that is said and shown."""
+    """Report of a recording and its model."""
     s = review.model.structure
     input_unit, output_unit = (unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
     first, *more = review.sentences
@@ -45,17 +44,17 @@ def report(name: str, review: Review) -> Report:
 
 
 def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
-    """What cross-validation tried, where it chose, as a picture and a table."""
+    """Figure and table of the cross-validated structures, if cross-validation chose one."""
     selection = review.model.report.get("selection")
     if not (selection and review.fitted):
         return [], []
     data = pd.DataFrame(selection["table"])
     rates = data.pop("creep_rates")
     data = data.assign(
-        rates=[f"{len(some)} creep rate{'s' if len(some) != 1 else ''}" for some in rates],
+        rates=[f"{len(values)} creep rate{'s' if len(values) != 1 else ''}" for values in rates],
         low=data.error_percent - data.standard_error,
         high=data.error_percent + data.standard_error,
-        per_s=[", ".join(f"{rate:.3g}" for rate in some) for some in rates],
+        per_s=[", ".join(f"{rate:.3g}" for rate in values) for values in rates],
     )
     marks = (
         Mark("range", "rates", y="low", y2="high", opacity=0.5),
@@ -147,7 +146,7 @@ def _error(review: Review, unit: str) -> Figure:
             "counted": np.where(at >= review.skipped, "counted", "not counted"),
         }
     )
-    end = 2.0 * np.abs(e[review.skipped :]).max()  # a transient would leave a flat line of the rest
+    end = 2.0 * np.abs(e[review.skipped :]).max()  # a transient would flatten the rest
     return Figure(
         "error",
         "Error over time",

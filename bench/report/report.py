@@ -1,8 +1,6 @@
-"""What a run, a comparison, a fleet, a recording or the experiment says and shows: sentences, tables and figures as
-data.
+"""Report of a run, a comparison, a fleet, a recording or the experiment: sentences, tables and figures as data.
 
-It is rendered once for each of three readers: the terminal (`bench.report.console`), Markdown and a page
-(`bench.report.writing`).
+There are three renderings: the terminal (`bench.report.console`), Markdown and an HTML page (`bench.report.writing`).
 """
 
 from collections.abc import Sequence
@@ -12,26 +10,26 @@ from typing import Any
 import pandas as pd
 
 from bench.report.plot import Plot
-from bench.report.words import marked
+from bench.report.words import by_heading, marked
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table with its cells as text; a page sorts its columns by the numbers that cells begin with."""
+    """A table of texts; the page sorts a column by the numbers at the start of its cells."""
 
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
     left: int = 1
-    """Columns of names, aligned to the left."""
+    """Number of columns aligned to the left."""
     filters: Sequence[str] = ("lane", "tier", "status")
-    """Headings of the columns that a page offers a choice for."""
+    """Headings of the columns that can be filtered on the page."""
     note: str = ""
-    """What stands above it."""
+    """Text above the table."""
 
     @property
     def choices(self) -> dict[str, list[str]]:
-        """The values to choose from by heading, where a column has several."""
+        """The values of each filtered column that has several."""
         found = {
             name: sorted({row[list(self.headings).index(name)] for row in self.rows})
             for name in self.filters
@@ -39,14 +37,9 @@ class Table:
         }
         return {name: texts for name, texts in found.items() if len(texts) > 1}
 
-    @property
-    def records(self) -> list[dict[str, str]]:
-        """Rows by their headings."""
-        return [dict(zip(self.headings, row, strict=True)) for row in self.rows]
-
 
 def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
-    """These columns of the rows with a message, the first row of each that has the same in ``once``."""
+    """These columns of the rows with a message, one row for each combination of values in the columns ``once``."""
     wrong = rows[rows.message != ""].drop_duplicates([*once])[[*columns]]
     return Table(
         "What went wrong",
@@ -58,56 +51,56 @@ def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[s
 
 @dataclass(frozen=True)
 class Figure:
-    """One plot of a table or several under each other."""
+    """One or several plots of a table, one below the other."""
 
     name: str
-    """Of the files of its data and of its picture."""
+    """File name of the data and of the picture."""
     title: str
     definition: str
-    """What is drawn and how it is defined, in sentences."""
+    """Definition of what is drawn, in sentences."""
     data: pd.DataFrame
-    """Everything that is drawn."""
+    """The table of the plots."""
     plots: Sequence[Plot]
 
 
 @dataclass(frozen=True)
 class Report:
-    """What is said and shown; figures of empty tables are left out."""
+    """Contents of a report; figures of empty tables are left out."""
 
     verdict: Sequence[str]
-    """What opens every rendering."""
+    """First sentences of every rendering."""
     table: Table | None = None
-    """The short table of the first screen; its note says what the figures mean."""
+    """The short table of the first screen; its note defines the numbers."""
     summary: pd.DataFrame | None = None
-    """Everything, as ``summary.csv`` and for machines."""
+    """The complete table, for ``summary.csv`` and JSON."""
     figures: Sequence[Figure] = ()
-    """The first is the picture of the first screen."""
+    """The first one stands beside the short table."""
     notes: Sequence[str] = ()
     """Further findings."""
     tables: Sequence[Table] = ()
     definitions: Sequence[str] = ()
     limits: Sequence[str] = ()
-    """What the figures do not say, and what the machine was doing meanwhile."""
+    """Limits of validity, and the state of the machine during the run."""
     environment: Sequence[tuple[str, str]] = ()
-    """Machine, versions and settings as names and texts."""
+    """Machine, versions and settings as pairs of name and text."""
     terminal: Table | None = None
-    """The short table where a line has 100 columns, if it differs."""
+    """The short table for a terminal of 100 columns, if it differs."""
     title: str = ""
     scope: str = ""
-    """What was measured, where, and how steady the machine was; stands before the first figure."""
+    """Problems, machine and its drift, before the first figure."""
 
     @property
     def drawn(self) -> list[Figure]:
-        """The figures that have something to show."""
+        """The figures with data."""
         return [figure for figure in self.figures if len(figure.data)]
 
     @property
     def document(self) -> dict[str, Any]:
-        """Everything for machines."""
+        """The report as a JSON document."""
         tables = [self.table, *self.tables] if self.table is not None else self.tables
         return {
             "verdict": self.verdict,
             "notes": self.notes,
             "rows": [] if self.summary is None else self.summary.to_dict("records"),
-            "tables": [{"title": table.title, "rows": table.records} for table in tables],
+            "tables": [{"title": table.title, "rows": by_heading(table.headings, table.rows)} for table in tables],
         }

@@ -1,8 +1,7 @@
-"""Plots as Vega-Lite specifications, drawn by the page's script or to SVG.
+"""Plots as Vega-Lite specifications, drawn by the page's script or converted to SVG.
 
-Vega is of the University of Washington's Interactive Data Lab and in use since 2013. Its bundle of 0.9 MB comes offline
-in the package vl-convert-python (the one of plotly is 4.6 MB), a specification is a small text in which no code of ours
-runs, and it is drawn as SVG: text that takes the page's colours, light or dark, and prints sharp.
+Vega's JavaScript of 0.9 MB comes with the package vl-convert-python and works offline (plotly's has 4.6 MB). A
+specification is a short JSON text without code, and its SVG takes the page's colours, light or dark.
 """
 
 import json
@@ -24,7 +23,7 @@ from piezo_model.atomic_file import write_text
 
 VEGA_LITE = "6.4"
 WIDTH = 780
-"""Of an SVG, pixels."""
+"""Width of an SVG in pixels."""
 SVG_INK = "#222222"
 CONFIG: dict[str, Any] = {
     "background": "transparent",
@@ -67,21 +66,21 @@ KINDS: dict[str, dict[str, Any]] = {
 
 
 def library() -> str:
-    """The JavaScript that draws; it holds no end of a script element.
+    """Vega's JavaScript, in a form that cannot end a script element.
 
-    It is kept where it can be, since to put it together takes longer than to write a page.
+    It is cached, because bundling it takes longer than writing a page.
     """
-    kept = user_cache.folder("vega") / f"{VEGA_LITE}-{version('vl-convert-python')}.js"
+    cached = user_cache.folder("vega") / f"{VEGA_LITE}-{version('vl-convert-python')}.js"
     with suppress(OSError):
-        return kept.read_text(encoding="utf-8")
+        return cached.read_text(encoding="utf-8")
     bundle: str = vl_convert.javascript_bundle(vl_version=VEGA_LITE)  # type: ignore[call-arg]
     bundle = bundle.replace("</script", "<\\/script")
-    user_cache.keep(kept, partial(write_text, text=bundle))
+    user_cache.keep(cached, partial(write_text, text=bundle))
     return bundle
 
 
 def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
-    """What the page hands to the library, over the page's whole width."""
+    """Specification of a plot that fills the width of the page."""
     shown = table.query(plot.where) if plot.where else table
     views = list(dict.fromkeys(map(str, shown["view"]))) if "view" in shown else []
     params: list[dict[str, Any]] = []
@@ -111,13 +110,14 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
 
 
 def _filter(plot: Plot, mark: Mark) -> str:
-    """What filters the rows of a mark and its legend; one without colours is hidden, since no rows have no extent."""
+    """Expression that filters the rows of a coloured mark, and so its legend; any other mark is hidden by its opacity,
+    because axes without rows have no extent."""
     return mark.where if mark.by and not plot.colours else ""
 
 
 def _layers(table: pd.DataFrame, plot: Plot, where: str, marks: Sequence[Mark]) -> dict[str, Any]:
-    """Marks of the same rows, with the legend of the first: Vega merges those of colour, dash and shape only within one
-    mark."""
+    """Marks of the same rows with the legend of the first one: Vega merges the legends of colour, dash and shape only
+    within one mark."""
     layers = [_layer(table, plot, mark) for mark in marks]
     for layer in layers[1:]:
         for channel in {"color", "shape", "strokeDash"} & layer["encoding"].keys():
@@ -164,7 +164,7 @@ def _is_number(table: pd.DataFrame, column: str) -> bool:
 
 
 def _coloured(plot: Plot, mark: Mark, is_line: bool, is_point: bool) -> dict[str, Any]:
-    """Colours of a column's values; of the palette twice, the second time with dashes or triangles."""
+    """Colours of a column's values: those given, or the palette twice, the second time with dashes or triangles."""
     if plot.colours:
         return {
             "color": {
@@ -187,7 +187,7 @@ def _coloured(plot: Plot, mark: Mark, is_line: bool, is_point: bool) -> dict[str
 
 
 def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict[str, Any]:
-    """An axis, and which column lies along it."""
+    """Encoding of an axis and the column along it."""
     field = column or axis.column
     if not _is_number(table, field):
         return {"field": field, "type": "nominal", "sort": None, "title": axis.title or None}
@@ -220,9 +220,9 @@ def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict
 
 
 def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
-    """The plots under each other in dark ink on white, in the view that is shown by default."""
+    """The plots one below the other in dark ink on white, in the default view."""
     parts = [specification(table, plot) for plot in plots]
-    # they belong to the whole drawing, and nothing is bound to what a reader could turn
+    # parameters belong to the complete drawing, and are not bound to controls
     params: dict[str, dict[str, Any]] = {}
     for part in parts:
         params |= {param["name"]: {"name": param["name"], "value": param["value"]} for param in part.pop("params")}
@@ -239,7 +239,7 @@ def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
     drawn: str = vl_convert.vegalite_to_svg(
         json.dumps(whole).replace(INK, SVG_INK), vl_version=VEGA_LITE, allowed_base_urls=[]
     )
-    # Vega counts its clip paths on through a process; the same plot shall be the same file
+    # Vega numbers its clip paths across all plots of a process; renumbering makes equal plots equal files
     numbers: dict[str, int] = {}
     return re.sub(
         r'(id="|url\(#)clip(\d+)', lambda found: f"{found[1]}clip{numbers.setdefault(found[2], len(numbers))}", drawn

@@ -1,7 +1,7 @@
-"""Figures and names as a reader meets them, the same in every table, plot and sentence."""
+"""Formatting of numbers and names, the same in every table, plot and sentence."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from piezo_model.json_file import decoded
@@ -12,7 +12,7 @@ OURS_NOTE = f"{MARK} ours: written for this project."
 
 
 def marked(solver: str) -> str:
-    """A solver's name, with a mark if it is one of our own.
+    """A solver's name, with a mark if it was written for this project.
 
     Examples
     --------
@@ -23,7 +23,7 @@ def marked(solver: str) -> str:
 
 
 def settings_label(settings: str | Mapping[str, Any]) -> str:
-    """Turn ``{"steps": 100, "eps": 1.23456e-9}``, or JSON that says so, into ``steps 100, eps 1.2e-09``."""
+    """Turn ``{"steps": 100, "eps": 1.23456e-9}``, or its JSON, into ``steps 100, eps 1.2e-09``."""
     known = decoded(settings, dict[str, Any]) if isinstance(settings, str) else settings
     return ", ".join(
         f"{name} {value:.2g}" if isinstance(value, float) else f"{name} {value}" for name, value in known.items()
@@ -31,13 +31,12 @@ def settings_label(settings: str | Mapping[str, Any]) -> str:
 
 
 def number(value: float) -> str:
-    """Three digits, and no powers of ten in what is thousands of microseconds."""
+    """Three significant digits; from 1000 on, all digits before the decimal point."""
     return "–" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
 
 
 def rounded(value: float, drift: float) -> str:
-    """A time in as many digits as the drift of the machine allows: three below a hundredth, two below a tenth, else
-    one.
+    """A time rounded as the drift of the machine requires: three digits below 1 %, two below 10 %, else one.
 
     Examples
     --------
@@ -86,7 +85,7 @@ def duration(us: float) -> str:
 
 
 def format_distinct(a: float, b: float) -> tuple[str, str]:
-    """Two figures with as many digits, three at least, as it takes to tell them apart.
+    """Two numbers with as many digits, at least three, as are needed to distinguish them.
 
     Examples
     --------
@@ -98,7 +97,7 @@ def format_distinct(a: float, b: float) -> tuple[str, str]:
 
 
 def solver_lanes(count: int, of: int | None = None, verb: str = "") -> str:
-    """So many solver lanes, of so many, and what they do.
+    """A count of solver lanes, optionally out of a total and with a verb.
 
     Examples
     --------
@@ -118,5 +117,10 @@ def joined(texts: Iterable[str]) -> str:
     >>> joined(["a", "b", "c"]), joined(["a"])
     ('a, b and c', 'a')
     """
-    some = [*texts]
-    return f"{', '.join(some[:-1])} and {some[-1]}" if len(some) > 1 else "".join(some)
+    items = [*texts]
+    return f"{', '.join(items[:-1])} and {items[-1]}" if len(items) > 1 else "".join(items)
+
+
+def by_heading(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, str]]:
+    """The rows of a table, each as a dictionary by the headings."""
+    return [dict(zip(headings, row, strict=True)) for row in rows]

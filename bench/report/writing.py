@@ -1,10 +1,12 @@
-"""A report as files: a page that stands alone, Markdown with pictures beside it, the data of each figure as CSV.
+"""A report as files: a self-contained HTML page, Markdown with pictures beside it, and the data of each figure as CSV.
 
-Everything comes through templates that escape whatever they are handed, plots as JSON in which no markup survives. The
-page has its plots, tables, style and script in it, and forbids itself the network by its own content security policy.
+The templates escape every value, and plots are JSON without markup. The page contains its plots, tables, style and
+script; its content security policy forbids network access.
 """
 
 from pathlib import Path
+
+import pandas as pd
 
 from bench.rendering import html_templates, markdown_templates
 from bench.report import vega
@@ -16,8 +18,7 @@ def write_page(report: Report, path: Path, figures: str = "figures") -> Path:
     """Write the page, and ``<figures>/<name>.csv`` beside it for each figure; returns the page's path."""
     for figure in report.drawn:
         (path.parent / figures).mkdir(exist_ok=True)
-        with replacing(path.parent / figures / f"{figure.name}.csv") as temporary:
-            figure.data.to_csv(temporary, index=False)
+        _write_csv(figure.data, path.parent / figures / f"{figure.name}.csv")
     plots = {figure.name: [vega.specification(figure.data, plot) for plot in figure.plots] for figure in report.drawn}
     write_text(
         path,
@@ -29,7 +30,7 @@ def write_page(report: Report, path: Path, figures: str = "figures") -> Path:
 
 
 def write_markdown(report: Report, path: Path, pictures: int = 1) -> Path:
-    """Write the report in Markdown, and as SVG beside it the first so many figures; returns its path."""
+    """Write the report in Markdown, with the first ``pictures`` figures as SVG beside it; returns its path."""
     for figure in report.drawn[:pictures]:
         write_text(path.parent / f"{figure.name}.svg", vega.svg(figure.data, figure.plots))
     write_text(
@@ -42,10 +43,14 @@ def write_markdown(report: Report, path: Path, pictures: int = 1) -> Path:
 
 
 def write_report(report: Report, folder: Path, name: str = "report", pictures: int = 1) -> Path:
-    """Write ``<name>.html`` and ``<name>.md`` with what lies beside them, and ``summary.csv`` where there is one;
-    returns the path of the second."""
+    """Write ``<name>.html``, ``<name>.md``, their figures, and ``summary.csv`` if the report has a summary; returns the
+    path of the Markdown file."""
     if report.summary is not None:
-        with replacing(folder / "summary.csv") as temporary:
-            report.summary.to_csv(temporary, index=False)
+        _write_csv(report.summary, folder / "summary.csv")
     write_page(report, folder / f"{name}.html")
     return write_markdown(report, folder / f"{name}.md", pictures)
+
+
+def _write_csv(table: pd.DataFrame, path: Path) -> None:
+    with replacing(path) as temporary:
+        table.to_csv(temporary, index=False)

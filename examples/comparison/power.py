@@ -1,11 +1,11 @@
-"""How often a comparison is right, by simulated pairs of runs: some minutes, so no test runs it all.
+"""Error rates of a comparison, from simulated pairs of runs. It takes minutes, so no test runs all of it.
 
     python examples/comparison/power.py [--pairs 200] [RUN_A RUN_B]
 
-In each pair nothing changed, or one solver lane by 1.2 times, slower or faster. The noise is made up, for fields from
-small to that of a default race and machines from quiet to noisy, or that of two real runs between which nothing
-changed. Said are the shares of pairs without a change in which a lane differs, of changes that are found, and of those
-that are missed though it was said that there is no difference.
+In each pair nothing changed, or one solver lane became slower or faster by a factor of 1.2. The noise is simulated, for
+fields from small to that of a default race and machines from quiet to noisy, or taken from two real runs between which
+nothing changed. Printed are the shares of pairs without a change in which a lane differs (false), of changes that are
+found, of changes reported as no difference (silent), and of lanes for which the comparison cannot tell.
 """
 
 import argparse
@@ -26,8 +26,8 @@ CHANGE = 1.2
 
 
 def rates(make: Callable[[np.random.Generator], list[Vector]], pairs: int) -> dict[str, float]:
-    """Shares of pairs: false findings, changes that are found, changes that are missed in silence, lanes of which
-    nothing can be told."""
+    """Shares of pairs with false findings, with the change found, with the change missed silently, and of lanes without
+    a finding."""
     chance = np.random.default_rng(1)
     counts = dict.fromkeys(("false", "found", "silent", "cannot tell"), 0.0)
     for _ in range(pairs):
@@ -42,7 +42,7 @@ def rates(make: Callable[[np.random.Generator], list[Vector]], pairs: int) -> di
 
 
 def noise_of(a: Run, b: Run) -> list[Vector]:
-    """What each lane has of its own on each problem of two runs."""
+    """Change of each lane relative to the field on each problem of two runs."""
     both = [levels(Measurements(run.rows(ONESHOT), run.times())) for run in (a, b)]
     found = both[0].merge(both[1], on=[*NAMES, "timed"], suffixes=("_a", "_b"))
     found = found[found.timed == BETTER]
@@ -52,11 +52,11 @@ def noise_of(a: Run, b: Run) -> list[Vector]:
 
 
 def main() -> None:
-    """Simulate and say the rates."""
+    """Simulate and print the rates."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="*")
     parser.add_argument("--pairs", type=int, default=200)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     kinds: dict[str, Callable[[np.random.Generator], list[Vector]]] = {
         f"{lanes} lanes, {problems} problems, offset {offset}": partial(
             ratios, lanes=lanes, problems=problems, offset=offset
@@ -64,14 +64,12 @@ def main() -> None:
         for lanes, problems in ((68, 36), (68, 12), (40, 18), (10, 6), (5, 3))
         for offset in (0.004, 0.008, 0.015)
     }
-    if asked.runs:
-        own = noise_of(*map(Run.open, asked.runs))
-        kinds = {" and ".join(path.name for path in asked.runs): partial(resampled, own=own)}
+    if options.runs:
+        own = noise_of(*map(Run.open, options.runs))
+        kinds = {" and ".join(path.name for path in options.runs): partial(resampled, own=own)}
     for name, make in kinds.items():
-        print(
-            f"{name}: {', '.join(f'{what} {100.0 * share:.1f} %' for what, share in rates(make, asked.pairs).items())}",
-            flush=True,
-        )
+        shares = [f"{what} {100.0 * share:.1f} %" for what, share in rates(make, options.pairs).items()]
+        print(f"{name}: {', '.join(shares)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Pairs of runs whose truth is known: logarithms of times as a race would have them, without a race."""
+"""Simulated pairs of runs with known changes: logarithms of times, without a race."""
 
 from collections.abc import Mapping
 
@@ -9,12 +9,12 @@ from solvers.arrays import Vector
 
 TURNS = 10
 OFFSET = 0.015
-"""Scale of the logarithm of what a fresh process changes."""
+"""Scale of the change between two processes, in logarithms of the time."""
 
 
 def noise(chance: np.random.Generator, count: int) -> Vector:
-    """Logarithms of the medians of one solver's turns on so many problems: noise with memory, and bursts of a
-    neighbour."""
+    """Logarithms of the median times of one solver on ``count`` problems: noise with memory, and bursts of load from
+    elsewhere."""
     shocks, found = 0.04 * chance.normal(size=(TURNS, count)), np.zeros((TURNS, count))
     for i in range(1, TURNS):
         found[i] = 0.7 * found[i - 1] + shocks[i]
@@ -23,8 +23,8 @@ def noise(chance: np.random.Generator, count: int) -> Vector:
 
 
 def ratios(chance: np.random.Generator, lanes: int, problems: int, offset: float = OFFSET) -> list[Vector]:
-    """Logarithms of ratios by lane where nothing changed: each process has an offset of its own with heavy tails, each
-    problem a drift of all."""
+    """Logarithms of the ratios of each lane without a change: every process has an offset with heavy tails, every
+    problem a drift common to all lanes."""
     drift = 0.3 * chance.normal(size=problems)
     return [
         drift
@@ -36,14 +36,13 @@ def ratios(chance: np.random.Generator, lanes: int, problems: int, offset: float
 
 
 def resampled(chance: np.random.Generator, own: list[Vector]) -> list[Vector]:
-    """A pair with the noise of a real one, of which each lane's own part is known: lanes, and problems of each, are
-    drawn anew."""
+    """A pair with the noise ``own`` of a real one: lanes, and the problems of each, are resampled."""
     drawn = [own[i] for i in chance.integers(0, len(own), len(own))]
     return [chance.choice((-1.0, 1.0)) * chance.choice(part, part.size) for part in drawn]
 
 
 def pair(by_lane: list[Vector], changed: Mapping[str, float] | None = None, timed: str = "in turns") -> pd.DataFrame:
-    """The table of a pair: solvers s0, s1, …, of which some changed by a factor."""
+    """The table of a pair with solvers s0, s1, …; ``changed`` has factors of change by name."""
     return pd.DataFrame(
         [
             {

@@ -1,8 +1,8 @@
-"""Learning on actuators that no model of the class can be, beside the best that the class can do with hindsight.
+"""Learning on actuators outside the model class, compared with the best model of the class in hindsight.
 
-One actuator at a time follows the staircase with noise of 2e-4 of its range on the sensor. Hindsight is a model of the
-same orders that is identified from the very cycle it is judged on, drives it again from the same states, and is
-identified anew from what that gave: the best of a few rounds.
+One actuator at a time follows the staircase, with sensor noise of 2e-4 of its range. The model in hindsight has the
+same orders, is identified from the cycle that it is judged on, drives that cycle again from the same states, and is
+identified again from the result; the best of a few rounds counts.
 """
 
 from collections.abc import Iterator
@@ -24,14 +24,14 @@ from piezo_model.signals import staircase
 from solvers.arrays import Vector
 
 NOISE = 2e-4
-"""Standard deviation of the sensor's noise, of the range."""
+"""Standard deviation of the sensor's noise, as a share of the range."""
 MARGIN = 0.08
-"""Of the range, on either side of the staircase."""
+"""Margin on either side of the staircase, as a share of the range."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One learner: on which actuator, with how many plays and dead zones, in which mode."""
+    """One learner: actuator, numbers of plays and dead zones, mode."""
 
     plant: str
     n: int
@@ -75,7 +75,7 @@ class Case:
 
 
 LEARNERS: tuple[tuple[int, int, Mode], ...] = ((5, 3, "cyclic"), (5, 3, "continuous"), (20, 7, "cyclic"))
-"""Orders and mode; hindsight is drawn for the first."""
+"""Orders and mode; the figure shows hindsight for the first."""
 CASES = tuple(Case(plant, *learner) for plant in plants.names() for learner in LEARNERS)
 
 
@@ -166,7 +166,7 @@ def figure(table: pd.DataFrame) -> Figure:
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
-    """Say how near every learner came to hindsight, to the straight line and to the noise."""
+    """Compare every learner with hindsight, the straight line and the noise."""
     last = table[cycles_of(table)[-1]]
     for case, error, hindsight, line in zip(
         CASES, last, table.hindsight_percent, table.best_straight_percent, strict=True
@@ -179,7 +179,7 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
 
 
 def cycles_of(table: pd.DataFrame) -> list[str]:
-    """The columns that hold a cycle's error each."""
+    """Names of the columns with the error of a cycle."""
     return [str(name) for name in table if str(name).startswith("cycle_")]
 
 

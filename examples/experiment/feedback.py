@@ -1,13 +1,13 @@
-"""A sensor that stays in the loop: learned compensation with integral action, against either of them alone.
+"""Permanent sensor feedback: learned compensation with integral action, against either of them alone.
 
-Situations are drawn at random (`situations`), and something that the model does not know moves the output: a mount that
-creeps, or a vibration of 1 or 10 Hz. PI control alone is a rival at its best: for each of RATIOS the gains are raised
-until the sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with the
-steepest slope of the actuator in L,
+Situations are drawn at random (`situations`), and a disturbance that the model does not know moves the output: a mount
+that creeps, or a vibration of 1 or 10 Hz. PI control alone is tuned for each situation: for each of RATIOS the gains
+are raised until the sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with
+the steepest slope of the actuator in L,
 
     L = g z^-delay z / (z − 1) of the integral action,   L = s_max (k_P + k_I z / (z − 1)) z^-delay of the PI control
 
-with the delay of one sample and that of the sensor; and the ratio that does best in the very situation is taken.
+with the delay of one sample plus that of the sensor; the ratio with the smallest error in the situation counts.
 """
 
 from collections.abc import Iterator
@@ -26,13 +26,13 @@ from piezo_model import plants
 from solvers.arrays import Vector
 
 GAIN = 0.2
-"""Share of an error that is added up a sample; in 1/s, divided by the sampling period."""
+"""Share of the error that is integrated per sample; the gain in 1/s is this over the sampling period."""
 RATIOS = (0.0, 0.5, 2.0)
 """k_P / k_I of the PI control."""
 CYCLES = 2
 JUDGED_S, SETTLING_S = 4.0, 2.0
 SHARE = 0.01
-"""Of the reference's range, amplitude of a disturbance."""
+"""Amplitude of a disturbance, as a share of the reference's range."""
 DISTURBANCES = {"creep of the mount": 0.0, "1 Hz": 1.0, "10 Hz": 10.0}
 WAYS = {
     "compensation alone": PALETTE[1],
@@ -43,7 +43,7 @@ WAYS = {
 
 
 def peak(k_p: float, k_i: float, delay: int) -> float:
-    """Peak of |1 / (1 + L)| for a slope of 1 and so many samples from the drive to the error that it makes."""
+    """Peak of |1 / (1 + L)| for a slope of 1 and ``delay`` samples from the drive to its error."""
     z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
     return float(np.max(1.0 / np.abs(1.0 + (k_p + k_i * z / (z - 1.0)) * z**-delay)))
 
@@ -58,7 +58,7 @@ def pi_gains(ratio: float, delay: int, highest: float) -> tuple[float, float]:
 
 
 class Disturbed:
-    """A sensor whose output something else moves, too; one call after the other goes on where the last one ended."""
+    """A sensor with a disturbance added to its output; each call continues where the last one ended."""
 
     def __init__(self, sensor: plants.Plant, added: Vector) -> None:
         self.sensor, self.added, self.done = sensor, added, 0
@@ -78,7 +78,7 @@ def pi_alone(
     for k in range(y_ref.size):
         wanted = integral + (k_p + k_i) * error / slope
         x = min(max(wanted, low), high)
-        if (wanted - x) * error <= 0.0:  # nothing is added up that pushes further beyond a limit
+        if (wanted - x) * error <= 0.0:  # no integration further beyond a limit
             integral += k_i * error / slope
         y[k] = actuator.run(np.array([x]))[0]
         error = y_ref[k] - y[k] if np.isfinite(y[k]) else error
@@ -152,7 +152,7 @@ def figure(table: pd.DataFrame) -> Figure:
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
-    """Say how both together compare with the better one alone."""
+    """Compare both together with each of them alone."""
     errors = table.pivot(index=["seed", "disturbance"], columns="way", values="rms_percent")
     both = errors["compensation and integral action"]
     for name, part in errors.groupby("disturbance", sort=False):

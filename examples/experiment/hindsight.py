@@ -1,8 +1,7 @@
-"""The floor: the best that a structure can do on one piece of a reference, fitted in hindsight to that piece's own
-data.
+"""The floor: the smallest error of a structure on one piece of a reference, fitted in hindsight to that piece.
 
-A model is identified from the piece, drives it again from the same states, and is identified anew from what that gave;
-the best of a few rounds counts.
+A model is identified from the piece, drives it again from the same states, and is identified again from the result; the
+best of a few rounds counts.
 """
 
 from copy import deepcopy
@@ -19,7 +18,7 @@ SOLVER = "box_active_set"
 
 
 def tracking_error(y: Vector, y_ref: Vector) -> float:
-    """RMS of y − y_ref over the samples that were measured."""
+    """RMS of y − y_ref over the measured samples."""
     return float(np.sqrt(np.nanmean((y - y_ref) ** 2)))
 
 
@@ -31,9 +30,9 @@ def floor(
     Parameters
     ----------
     model : HysteresisCreepModel
-        Whose weights stay where the piece says nothing.
+        Its weights stay unchanged where the piece does not determine them.
     state, plant : OperatorState, Plant
-        States of the model, and the plant, as they were at the beginning of the piece; neither is moved on.
+        States of the model, and the plant, at the beginning of the piece; both stay unchanged.
     x, y, y_ref : array (N,)
         Drive, output and reference of the piece.
     """

@@ -1,4 +1,4 @@
-"""What the scripts of this folder share: their options, and how a figure is written beside its numbers."""
+"""Shared by the scripts of this folder: their options, and writing a figure with its data."""
 
 import argparse
 from collections.abc import Iterable
@@ -26,7 +26,7 @@ def setup_of(given: argparse.Namespace, **options: Any) -> StageSetup:
 
 
 def show(figure: Figure, sentences: Iterable[str], folder: Path) -> None:
-    """Write the report of a figure and what its numbers say, and print the sentences."""
+    """Write the report of a figure with these sentences, and print them."""
     folder.mkdir(parents=True, exist_ok=True)
     report = Report([*sentences], figures=[figure], title=figure.title)
     written = write_report(report, folder, figure.name)

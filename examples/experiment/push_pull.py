@@ -1,9 +1,9 @@
 """Does the model need the superposition operator S? One actuator an axis against two in push-pull, m = 0 against m = 3.
 
-The paper drives every axis by one actuator to show what S is for; two in push-pull make the loop point-symmetric, which
-the operator H alone is. Symmetric is not the same as Prandtl-Ishlinskii, though: the even part of a curvature cancels
-and an odd saturation does not. So the comparison is made with actuators of three kinds, and with n = 10 plays besides
-the paper's n = 5, since with few plays the dead zones also stand in for plays that are missing.
+The paper drives every axis by one actuator to show the use of S; two in push-pull make the loop point-symmetric, as the
+operator H alone is. A symmetric loop need not be a Prandtl-Ishlinskii one, though: the even part of a curvature cancels
+and an odd saturation does not. The comparison therefore uses actuators of three kinds, and n = 10 plays besides the
+paper's n = 5, since with few plays the dead zones also replace missing plays.
 """
 
 from collections.abc import Iterator
@@ -24,12 +24,12 @@ KINDS = {
     "curved and saturating": Actuators("dense_prandtl_ishlinskii"),
     "Preisach": Actuators("relay_preisach"),
 }
-"""By what deforms their loops: an even curvature, that and an odd saturation, minor loops that depend on the bias."""
+"""Deformations of the loops: an even curvature, this and an odd saturation, minor loops that depend on the bias."""
 ORDERS = (5, 10)
 WITHOUT_S, WITH_S = 0, 3
 MODELS = {WITHOUT_S: "without S (m = 0)", WITH_S: f"with S (m = {WITH_S})"}
 AS_GOOD = 1.1
-"""Within 10 %."""
+"""Ratio of errors up to which the model without S counts as equally good."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Case:
         return f"{self.kind} actuators, {'push-pull' if self.push_pull else 'single'}, n = {self.n}, m = {self.m}"
 
     def row(self, setup: StageSetup) -> dict[str, Any]:
-        """Run the case with an exact learner, so that only the model counts."""
+        """Run the case with an exact learner, so that only the model matters."""
         actuators = KINDS[self.kind]
         trial = learned(
             replace(
@@ -93,7 +93,7 @@ def figure(table: pd.DataFrame) -> Figure:
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
-    """Say where the model without S is as good."""
+    """Compare the models with and without S for each kind of actuator."""
     error = dict(zip(CASES, table.rms_percent, strict=True))
     n = max(ORDERS)
     for kind in KINDS:

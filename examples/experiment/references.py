@@ -1,5 +1,4 @@
-"""References of a machine at work, beside the test signals of `piezo_model.signals`, with the arguments that are common
-to those."""
+"""References of a machine at work, with the same arguments as the test signals of `piezo_model.signals`."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +17,7 @@ def set_point_steps(
     mean_hold_s: float = 0.4,
     step_s: float = 0.02,
 ) -> Vector:
-    """Levels anywhere between the limits, each held for an exponentially distributed time."""
+    """Random levels between the limits, each held for an exponentially distributed time."""
     t, random = times(duration_s, sample_time, low, high), np.random.default_rng(seed)
     ends = np.cumsum(random.exponential(mean_hold_s, int(4.0 * duration_s / mean_hold_s) + 50))
     levels = random.uniform(low, high, ends.size)
@@ -49,7 +48,7 @@ def changing_amplitude(
 def from_samples(
     values: ArrayLike, *, duration_s: float, sample_time: float, low: float, high: float, period_s: float = 10.0
 ) -> Vector:
-    """Any samples (M,), not all the same: one period of the signal, stretched over time and limits, over and over.
+    """A periodic signal through samples (M,), not all the same, scaled to the period and the limits.
 
     Examples
     --------

@@ -1,8 +1,7 @@
-"""Learning in situations drawn at random: how near each mode comes to the floor, and where it does worst.
+"""Learning in situations drawn at random: distance of each mode from the floor, and its worst situation.
 
-Each situation (`situations`) is an actuator, its sensor and a reference that no rule was made for. The error of
-the last of five cycles is divided by the floor (`hindsight`), the best that the same structure can do on that very
-cycle.
+Each situation (`situations`) is an actuator, its sensor and a reference on which no rule was tuned. The error of the
+last of five cycles is divided by the floor (`hindsight`), the best that the same structure can do on that cycle.
 """
 
 from collections.abc import Iterator
@@ -21,7 +20,7 @@ from piezo_model import Compensator, HysteresisCreepModel, OperatorState, SelfLe
 from piezo_model.learning.settings import Mode
 
 FIRST_SEED = 5000
-"""No rule of the learning was chosen on the situations from here on."""
+"""First seed on whose situations no rule of the learning was tuned."""
 SAMPLE_TIME = 5e-4
 CYCLES = 5
 WAYS: dict[str, tuple[Mode, str]] = {
@@ -33,7 +32,7 @@ WAYS: dict[str, tuple[Mode, str]] = {
 
 
 def learner_of(situation: Situation, way: str, n: int = 5, m: int = 3, **options: Any) -> SelfLearningCompensator:
-    """A learner that knows no more than the user does; the actuator is at the low end of its drive."""
+    """A learner with the ranges that the user believes in; the actuator is at the low end of its drive."""
     mode, solver = WAYS[way]
     structure = situation.structure(n, m)
     state = OperatorState.at_rest(structure, float(structure.unit_input(np.array(situation.x_limits[0]))), 1.0)
@@ -90,7 +89,7 @@ def rows(seed: int, ways: tuple[str, ...] = tuple(WAYS), reference: str | None =
 
 
 def figure(table: pd.DataFrame) -> Figure:
-    """Draw how many situations end within which multiple of the floor, by mode."""
+    """Share of situations within a multiple of the floor, for each mode."""
     ranked = table.sort_values("ratio").assign(name=lambda rows: rows["way"])
     ranked["kind"] = np.where(
         ranked["reference"] == "changing_amplitude", "amplitude changes each cycle", "other references"
@@ -127,7 +126,7 @@ def figure(table: pd.DataFrame) -> Figure:
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
-    """Say for each mode how many situations end near the floor, and which one does worst."""
+    """For each mode, the share of situations that end near the floor, and the worst one."""
     for way, found in table.groupby("way", sort=False):
         worst = found.sort_values("ratio").iloc[-1]
         yield (

@@ -1,7 +1,7 @@
-"""Situations that a learner may find itself in, drawn at random: an actuator, its sensor, a reference and a structure.
+"""Situations for a learner, drawn at random: an actuator, its sensor, a reference and a structure.
 
-A seed is a situation, the same for ever on any machine, so that a bad case can be named by its number. Nothing here
-knows how learning works; seeds that rules were chosen on say nothing about others.
+A seed gives the same situation on any machine, so that a bad case can be named by its number. Nothing here depends on
+how learning works; seeds on which rules were tuned are no evidence for other seeds.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from solvers.arrays import Vector
 
 CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
 CYCLE_S = 10.0
-"""Period of the references that repeat: about a cycle of learning."""
+"""Period of the repeated references, about a cycle of learning."""
 STEP_S = 0.02
 
 
 def _repeated(one: Callable[..., Vector]) -> Callable[..., Vector]:
-    """A signal whose first ``CYCLE_S`` come over and over."""
+    """The signal with its first ``CYCLE_S`` repeated."""
 
     def signal(random: np.random.Generator, *, duration_s: float, sample_time: float, **limits: float) -> Vector:
         period = one(random, duration_s=CYCLE_S, sample_time=sample_time, **limits)
@@ -45,7 +45,7 @@ def _steps(random: np.random.Generator, **options: float) -> Vector:
 
 
 def _odd_samples(random: np.random.Generator, **options: float) -> Vector:
-    """What no formula gives: points anywhere, some of them held, some of them jumps."""
+    """Random values, each held for a random time."""
     values = np.repeat(random.uniform(size=60), random.integers(1, 40, 60))
     return smoothed(from_samples(values, **options, period_s=CYCLE_S), STEP_S, options["sample_time"])
 

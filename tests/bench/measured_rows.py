@@ -1,5 +1,5 @@
-"""Tables of measurements by hand, in the schema of the one-shot race: a test says what matters to it, and the rest is
-ordinary."""
+"""Tables of measurements by hand, in the schema of the one-shot race: a test gives the columns that matter to it, and
+the others have ordinary values."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -41,7 +41,7 @@ ORDINARY: Row = {
 
 
 def row(**known: Any) -> Row:
-    """A measurement: the right answer of a library in a microsecond, but for what is known."""
+    """A measurement: by default the right answer of a library in a microsecond."""
     found = ONESHOT.row(**{**ORDINARY, **known})
     of_all_repeats = [
         str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")
@@ -54,7 +54,7 @@ def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
     """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting
     that failed.
 
-    A number that is known by rung is a list.
+    A list holds a value for each rung.
     """
     found = []
     for problem, by_rung in gaps.items():
@@ -83,15 +83,15 @@ def steps(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
 
 
 def table(rows: Iterable[Row]) -> pd.DataFrame:
-    """The rows as a run hands them out."""
+    """The rows as a run returns them."""
     return pa.Table.from_pylist(list(rows), ONESHOT.arrow).to_pandas()
 
 
 def is_right(found: Judgement, tier: Tier) -> bool:
-    """Whether an answer that was judged is as exact as a tier asks."""
+    """Whether a judged answer meets a tier."""
     return bool(right(table([row(**asdict(found))]), tier).item())
 
 
-def measured(rows: Iterable[Row], times: Iterable[Mapping[str, Any]] = ()) -> Measurements:
-    """A run of these rows and raw times."""
-    return Measurements(table(rows), pa.Table.from_pylist([dict(line) for line in times], TIMES).to_pandas())
+def measured(rows: Iterable[Row]) -> Measurements:
+    """Measurements of these rows, without raw times."""
+    return Measurements(table(rows), TIMES.empty_table().to_pandas())

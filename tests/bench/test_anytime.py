@@ -1,5 +1,4 @@
-"""How exact an answer is within so many sampling periods: on tables by hand, and by a race with limits of
-iterations."""
+"""Accuracy within a number of sampling periods: what counts, its sentences, and a race with limits of iterations."""
 
 import json
 import math
@@ -12,129 +11,47 @@ from conftest import Race, raced
 from measured_rows import measured, row
 
 import solvers
-from bench.derived.anytime import BUDGETS, anytime, sentences
-from bench.derived.ranking import PACE
+from bench.derived.anytime import anytime, sentences
+from bench.derived.ranking import PAPER
+from bench.messages.task import Row
 from bench.races.kind import kinds
 from bench.races.oneshot.settings import AnytimeSettings
+from bench.timing.schedule import PERIOD_US
 from solvers.certificate import exact_cost_gap
 
-Points = list[tuple[float, float]]
 
-
-def points(solver: str, *those: tuple[float, float], **known: object) -> list[dict[str, object]]:
-    """Rows of one problem from (periods, gap), each of another limit."""
-    return [
-        row(
-            **{
-                "solver": solver,
-                "solve_us_p50": 125.0 * periods,
-                "cost_gap": gap,
-                "setting": f"{solver}{i}",
-                "rung": -1,
-                **known,
-            }
-        )
-        for i, (periods, gap) in enumerate(those)
-    ]
-
-
-def steps(*those: tuple[int, float, float]) -> list[dict[str, object]]:
-    """Rows of the paper's method from (steps, periods that they take, gap)."""
-    return [
-        found
-        for count, periods, gap in those
-        for found in points(
-            "projected_difference",
-            (periods, gap),
-            lane="kernel",
-            setting=str(count),
-            periods=float(count),
-            settings=json.dumps({"steps": count}),
-        )
-    ]
-
-
-GROWING = ((0.4, 1.0), (1.7, 0.1), (3.0, 0.3), (60.0, 1e-9))
-OF_STEPS = steps((1, 0.01, 0.9), (100, 0.2, 0.5), (15_200, 5.0, 0.1))
-A_PROBLEM_WITHOUT_AN_ANSWER = [
-    *points("a", (0.5, 1e-3)),
-    *points("a", (0.5, 1e-6), problem="p2"),
-    *points("b", (0.5, 1e-4)),
-    *points("b", (0.5, math.nan), problem="p2", status="solver_failed"),
-]
-SETTINGS_AND_LIMITS = [
-    *points("a", (0.5, 1e-2)),
-    *points("a", (0.5, 1e-4), rung=3, setting="s3"),
-    *points("a", (0.5, 1e-3), is_default=True, setting="{}"),
-]
-
-
-@pytest.mark.parametrize(
-    ("rows", "name", "which", "expected"),
-    [
-        pytest.param(
-            points("a", *GROWING),
-            "a",
-            "median_gap",
-            {budget: min(gap for at, gap in GROWING if at <= budget) for budget in BUDGETS},
-            id="the best so far",
-        ),
-        pytest.param(
-            points("a", (7.0, 0.5)),
-            "a",
-            "median_gap",
-            dict(zip(BUDGETS[:5], (math.inf, math.inf, math.inf, 0.5, 0.5), strict=True)),
-            id="nothing before the first point",
-        ),
-        pytest.param(SETTINGS_AND_LIMITS, "a", "median_gap", {1: 1e-4}, id="settings and limits count alike"),
-        pytest.param(OF_STEPS, "projected_difference†", "median_gap", {1: 0.5, 5: 0.1}, id="as many steps as fit"),
-        pytest.param(
-            OF_STEPS, PACE, "median_gap", {1: 0.9, 100: 0.5, 10_000: 0.5, 15_200: 0.1}, id="a step takes a sample"
-        ),
-        *(
-            pytest.param(A_PROBLEM_WITHOUT_AN_ANSWER, name, which, {1: gap}, id=f"{name} on two problems, {which}")
-            for name, gap in (("a", 1e-3), ("b", math.inf))
-            for which in ("median_gap", "worst_gap")
-        ),
-    ],
-)
-def test_the_gap_within_a_budget_is_the_best_by_then_on_the_median_and_the_worst_problem(
-    rows: list[dict[str, object]], name: str, which: str, expected: dict[int, float]
-) -> None:
-    table = anytime(measured(rows))
-    assert table[table.name == name].set_index("budget")[which].loc[list(expected)].to_dict() == expected
+def at_limit(solver: str, duration: float, gap: float, **known: object) -> Row:
+    """The row of a limit of iterations; the duration of an answer is in sampling periods."""
+    return row(solver=solver, solve_us_p50=PERIOD_US * duration, cost_gap=gap, setting=f"{gap}", rung=-1, **known)
 
 
 def test_warm_starts_other_scalings_and_the_floor_do_not_count() -> None:
     rows = [
-        *points("a", (0.5, 1e-2)),
-        *points("a", (0.5, 1e-9), start="warm"),
-        *points("a", (0.5, 1e-9), scaling="raw"),
-        *points("null", (0.1, math.nan), status="solver_failed"),
+        at_limit("a", 0.5, 1e-2),
+        at_limit("a", 0.5, 1e-9, start="warm"),
+        at_limit("a", 0.5, 1e-9, scaling="raw"),
+        at_limit("null", 0.1, math.nan, status="solver_failed"),
     ]
     table = anytime(measured(rows))
     assert set(table.name) == {"a"}
     assert (table.median_gap == 1e-2).all()
 
 
-def test_it_says_who_is_exact_and_compares_the_papers_pace_with_what_fits() -> None:
-    rows = [*points("a", (0.5, 1e-12)), *points("b", (0.5, 1e-3)), *steps((1, 0.01, 0.9), (15_200, 4.0, 0.1))]
-    exact, paper = sentences(anytime(measured(rows)))
+def test_the_verdict_names_the_most_accurate_and_compares_the_papers_pace_with_what_fits() -> None:
+    paper = [
+        at_limit(PAPER, duration, gap, lane="kernel", periods=float(steps), settings=f'{{"steps": {steps}}}')
+        for steps, duration, gap in ((1, 0.01, 0.9), (15_200, 4.0, 0.1))
+    ]
+    rows = [at_limit("a", 0.5, 1e-12), at_limit("b", 0.5, 1e-3), *paper]
+    exact, pace = sentences(anytime(measured(rows)))
     assert exact == (
-        "Within one sampling period 1 of 3 solver lanes reach a cost gap of 1e-09 on the median problem; "
-        "the closest is a (direct) "
-        "with 1.0e-12."
+        "Within one sampling period 1 of 3 solver lanes reach a cost gap of 1e-09 on the median problem; the closest "
+        "is a (direct) with 1.0e-12."
     )
-    assert paper.endswith(
-        "begins at 9.0e-01 and is at 1.0e-01 after 15200 periods; with as many steps as fit into the "
-        "time it is there within 5."
+    assert pace.endswith(
+        "begins at 9.0e-01 and is at 1.0e-01 after 15200 periods; with as many steps as fit into the time it is there "
+        "within 5."
     )
-
-
-def test_limits_are_no_settings_that_could_stand_for_a_tier() -> None:
-    found = measured([*points("a", (0.5, 0.0)), row(solver="a", cost_gap=1.0)])
-    assert len(found.field) == 1
-    assert set(found.settings.setting) == {""}
 
 
 def limited(race: Race, solver: str, lane: str = "direct") -> pd.DataFrame:

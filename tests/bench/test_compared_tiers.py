@@ -27,10 +27,6 @@ def lost(a: pd.DataFrame, b: pd.DataFrame, least: int = 1) -> list[str]:
     return lost_tiers(a, b, least).tier.tolist()
 
 
-def test_the_same_rows_lose_nothing() -> None:
-    assert lost(run(), run()) == []
-
-
 def test_a_tier_that_one_problem_no_longer_meets_by_its_first_answer_is_lost_and_the_other_way_round_gained() -> None:
     worse = run({**GAPS, "p0": (1e-5, 1e-8)})
     assert lost(run(), worse) == ["high"]

@@ -1,4 +1,4 @@
-"""What two runs say about times, on tables whose truth is known."""
+"""Comparison of times on simulated tables with known changes."""
 
 import numpy as np
 import pandas as pd

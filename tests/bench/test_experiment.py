@@ -1,4 +1,4 @@
-"""The experiment, run once in its quick form: what it writes, and that its numbers say what the page says."""
+"""The quick experiment, run once: its files, and its verdict on the terminal and in the report."""
 
 from pathlib import Path
 

@@ -238,12 +238,6 @@ def test_errors_of_candidates_are_those_of_fits_to_the_samples_themselves() -> N
     np.testing.assert_allclose(only.fold_errors, errors, rtol=1e-6)
 
 
-def test_excursions_begin_where_the_drive_turns_at_the_bottom() -> None:
-    t = np.arange(10_000) / 1000.0
-    x = np.sin(2.0 * np.pi * t) + 0.05 * np.sin(2.0 * np.pi * 13.0 * t)  # ripples are no excursions
-    np.testing.assert_allclose(excursions(x) / 1000.0, np.arange(9) + 0.75, atol=0.04)
-
-
 def test_a_recording_of_few_excursions_keeps_the_usual_structure() -> None:
     x = 75.0 - 75.0 * np.cos(2.0 * np.pi * np.arange(6000) / 1500.0)
     model = identify(recording(x, plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(x)))

@@ -276,7 +276,7 @@ def test_a_simulated_stage_goes_on_by_the_clock_where_the_loop_is_late() -> None
         (("--simulate", "duhem", "--integral-gain", 1001), "--integral-gain: must be at most the rate, 1000 1/s"),
         (("--simulate", "duhem", "--sine", "5Hz:10V"), "'10V' is not a number in µm"),
         (("--simulate", "duhem", "--sine", "5Hz:1um", "--set-point", 3), "two references"),
-        (("--simulate", "duhem", "--rate", 1e6), "the rate must be from 1 to 20000 Hz"),
+        (("--simulate", "duhem", "--rate", 1e6), "--rate': Input should be less than or equal to 20000"),
         (("--simulate", "duhem", "--record", "run.csv"), "must end in .parquet"),
         (("--simulate", "duhem", "--set-point", 300), "--set-point 300 is outside of the stage's range"),
     ],

@@ -1,12 +1,9 @@
-"""What a run holds: one row for all repeats, times of the host with most rows, and the rows of the settings that stand
-for tiers."""
+"""Rows of a run: one for all repeats, times of the host with most rows, the scaling of the first screen."""
 
-import pandas as pd
 import pytest
 from measured_rows import ladder, measured, row, table
 
-from bench.derived.measurements import at_tiers, over_repeats
-from bench.derived.tier_settings import tier_settings
+from bench.derived.measurements import over_repeats
 from solvers import Tier
 
 NAN = float("nan")
@@ -103,12 +100,6 @@ def test_a_repeat_in_which_a_setting_was_not_run_hides_no_repeat_in_which_it_was
     assert over_repeats(table([skipped, {**skipped, "repeat": 1}])).status.tolist() == ["not_run"]
 
 
-def test_without_repeats_rows_stay_as_they_are_and_have_no_spread() -> None:
-    rows = table([row(), row(problem="p2", solve_us_p50=7.0)])
-    expected = rows.assign(repeats=1, solve_us_spread=NAN)
-    pd.testing.assert_frame_equal(over_repeats(rows), expected)
-
-
 def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_all() -> None:
     found = measured(
         [
@@ -135,40 +126,6 @@ def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_a
 )
 def test_the_scaling_of_the_first_screen_is_that_in_which_most_was_measured(scalings: list[str], told: str) -> None:
     assert measured([row(problem=f"p{i}", scaling=scaling) for i, scaling in enumerate(scalings)]).scaling == told
-
-
-def test_a_tier_has_the_rows_of_its_setting_once_and_the_default_is_judged_like_low() -> None:
-    found = measured(
-        [
-            *ladder({"p1": [1e-5, 1e-12], "p2": [1e-8, 1e-12]}),
-            row(setting="d", rung=-1, is_default=True, cost_gap=1e-4),
-            row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=2e-3),
-        ]
-    )
-    by_tier = {tier: part.sort_values("problem") for tier, part in found.tiers.groupby("tier")}
-    assert set(by_tier) == {Tier.DEFAULT, Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT}
-    assert {tier: part.setting.tolist() for tier, part in by_tier.items() if tier != Tier.DEFAULT} == {
-        Tier.LOW: ["s0", "s0"],
-        Tier.MID: ["s1", "s1"],
-        Tier.HIGH: ["s1", "s1"],
-        Tier.EXACT: ["s1", "s1"],
-    }
-    assert by_tier[Tier.DEFAULT].right.tolist() == [True, False]
-    assert by_tier[Tier.DEFAULT].status.tolist() == ["ok", "missed"]
-    assert by_tier[Tier.MID].right.all()
-
-
-def test_a_tier_that_is_not_reached_has_rows_of_the_furthest_setting_only_where_they_are_asked_for() -> None:
-    rows = table(ladder({"p1": [1e-5, 1e-12], "p2": [1e-5, 1e-5]}))
-    settings = tier_settings(rows)
-    assert Tier.HIGH not in set(at_tiers(rows, settings).tier)
-    furthest = at_tiers(rows, settings, "furthest")
-    part = furthest[furthest.tier == Tier.HIGH].sort_values("problem")
-    assert (part.setting.tolist(), part.right.tolist(), part.status.tolist()) == (
-        ["s1", "s1"],
-        [True, False],
-        ["ok", "missed"],
-    )
 
 
 def test_warm_rows_come_with_the_setting_of_the_tier_and_are_judged_by_themselves() -> None:

@@ -1,12 +1,9 @@
-"""The short table: who stands where, what a cell says, and which lanes a terminal shows."""
+"""The short table: its cells and columns, and the lanes on a terminal; the committed run has order and times."""
 
-import math
-
-import numpy as np
 import pytest
 from measured_rows import ladder, measured, row, steps
 
-from bench.derived.ranking import PACE, PAPER, Line, Result, ranking, short_table
+from bench.derived.ranking import PACE, Line, Result, ranking, short_table
 from bench.messages.task import Row
 from solvers import Tier
 
@@ -19,50 +16,10 @@ def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
     return {str(line[0]): [str(cell) for cell in line[2:]] for line in shown}
 
 
-def test_the_most_exact_reached_counts_first_then_the_time_and_the_papers_method_comes_before_all() -> None:
-    rows = [
-        *ladder({"p1": [1e-8], "p2": [1e-8]}, solver="quick", solve_us_p50=1.0),
-        *ladder({"p1": [1e-12], "p2": [1e-12]}, solver="slow", solve_us_p50=90.0),
-        *ladder({"p1": [1e-12], "p2": [1e-12]}, solver="exact", solve_us_p50=20.0),
-        *ladder({"p1": [1e-12], "p2": [1e-1]}, solver="lost", solve_us_p50=0.5),
-        *ladder({"p1": [1e-4], "p2": [1e-4]}, solver="loose", solve_us_p50=0.1),
-        *steps({"p1": [0.5, 1e-4], "p2": [0.5, 1e-4]}),
-    ]
-    lines = ranking(measured(rows))
-    assert [line.name for line in lines] == [PACE, "exact", "slow", "quick", "loose", f"{PAPER}†", "lost"]
-    assert lines[0].results[Tier.LOW].us == 15_200 * 125.0
-    assert lines[0].solver == lines[5].solver == PAPER
-    assert lines[5].results[Tier.LOW].us == 1.0
-
-
-def test_a_time_is_the_median_over_the_problems_of_update_and_solve_at_the_one_setting_that_stands_for_the_tier() -> (
-    None
-):
-    rows = [
-        one
-        for problem, us in (("p1", 3.0), ("p2", 50.0), ("p3", 10.0))
-        for one in ladder({problem: [1e-5, 1e-12]}, update_us=1.0, solve_us_p50=[0.1, us])
-    ]
-    (line,) = ranking(measured(rows))
-    result = line.results[Tier.HIGH]
-    assert (result.us, result.right, result.problems, result.setting, result.left_out) == (11.0, 3, 3, "s1", 1.0)
-    assert line.results[Tier.LOW].us == 1.1
-    assert not math.isnan(line.results[Tier.LOW].left_out)
-
-
 def test_a_tier_that_is_not_reached_has_no_time_and_says_on_how_many_the_best_is_right() -> None:
     rows = ladder({"p1": [1e-12, 1e-12], "p2": [1e-12, 1e-12], "p3": [NAN, 1e-5]})
     assert cells(rows)["daqp"] == ["1 (0.008)", "not reached (2/3)", "not reached (2/3)", "not reached (2/3)", "–"]
     assert cells(rows, terminal=True)["daqp"] == ["1 0.008", "✗2/3", "✗2/3", "✗2/3", "–"]
-    (line,) = ranking(measured(rows))
-    assert not line.results[Tier.MID].reached
-
-
-def test_the_same_setting_is_printed_once_and_what_comes_after_a_gap_again() -> None:
-    one = {"p1": [1e-14]}
-    assert cells(ladder(one, is_default=True))["daqp"] == ["1 (0.008)", "=", "=", "=", "1.0e-14"]
-    two = ladder({"p1": [1e-5, 5e-11]}, solve_us_p50=[1.0, 2.0], noise_um=0.01, stage_excess=0.0)
-    assert cells(two)["daqp"] == ["1 (0.008)", "2 (0.02)", "=", "not reached (0/1)", "1 (0.008)", "–"]
 
 
 def test_a_tier_that_nobody_is_asked_for_has_no_column_and_one_without_an_own_result_a_dash() -> None:
@@ -77,17 +34,6 @@ def test_a_tier_that_nobody_is_asked_for_has_no_column_and_one_without_an_own_re
     other = ladder({"p2": [1e-14]}, solver="osqp", noise_um=0.0)
     assert short_table(ranking(measured([*noisy, *other])), "").headings[-2] == "stage"
     assert cells([*noisy, *other])["osqp"][-2] == "–"
-
-
-def test_the_default_has_its_worst_gap_and_none_where_it_has_no_answer_on_a_problem() -> None:
-    def at_default(gap: float) -> list[Row]:
-        return [
-            row(setting="d", rung=-1, is_default=True, cost_gap=3e-4),
-            row(problem="p2", setting="d", rung=-1, is_default=True, cost_gap=gap),
-        ]
-
-    assert ranking(measured(at_default(5e-2)))[0].default_gap == 5e-2
-    assert np.isnan(ranking(measured(at_default(NAN)))[0].default_gap)
 
 
 def test_a_terminal_shows_the_lanes_with_a_ladder_and_all_where_there_is_none() -> None:

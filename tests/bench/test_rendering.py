@@ -1,4 +1,4 @@
-"""What stands in a recording's header stays text in everything that is made from it."""
+"""Texts from a recording's header stay texts in every output."""
 
 import ctypes
 import io
@@ -16,7 +16,7 @@ from command_line import CommandLine
 from exported_loops import a_model
 from programs import program
 
-from bench.rendering import c_templates, markdown_templates
+from bench.rendering import c_templates
 from bench.report.console import PlainConsole, print_table
 from piezo_model.signals import multi_sine
 
@@ -90,13 +90,6 @@ def test_hostile_text_reaches_a_terminal_as_text(monkeypatch: pytest.MonkeyPatch
     text = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # what Rich itself does for bold text
     assert text.count(r"[red]x[/blue] [/] :smile: \x1b[2J\x1b]0;owned\x07 \x9b31m") == 5
     assert all(sign.isprintable() or sign == "\n" for sign in text)
-
-
-def test_hostile_text_stays_text_in_markdown_wherever_a_template_names_it() -> None:
-    template = markdown_templates("bench.report").from_string("- {{ a }}, {{ [a, a]|map('plain')|join(' | ') }}")
-    text = template.render(a=HOSTILE)
-    assert text.count("&#91;red&#93;x&#91;/blue&#93;") == 3
-    assert not set("<>`*|\x1b\x9b") & set(text.replace(" | ", ""))
 
 
 @pytest.mark.sample(1)

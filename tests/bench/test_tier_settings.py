@@ -1,12 +1,11 @@
-"""Which setting stands for a tier: the loosest that meets it ten times over on every problem, else three times, else
-once."""
+"""The setting of a tier: the loosest that meets it on every problem with margin ten, else three, else one."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from measured_rows import ladder, row, table
 
-from bench.derived.tier_settings import FEWEST, TARGETS, choice, left_out, margin, tier_settings
+from bench.derived.tier_settings import FEWEST, choice, left_out, margin, tier_settings
 from bench.messages.task import Row
 from solvers import Tier
 
@@ -47,27 +46,6 @@ def test_where_no_setting_is_right_on_every_problem_a_tier_is_not_reached_and_th
     ]
     assert (found.setting, found.rung, found.problems, found.right, found.furthest) == ("", -1, 3, 2, "s1")
     assert np.isnan([found.margin, found.left_out]).all()
-
-
-def test_each_solver_lane_and_scaling_has_a_setting_of_its_own_and_tiers_that_do_not_apply_have_no_row() -> None:
-    found = tier_settings(
-        table(
-            [
-                *ladder({"p1": [1e-12]}),
-                *ladder({"p1": [1e-1]}, solver="osqp"),
-                *ladder({"p1": [1e-12]}, lane="qpsolvers"),
-                *ladder({"p1": [1e-1]}, scaling="raw"),
-            ]
-        )
-    )
-    assert set(zip(found.solver, found.lane, found.scaling, strict=True)) == {
-        ("daqp", "direct", "scaled"),
-        ("osqp", "direct", "scaled"),
-        ("daqp", "qpsolvers", "scaled"),
-        ("daqp", "direct", "raw"),
-    }
-    assert set(found.tier) == set(TARGETS) - {Tier.STAGE}
-    assert found[(found.tier == Tier.HIGH) & (found.setting != "")].solver.tolist() == ["daqp", "daqp"]
 
 
 DEFAULT = row(setting="d", rung=-1, is_default=True)
@@ -141,14 +119,6 @@ def test_what_stands_for_a_tier_is_judged_by_all_cold_rows_of_the_ladder_on_all_
 @pytest.mark.parametrize("rows", [[], [DEFAULT]])
 def test_without_a_ladder_there_are_no_settings(rows: list[Row]) -> None:
     assert tier_settings(table(rows)).empty
-
-
-def test_the_share_that_stays_right_leaves_out_each_problem_in_turn() -> None:
-    rows = ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12], "p3": [1e-8, 1e-12], "p4": [1e-5, 1e-12]})
-    found = settings(rows)
-    assert found.setting[Tier.MID] == "s1"
-    assert found.left_out[Tier.MID] == 0.75  # without p4 the others choose s0, which misses it
-    assert found.left_out[Tier.HIGH] == 1.0
 
 
 def test_the_share_is_empty_below_three_problems_and_where_a_tier_is_not_reached() -> None:

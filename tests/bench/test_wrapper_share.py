@@ -1,5 +1,4 @@
-"""The wrapper's share: the time of a library through a package over that of its own object, at identical settings, both
-right."""
+"""Ratio of a library's time through a wrapper to its time in the lane direct, at equal settings, both right."""
 
 import pytest
 from measured_rows import measured, row
@@ -13,7 +12,7 @@ SAME = {("daqp", "qpsolvers"): (1, 8.0, 2.0, 4.0)}
 
 
 def asked(us: float, **known: object) -> Row:
-    """A row at the setting that both lanes have."""
+    """A row at a setting that both lanes have."""
     return row(**{"settings": EPS, "setting": EPS, "solve_us_p50": us, **known})
 
 

@@ -1,0 +1,145 @@
+"""The figures of the last cycle: the paper's Fig. 4, a staircase of each axis without and with compensation, and the
+hysteresis loops before and after."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pandas as pd
+
+from bench.report.plot import INK, PALETTE, Axis, Mark, Plot
+from bench.report.report import Figure
+from bench.stage.setup import AMPLITUDE_UM, AXES, RANGE_UM, StageSetup, percent
+from bench.stage.trial import Trial
+from solvers.arrays import Vector
+
+REFERENCE, STRAIGHT, HINDSIGHT, LEARNED, ONCE = (
+    "reference",
+    "straight line",
+    "best straight line with hindsight",
+    "self-learning",
+    "learned for 2 cycles, then fixed",
+)
+BLUE, RED, GREEN, PURPLE = PALETTE[:4]
+COLOURS = {REFERENCE: INK, STRAIGHT: RED, HINDSIGHT: GREEN, LEARNED: BLUE, ONCE: PURPLE}
+THINNING = 16
+"""One sample in THINNING is drawn: 500 Hz."""
+BINS = 64
+"""Intervals of the reference in which the opening of a loop is measured."""
+
+
+def lines(
+    x: Axis, y: Axis, names: tuple[str, ...], where: str = "", along: str = "", points: bool = False, height: int = 240
+) -> Plot:
+    """One line for each of these names, from the rows of a table for which the condition ``where`` holds."""
+    rows = f"name in {names}" + (f" and {where}" if where else "")
+    marks = Mark("line", "name", along=along), *([Mark("point", "name", size=50.0)] if points else [])
+    return Plot(x, y, marks, where=rows, colours={name: COLOURS[name] for name in names}, height=height)
+
+
+def staircase(i: int, runs: Mapping[str, Trial]) -> Figure:
+    """One period of the staircase in the last cycle of one axis."""
+    setup = runs[LEARNED].setup
+    end = len(setup.y_ref)
+    window = np.arange(max(0, end - setup.period), end, THINNING)
+    t, reference = (window - window[0]) * setup.sample_time, setup.y_ref[window, i]
+    positions = {REFERENCE: reference, **{name: run.y[window, i] for name, run in runs.items()}}
+    table = pd.concat(
+        [
+            pd.DataFrame({"time_s": t, "name": name, "position_um": y, "error_um": y - reference})
+            for name, y in positions.items()
+        ],
+        ignore_index=True,
+    )
+    time, error = Axis("time_s", "time, s"), Axis("error_um", "error, µm")
+    plots = [
+        lines(time, Axis("position_um", f"position {AXES[i]}, µm"), (STRAIGHT, LEARNED, REFERENCE)),
+        lines(time, error, (STRAIGHT, HINDSIGHT), height=150),
+        lines(time, error, (LEARNED,), height=150),
+    ]
+    return Figure(
+        f"fig4_staircase_{AXES[i]}",
+        f"Fig. 4: staircase, axis {AXES[i]}",
+        "One period of the staircase in the last cycle. All runs stand behind the same decoupling matrix.",
+        table,
+        plots,
+    )
+
+
+def staircase_sentence(i: int, runs: Mapping[str, Trial]) -> str:
+    """The errors of one axis in the last cycle."""
+    before, best, after = (float(runs[name].rms_percent()[i]) for name in (STRAIGHT, HINDSIGHT, LEARNED))
+    worst = [
+        float(np.abs(percent(runs[name].cycle_error_um(-1)))[:, i].max()) for name in (STRAIGHT, HINDSIGHT, LEARNED)
+    ]
+    return (
+        f"Axis {AXES[i]}, last cycle: RMS error {before:.2f} % of range ({before / 100 * RANGE_UM:.2f} µm) along a "
+        f"straight line, {best:.2f} % along the best straight line with hindsight, {after:.3f} % "
+        f"({after / 100 * RANGE_UM * 1e3:.0f} nm) with self-learning compensation, {before / after:.0f} times less; "
+        f"largest error {worst[0]:.1f} %, {worst[1]:.1f} % and {worst[2]:.2f} %."
+    )
+
+
+def arrived(setup: StageSetup) -> int:
+    """First sample of the loops that counts; before it the stage moves there from the staircase."""
+    return round(setup.step_s / setup.sample_time)
+
+
+def opening_percent(reference: Vector, y: Vector) -> float:
+    """Widest opening of the loops in percent of the range: the largest spread of the error within one of BINS intervals
+    of the reference."""
+    share = (reference + AMPLITUDE_UM) / RANGE_UM
+    bins = np.clip((share * BINS).astype(int), 0, BINS - 1)
+    error = y - reference
+    return 100.0 / RANGE_UM * max(float(np.ptp(error[bins == i])) for i in range(BINS) if np.any(bins == i))
+
+
+def loops(runs: Mapping[str, Trial]) -> Figure:
+    """The loops of both axes, and the remaining error on a finer scale."""
+    setup = runs[LEARNED].setup
+    at = np.arange(arrived(setup), len(setup.loop_ref), THINNING)
+    table = pd.concat(
+        [
+            pd.DataFrame(
+                {
+                    "axis": axis,
+                    "name": name,
+                    "sample": at,
+                    "reference_um": (reference := setup.loop_ref[at, i]),
+                    "position_um": (y := runs[name].loop[at, i]),
+                    "error_um": y - reference,
+                }
+            )
+            for i, axis in enumerate(AXES)
+            for name in (STRAIGHT, LEARNED)
+        ],
+        ignore_index=True,
+    )
+    plots = []
+    for axis in AXES:
+        x, where = Axis("reference_um", f"reference {axis}, µm"), f"axis == '{axis}'"
+        plots += [
+            lines(x, Axis("position_um", "measured position, µm"), (STRAIGHT, LEARNED), where, "sample"),
+            lines(x, Axis("error_um", "error, µm"), (LEARNED,), where, "sample", height=150),
+        ]
+    return Figure(
+        "loops",
+        "Hysteresis loops before and after",
+        "Measured position over reference for triangles of "
+        "falling amplitude, on signals that were never learned from; below each, what compensation leaves.",
+        table,
+        plots,
+    )
+
+
+def loop_sentences(runs: Mapping[str, Trial]) -> Iterator[str]:
+    """Opening of the loops of each axis without and with compensation."""
+    setup = runs[LEARNED].setup
+    part = slice(arrived(setup), None)
+    for i, axis in enumerate(AXES):
+        wide, narrow = (
+            opening_percent(setup.loop_ref[part, i], runs[name].loop[part, i]) for name in (STRAIGHT, LEARNED)
+        )
+        yield (
+            f"Axis {axis}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "
+            "compensation, on a signal that was never learned from."
+        )
