@@ -1,11 +1,11 @@
-"""What the adapters of libraries have in common: the program as rows, the checks, the answer with its duals.
+"""Base class of the adapters of solver libraries: conversion of the constraints, checks, the answer with its duals.
 
-A file of one declares what its library is and what it refuses, and has four short methods:
+The file of an adapter declares the properties of its library and has up to four short methods:
 
-    build     make the library's object, once
-    update    hand over new P and q; by default the library reads the program at each solve
-    solve     call the library, and say in ``found`` whether it has an answer
-    answer    read what it says of its last solve
+    build        make the library's object, once
+    pass_data    pass new P and q to it; not needed if the library reads the program at each solve
+    run          call the library; x, or None if it found no answer
+    answer       read multipliers, status and counts of the last run
 """
 
 from abc import abstractmethod
@@ -19,7 +19,7 @@ from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, only_box
 from solvers.rows import Cones, Intervals, Program, Stack, Triangle
 
-# All that a file of an adapter needs.
+# The names that the files of adapters import.
 __all__ = [
     "Answer",
     "Cones",
@@ -36,13 +36,13 @@ __all__ = [
 
 
 class Answer(NamedTuple):
-    """What a library says of its last solve."""
+    """What a library reports on its last solve."""
 
     x: Vector
     w: Vector
-    """Multipliers of the rows, in the form in which the library takes them."""
+    """Multipliers of the rows in the adapter's ``form``."""
     status: str
-    """The library's own word."""
+    """The library's own name of it."""
     iterations: int | None = None
     """The library's own count."""
     reported_us: float | None = None
@@ -50,22 +50,22 @@ class Answer(NamedTuple):
 
 
 class LibrarySolver(Solver):
-    """A solver of somebody's library."""
+    """A solver of another author's library."""
 
     lane = Lane.DIRECT
     library: ClassVar[Backend]
     form: ClassVar[type[Any]] = Stack
-    """The rows as the library takes them, of :mod:`solvers.rows`."""
+    """The form of the rows that the library takes, from :mod:`solvers.rows`."""
     bounds_only: ClassVar[bool] = False
     """Whether it takes no general rows."""
     refuses_crossing: ClassVar[bool] = False
-    """Whether it refuses bounds that cross instead of calling them infeasible."""
+    """Whether it refuses crossing bounds instead of reporting infeasibility."""
     refuses_fixed: ClassVar[bool] = False
     """Whether it cannot take a variable fixed by lb = ub."""
     at_limit: ClassVar[tuple[str, ...]] = ()
-    """How its status begins where its limit of iterations ended a solve."""
+    """Beginnings of the status after a solve that the iteration limit ended."""
     why_refused: ClassVar[str] = ""
-    """What a refusal by ``refuse`` may mean, from a colon on."""
+    """Possible reasons of a refusal by ``refuse``, beginning with a colon."""
     program: Program
     rows: Any
     found: bool = False
@@ -83,8 +83,9 @@ class LibrarySolver(Solver):
         return cls.library.ladder(c)
 
     def setup(self, problem: Problem) -> None:
-        """Refuse what the library cannot take, convert the rest and make the library's object."""
-        if self.settings and not self.library.has_settings:
+        """Refuse problems that the library cannot take, convert the others and make the library's object."""
+        b = self.library
+        if self.settings and not (b.tolerances or b.more or b.always):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
         if self.bounds_only:
             only_box(problem, self.name)
@@ -102,16 +103,30 @@ class LibrarySolver(Solver):
     def build(self, p: Program, rows: Any) -> None:
         """Make the library's object of the program and its rows."""
 
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for what stays."""
+
+    @abstractmethod
+    def run(self, warm_start: Vector | None) -> Vector | None:
+        """Call the library, from a contiguous ``warm_start`` (d,) or cold; x (d,), or None if it found no answer."""
+
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take P (d, d) and q (d,) into the program."""
-        self.program.take(P, q)
+        """Copy P (d, d) and q (d,) into the program and pass them on."""
+        self.pass_data(*self.program.take(P, q))
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        """Return the library's answer, NaN if it found none."""
+        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
+        x = self.run(start)
+        self.found = x is not None
+        return self.program.no_answer() if x is None else x
 
     @abstractmethod
     def answer(self) -> Answer:
-        """Read what the library says of its last solve; x and w count only where it was found."""
+        """Read the library's report on its last solve; x and w are used only if it found an answer."""
 
     def iterate(self) -> Vector | None:
-        """Return x where the status says that the limit ended the solve."""
+        """Return x if the status says that the iteration limit ended the solve."""
         x, _, status, *_ = self.answer()
         return np.array(x) if status.startswith(self.at_limit) else None
 
@@ -124,7 +139,7 @@ class LibrarySolver(Solver):
         return self.program.solution(np.array(x), self.rows.distribute(w), extras)
 
     def choose(self, target: Any, **defaults: Any) -> None:
-        """Write our settings, and those of every use, into the library's own object.
+        """Write the defaults and the settings into the library's own object.
 
         Raises
         ------
@@ -137,6 +152,6 @@ class LibrarySolver(Solver):
             setattr(target, name, value)
 
     def refuse(self, flag: int) -> None:
-        """Raise :class:`Unsupported` where a library refuses the data, which it says by a number below 0."""
+        """Raise :class:`Unsupported` if the library refuses the data, which it does by a negative flag."""
         if flag < 0:
             raise Unsupported(f"{self.name} refuses the data with exit flag {flag}{self.why_refused}")

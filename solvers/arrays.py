@@ -1,4 +1,4 @@
-"""Types of arrays; their shapes are said where they are used."""
+"""Types of arrays; shapes are documented where the arrays are used."""
 
 import ctypes
 from typing import Any
@@ -13,6 +13,6 @@ Nanoseconds = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
-def address(array: NDArray[Any]) -> ctypes.c_void_p:
-    """Where an array begins, for a C function that reads or writes it."""
-    return ctypes.c_void_p(array.ctypes.data)
+def address(array: NDArray[Any] | None) -> ctypes.c_void_p:
+    """Address of an array for a C function that reads or writes it; NULL for None."""
+    return ctypes.c_void_p(None if array is None else array.ctypes.data)

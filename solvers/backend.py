@@ -1,15 +1,16 @@
-"""What is known of a library, once for all its lanes: class, licence, and the ladder of its settings.
+"""Properties of the libraries that all their lanes share: class of the algorithm, licence, ladder of settings.
 
-A tolerance is given in the unit of what it bounds, and the only unit known before a solve is the problem's constant c:
+A tolerance has the unit of the quantity that it bounds. The only scale known before a solve is the problem's constant
+c:
 
-    an absolute tolerance on the cost, and one for the cost and the residuals alike          c · 10⁻ᵏ
-    a share, where the library itself divides by the size of the cost                       10⁻ᵏ
-    a residual, divided by the size of the data or not                                      10⁻²⁻ᵏᐟ² or c · 10⁻²⁻ᵏᐟ²
-    a relative tolerance that is added to an absolute one                                   0
+    absolute, on the cost or on the cost and the residuals together      c · 10⁻ᵏ
+    relative to the cost, if the library divides by it                   10⁻ᵏ
+    on residuals, divided by the size of the data or not                 10⁻²⁻ᵏᐟ² or c · 10⁻²⁻ᵏᐟ²
+    relative, added to an absolute one                                   0
 
-The residuals of an interior point method fall with its gap and far below it; asked for as tightly as the gap they are
-what rounding never lets it reach. The names are those of the library itself; a lane that hands settings on under the
-same names shares the entry, and says in its own table what differs.
+The residuals of an interior point method fall far below its gap by themselves; a tolerance on them as small as that on
+the gap can be below rounding error and is then never met. Settings have the library's own names; lanes that use the
+same names share the entry, and their own tables contain the differences.
 """
 
 from collections.abc import Callable, Mapping
@@ -53,31 +54,17 @@ class Backend:
     algorithm: str
     licence: str
     distribution: str
-    """As of :class:`solvers.protocol.Solver`."""
+    """See :class:`solvers.protocol.Entrant`."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
-    """The settings that change from rung to rung, each a function of c and k."""
-    rungs: tuple[float, ...] = ()
-    """The exponents k, from loose to tight; without any the library has one rung."""
-    polished: tuple[float, ...] = ()
-    """The exponents of the rungs that follow with ``polish``."""
+    """The settings that differ between rungs, as functions of c and k."""
+    exponents: tuple[float, ...] = ()
+    """The exponent k of each rung, from loose to tight; without any the library has one rung."""
     polish: Mapping[str, Any] = field(default_factory=dict)
-    """Settings by which the library improves the answer that it ended with."""
+    """Further settings of the last rung, by which the library polishes its answer."""
     more: Mapping[str, Any] = field(default_factory=dict)
     """Settings of every rung."""
     always: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of every rung and of the default, too."""
-    warm: bool = False
-    """Whether a lane hands a starting point on to a library that uses it."""
-
-    @property
-    def exponents(self) -> tuple[float, ...]:
-        """The exponent of each rung."""
-        return self.rungs + self.polished
-
-    @property
-    def has_settings(self) -> bool:
-        """Whether there is anything to set."""
-        return bool(self.tolerances or self.more or self.always)
+    """Settings of every rung and of the default."""
 
     def ladder(self, c: float) -> tuple[Mapping[str, Any], ...]:
         """The settings of each rung for a problem of the constant c > 0.
@@ -87,24 +74,16 @@ class Backend:
         >>> [rung["eps_abs"] for rung in OSQP.ladder(1.0)[:2]]
         [0.0001, 1e-06]
         """
-        steps: list[tuple[float, Mapping[str, Any]]] = [(k, {}) for k in self.rungs] + [
-            (k, self.polish) for k in self.polished
+        rungs = [
+            {**{name: tolerance(c, k) for name, tolerance in self.tolerances.items()}, **self.more, **self.always}
+            for k in self.exponents or (0.0,)
         ]
-        return tuple(
-            MappingProxyType(
-                {
-                    **{name: tolerance(c, k) for name, tolerance in self.tolerances.items()},
-                    **self.more,
-                    **self.always,
-                    **polish,
-                }
-            )
-            for k, polish in steps or [(0, {})]
-        )
+        rungs[-1].update(self.polish)
+        return tuple(MappingProxyType(rung) for rung in rungs)
 
 
 def between(low: float, high: float, tolerance: Tolerance) -> Tolerance:
-    """A tolerance of a library that refuses what lies outside low … high."""
+    """A tolerance clipped to low … high, the range that the library accepts."""
     return lambda c, k: min(max(tolerance(c, k), low), high)
 
 
@@ -125,10 +104,9 @@ COPT = Backend(
     always={"Threads": 1},
 )
 CVXOPT = Backend("interior point", "GPL-3.0-or-later", "cvxopt", CONE, (4, 6, 8, 10, 12, 14, 15, 16))
-# At its own 1e-6 one answer in some thousands leaves out a bound that is violated by less, a gap of 1e-6 that no
-# calibration sees.
+# At its default of 1e-6, one answer in some thousands misses a bound that is violated by less than that, a gap of 1e-6.
 DAQP = Backend("dual active set", "MIT", "daqp", {"primal_tol": share}, (9, 12), more={"iter_limit": 100_000})
-# It refuses a relative tolerance of 0. From k = 10 on it ends "close to optimal" more often than not.
+# It refuses a relative tolerance of 0. From k = 10 on it mostly ends "close to optimal".
 ECOS = Backend(
     "interior point", "GPL-3.0-or-later", "ecos", {**CONE, "reltol": lambda c, k: 1e-300}, (4, 6, 7, 8, 9, 10, 12)
 )
@@ -144,7 +122,7 @@ GUROBI = Backend(
     INTERIOR_POINT,
     always={"Threads": 1},
 )
-# The regularisation moves the answer, and without any the library can hang; without a limit it can run for ever.
+# The regularisation changes the answer, but without it the library can hang; without a time limit it can run for ever.
 HIGHS = Backend(
     "primal active set",
     "MIT",
@@ -157,8 +135,8 @@ HIGHS = Backend(
     (7, 9, 11, 13),
     always={"time_limit": 10.0},
 )
-# Its least multiplier, 1e-16, times the number in place of an infinite bound is more complementarity than the rungs
-# from 10⁻¹⁰ allow.
+# The default lower limit of the multipliers, 1e-16, times the number in place of an infinite bound exceeds the
+# complementarity that the rungs from 10⁻¹⁰ allow.
 HPIPM = Backend(
     "interior point",
     "BSD-2-Clause",
@@ -167,14 +145,13 @@ HPIPM = Backend(
     INTERIOR_POINT,
     more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30},
 )
-# Counted in steps and not in seconds, so that a run can be repeated.
+# The interval of adaptation is counted in steps, not in seconds, so that runs are repeatable.
 OSQP = Backend(
     "ADMM",
     "Apache-2.0",
     "osqp",
     EPS,
-    (4, 6, 8, 10, 12, 14),
-    (14,),
+    (4, 6, 8, 10, 12, 14, 14),
     {"polishing": True},
     {"max_iter": 200_000},
     {"polishing": False, "adaptive_rho": 1, "adaptive_rho_interval": 50},
@@ -205,7 +182,8 @@ QPALM = Backend(
     (4, 6, 8, 10, 12, 13),
     more={"max_iter": 100_000},
 )
-# Its explicit method keeps slacks and multipliers above 1.5e-8 and so their products, the implicit one does not.
+# Its explicit method bounds slacks and multipliers from below by 1.5e-8, and thus their products; the implicit one does
+# not.
 QPAX = Backend(
     "interior point",
     "Apache-2.0",
@@ -214,7 +192,7 @@ QPAX = Backend(
     (6, 7, 8, 10, 12),
     more={"max_iter": 100, "backend": "i"},
 )
-# The regularisation of 1e-8 is what its residuals end at; with less of it they can be asked for.
+# Its residuals do not fall below its regularisation, by default 1e-8.
 QTQP = Backend(
     "interior point",
     "Apache-2.0",
@@ -224,7 +202,7 @@ QTQP = Backend(
     more={"min_static_regularization": 1e-14},
 )
 QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
-# Left alone, SCS takes MKL where the wheel brings it.
+# By default SCS uses MKL if its wheel contains it.
 SCS = Backend(
     "ADMM, Anderson acceleration",
     "MIT",

@@ -1,10 +1,10 @@
-"""Many box programs of one size at once, each to its exact optimum, on as many threads as asked for.
+"""Batches of box programs of one size, each solved to its exact optimum, on several threads.
 
     minimise ½ xᵀP_b x + q_bᵀx   subject to   lb_b ≤ x ≤ ub_b,   b = 1 … B
 
-Each is what ``box_active_set`` solves cold, and its answer is the same to the last bit, whatever stands beside it and
-however many threads there are: a program that has no answer spoils its own row alone. One after the other in compiled
-code, without the interpreter's lock.
+Each answer equals that of a cold ``box_active_set`` to the last bit and depends neither on the other programs nor on
+the number of threads; a program without an answer affects its own row only. The programs are solved one after the other
+in compiled code, without the interpreter's lock.
 """
 
 import os
@@ -19,9 +19,9 @@ from solvers.core import OK, REASONS, bindings, block, padded
 
 MOST_VARIABLES = 1000
 SHARES = 16
-"""Parts of a batch for each thread, so that none waits long for the others."""
+"""Chunks of a batch per thread, so that the threads end at about the same time."""
 LEAST_SHARE = 64
-"""Programs of a part, for which it pays to wake a thread."""
+"""Smallest chunk in programs; waking a thread for fewer does not pay."""
 
 
 class BoxBatch:
@@ -32,12 +32,12 @@ class BoxBatch:
     d : int
         Variables of each program, 1 to 1000.
     threads : int, optional
-        At most so many work at once; by default one for each core that this process may run on.
+        Largest number of threads; by default one for each core that this process may run on.
 
     Attributes
     ----------
     statuses : array, shape (B,), int32
-        How the last batch's programs ended, as of ``solvers.core``.
+        Status of each program of the last batch, see ``solvers.core``.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class BoxBatch:
         self._workspaces: SimpleQueue[NDArray[np.uint8]] = SimpleQueue()
         for _ in range(self.threads):
             self._workspaces.put(block(bindings.box_bytes(d)))
-        # starts none before there is work for it
+        # threads start with their first work
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
     def solve(self, P: Matrix, q: Matrix, lb: Matrix, ub: Matrix) -> tuple[Matrix, NDArray[np.bool_]]:
@@ -76,27 +76,27 @@ class BoxBatch:
         Parameters
         ----------
         P : array, shape (B, d, d)
-            Symmetric and positive semidefinite; float64 in C order is taken as it is, anything else is copied.
+            Symmetric and positive semidefinite; arrays other than float64 in C order are copied.
         q, lb, ub : array, shape (B, d)
             Bounds may be infinite on their open side.
 
         Returns
         -------
         x : array, shape (B, d)
-            The minimisers; NaN where there is none.
+            The minimisers; NaN for programs without one.
         found : array, shape (B,), bool
 
         Raises
         ------
         ValueError
-            An array has another shape, or is not made of real numbers.
+            An array has a wrong shape or is not of real numbers.
         """
         count = len(q)
         matrices = _reals("P", P, (count, self.d, self.d)).reshape(count, self.d * self.d)
         linear, *bounds = (_reals(name, values, (count, self.d)) for name, values in (("q", q), ("lb", lb), ("ub", ub)))
         x, self.statuses = np.empty((count, self.d)), np.empty(count, np.int32)
 
-        def part(first: int, last: int) -> None:
+        def solve_chunk(first: int, last: int) -> None:
             workspace = self._workspaces.get()
             try:
                 bindings.box_batch(linear, matrices, *bounds, x, self.statuses, workspace, first, last)
@@ -105,27 +105,27 @@ class BoxBatch:
 
         size = max(LEAST_SHARE, padded(-(-count // (SHARES * self.threads))))
         if self._pool is None or count <= size:
-            part(0, count)
+            solve_chunk(0, count)
         else:
             starts = range(0, count, size)
-            list(self._pool.map(part, starts, (min(start + size, count) for start in starts)))
+            list(self._pool.map(solve_chunk, starts, (min(start + size, count) for start in starts)))
         found: NDArray[np.bool_] = self.statuses == OK
         if np.count_nonzero(found) < count:
             x[~found] = np.nan
         return x, found
 
     def reason(self, b: int) -> str:
-        """Why program b of the last batch has no answer, in a sentence; "" where it has one."""
+        """Why program b of the last batch has no answer, in a sentence; "" if it has one."""
         return REASONS.get(int(self.statuses[b]), "")
 
 
 def usable_cores() -> int:
-    """Cores that this process may run on."""
+    """Number of cores that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _reals(name: str, values: Matrix, shape: tuple[int, ...]) -> Matrix:
-    """An array as compiled code takes it; ValueError where it is another."""
+    """Values as a contiguous float64 array; ValueError if they have another shape or are not real."""
     taken = np.asarray(values)
     if taken.shape != shape:
         raise ValueError(f"{name} must be of shape {shape}, one program a row as in q, and not {taken.shape}")

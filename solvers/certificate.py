@@ -7,14 +7,13 @@ The data are doubles, hence rationals, and everything here is computed in ration
 
 1. problem: the data are those that the certificate was made for (SHA-256).
 2. convexity: P + δI ⪰ 0, with the δ of the rule in :mod:`solvers.exact.problem`; δ = 0 almost always. Otherwise the
-optimum must
-   not hang on δ: ½ δ‖x*‖² ≤ 1e-12 (½ |x*ᵀP x*| + |qᵀx*|).
+   optimum must not depend on δ: ½ δ‖x*‖² ≤ 1e-12 (½ |x*ᵀP x*| + |qᵀx*|).
 3. stationarity: the optimality system of the stored active set is regular; its solution is x*, λ*.
 4. feasibility: x* breaks no constraint.
 5. signs: no inequality has a negative multiplier. With 2 to 4 these are the KKT conditions, and any KKT point of a
    convex program is optimal (Boyd, Vandenberghe, *Convex Optimization*, 2004, section 5.5.3).
 6. value: V(x*) equals the stored rational. It is the only optimal value even where x* is not the only optimum.
-7. answer: the stored doubles are x* and V(x*) rounded, and the stored word on uniqueness is right.
+7. answer: the stored doubles are x* and V(x*) rounded, and the stored statement on uniqueness is right.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ from solvers.exact.linear_algebra import (
     Work,
     column,
     nearest_double,
-    power_of_two,
 )
 from solvers.exact.problem import DoubleProblem, exact, finite
 from solvers.exact.program import (
@@ -67,7 +65,7 @@ __all__ = [
 ]
 
 SHIFT_SHARE = fmpq(1, 10**12)
-"""Largest share of the cost that the shift may make up: the finest accuracy that an answer is judged by."""
+"""Largest share of the shift in the cost: the finest accuracy by which answers are judged."""
 
 
 WORKING_SET = {
@@ -77,7 +75,7 @@ WORKING_SET = {
     Kind.EQUALITY: "equalities",
     Kind.PIN: "pinned",
 }
-"""The fields of a certificate that are its working set."""
+"""The fields of a certificate that contain its working set."""
 Index = Annotated[int, msgspec.Meta(ge=0)]
 
 
@@ -92,8 +90,8 @@ class Certificate:
     rows: tuple[Index, ...]
     equalities: tuple[Index, ...]
     pinned: tuple[Index, ...]
-    """The working set: variables at their bounds, active rows of G, rows of A that are independent, and variables that
-    nothing decides and that are set to zero."""
+    """The working set: variables at their bounds, active rows of G, independent rows of A, and undetermined variables,
+    which are set to zero."""
     convexity_shift: float
     """δ."""
     unique: bool
@@ -145,7 +143,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     x : array, shape (d,)
         A solver's answer. The better it is, the fewer exact pivots are needed; the proof does not depend on it.
     work : float
-        Bit operations that the proof may take, as :meth:`solvers.exact.program.ExactProgram.pivot_work` counts them.
+        Limit of the work in bit operations, see :meth:`solvers.exact.program.ExactProgram.pivot_work`.
 
     Raises
     ------
@@ -190,11 +188,11 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
 
 
 def _check_shift(program: ExactProgram, factor: Rational, shift: float, x: RationalColumn) -> None:
-    """The second half of line 2: raises where the shift makes up more than SHIFT_SHARE of the cost.
+    """The second half of line 2: raises if the share of the shift in the cost exceeds SHIFT_SHARE.
 
-    Such an optimum lies far out in a direction in which the curvature of P is less than its rounding. Nothing but δ
-    stops x there, and a P that is rounded otherwise has no minimum or one elsewhere; the exact solvers call such
-    programs unbounded.
+    Such an optimum lies far out in a direction in which the curvature of P is below its rounding error. Only δ bounds x
+    there; with P rounded differently, the program has no minimum or one elsewhere. The exact solvers call such programs
+    unbounded.
     """
     if shift == 0.0:
         return
@@ -226,13 +224,13 @@ def _stored_point(program: ExactProgram, certificate: Certificate) -> Point:
 
 
 def exact_optimum(problem: Problem, certificate: Certificate) -> list[Any]:
-    """x* as d rationals (flint.fmpq), rebuilt from the active set; :func:`verify` is what checks them."""
+    """x* as d rationals (flint.fmpq), computed from the active set; :func:`verify` checks them."""
     program, _ = exact(DoubleProblem.of(problem), certificate.convexity_shift)
     return list(_stored_point(program, certificate).x.entries())
 
 
 def verify(problem: Problem, certificate: Certificate) -> None:
-    """Replay the proof; return if every line holds, else raise :class:`NotCertified` naming the first that fails."""
+    """Replay the proof; raises :class:`NotCertified`, which names the first line that fails."""
 
     def line(name: str, holds: bool, why: str) -> None:
         if not holds:
@@ -264,10 +262,10 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
     ----------
     problem : qpsolvers.Problem
     certificate : Certificate
-        Of this problem; its value is believed (:func:`verify` checks it).
+        Of this problem; its value is not checked again (:func:`verify` does).
     x : array, shape (d,)
-        The answer. It is brought to the nearest feasible point x̂ first: by clipping where there are bounds only, else
-        by the exact Euclidean projection, a quadratic program with P = I that the same rational pivots solve.
+        The answer. It is replaced by the nearest feasible point x̂: by clipping if there are bounds only, else by the
+        exact Euclidean projection, a quadratic program with P = I that the same rational pivots solve.
     c : float
         Constant term of the problem, in the units of V.
 
@@ -300,6 +298,6 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
     gap = program.value(feasible) * factor - best
     if gap < 0:
         raise NotCertified(f"a feasible point costs {nearest_double(-gap):.3g} less than the certified optimum")
-    scale = max(abs(best + constant), abs(constant) * power_of_two(-52), power_of_two(-1022))
+    scale = max(abs(best + constant), abs(constant) * fmpq(2) ** -52, fmpq(2) ** -1022)
     moved = max(abs(entry) for entry in (given - feasible).entries())
     return Gap(nearest_double(gap), nearest_double(gap / scale), nearest_double(moved))

@@ -1,22 +1,22 @@
-"""Every solver of quadratic programs behind cvxpy, on one problem with parameters that is compiled once.
+"""Every solver of quadratic programs behind cvxpy, with one parametrised problem that is compiled once.
 
     minimise ½ ‖S x‖² + qᵀx   subject to   A x = b,  G x ≤ h,  lb ≤ x ≤ ub,   with parameters S and q,   SᵀS = P
 
 Source: A. Agrawal, B. Amos, S. Barratt, S. Boyd, S. Diamond, J. Z. Kolter, "Differentiable convex optimization layers",
 Advances in Neural Information Processing Systems 32 (2019), for the rules of problems with parameters.
 
-``quad_form(x, P)`` with a parameter P is against the rules of disciplined parametrised programming (DPP) and would be
-compiled at every solve; ``sum_squares(S @ x)`` is not. What that costs: cvxpy writes the square as ‖t‖² with d more
-variables t and d more equations t = S x, so a solver sees twice the size, a cost that is singular in x, and a
-feasibility tolerance ε that acts on t = S x, where it means an error of up to ε √‖P⁻¹‖ in x; ECOS and CVXOPT see a
-second-order cone. Against the lane qpsolvers at the tier HIGH, on ten problems of 18 variables with cond P = 1e6, the
-largest error of x went from 1e-13 to 3e-12 for DAQP and from 4e-8 to 3e-7 for SCS, stayed for Clarabel, HiGHS and
-ProxQP, and CVXOPT solved none instead of all.
+``quad_form(x, P)`` with a parameter P violates the rules of disciplined parametrised programming (DPP) and would be
+compiled at every solve; ``sum_squares(S @ x)`` does not. The price: cvxpy writes the square as ‖t‖² with d more
+variables t and d more equations t = S x, so a solver gets a problem of twice the size, a cost that is singular in x,
+and a feasibility tolerance ε on t = S x, which allows an error of up to ε √‖P⁻¹‖ in x; ECOS and CVXOPT get a
+second-order cone. Compared with the lane qpsolvers at the tier HIGH, on ten problems of 18 variables with cond P = 1e6,
+the largest error of x rose from 1e-13 to 3e-12 for DAQP and from 4e-8 to 3e-7 for SCS, did not change for Clarabel,
+HiGHS and ProxQP, and CVXOPT solved none instead of all.
 
-Timed: ``setup`` compiles; ``update`` factorises P and sets the parameters; ``solve`` fills them in, calls the solver
-and unpacks. The default tier is cvxpy's own defaults, which are not the libraries' (OSQP: 1e-5). cvxpy takes
-no starting point: its ``warm_start`` reuses the solver's object and last answer. So no class here is
-``warm_startable``; handing in a point turns that reuse on, and without one every solve is set up afresh.
+Timed: ``setup`` compiles; ``update`` factorises P and sets the parameters; ``solve`` inserts them, calls the solver and
+unpacks the answer. The default tier has cvxpy's own defaults, which differ from the libraries' (OSQP: 1e-5). cvxpy
+takes no starting point: its ``warm_start`` reuses the solver's object and last answer. So no class here is
+``warm_startable``; a starting point turns this reuse on, and without one the solver is set up anew for every solve.
 """
 
 import logging
@@ -31,8 +31,7 @@ from solvers.adapter import Answer, LibrarySolver, Program, Stack
 from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 
-# A library that is installed and does not load is absent here, and we say why; CVXPY would say so on standard error in
-# every process.
+# The registry reports libraries that do not load; CVXPY would do so on standard error in every process.
 logging.getLogger("__cvxpy__").addFilter(lambda record: "importing solver" not in record.getMessage())
 import cvxpy as cp  # noqa: E402
 
@@ -46,17 +45,18 @@ BACKENDS: dict[str, Backend] = {
     "highs": known.HIGHS,
     "osqp": known.OSQP,
     "piqp": known.PIQP,
-    # cvxpy has no way to ask it for the duality gap.
+    # cvxpy does not pass its tolerance on the duality gap.
     "proxqp": replace(known.PROXQP, tolerances=known.EPS, more={"max_iter": known.PROXQP.more["max_iter"]}),
     "qoco": known.QOCO,
     "qpalm": known.QPALM,
     "scs": known.SCS,
     "xpress": known.XPRESS,
 }
+INSTALLED = tuple(name for name in BACKENDS if name.upper() in cp.installed_solvers())
 
 
 def square_root(P: Matrix) -> Matrix:
-    """S with SᵀS = P, (d, d): the upper Cholesky factor, or from eigenvalues where P is singular.
+    """S with SᵀS = P, (d, d): the upper Cholesky factor, or from eigenvalues if P is singular.
 
     Raises
     ------
@@ -78,19 +78,19 @@ def square_root(P: Matrix) -> Matrix:
 
 
 class CvxpySolver(LibrarySolver):
-    """One solver behind cvxpy; :func:`make` says which."""
+    """One solver behind cvxpy, a subclass made by :func:`make`."""
 
     lane = Lane.CVXPY
 
     def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
         self._x, self._S, self._q = cp.Variable(p.d), cp.Parameter((p.d, p.d)), cp.Parameter(p.d)
         self._S.value, self._q.value = square_root(p.P), p.q.copy()
-        places = np.arange(rows.size)
+        numbers = np.arange(rows.size)
         above, below = np.flatnonzero(np.isfinite(p.ub)), np.flatnonzero(np.isfinite(p.lb))
-        # Each block of constraints with its places in the stack of rows and the sign of its multipliers there.
+        # Each block of constraints with its row numbers in the stack and the sign of its multipliers there.
         blocks: tuple[tuple[Any, float, Any], ...] = (
-            (places[p.equalities], 1.0, p.A @ self._x == p.b if p.b.size else None),
-            (places[p.inequalities], 1.0, p.G @ self._x <= p.h if p.h.size else None),
+            (numbers[p.equalities], 1.0, p.A @ self._x == p.b if p.b.size else None),
+            (numbers[p.inequalities], 1.0, p.G @ self._x <= p.h if p.h.size else None),
             (above, 1.0, self._x[above] <= p.ub[above] if above.size else None),
             (below, -1.0, self._x[below] >= p.lb[below] if below.size else None),
         )
@@ -99,37 +99,29 @@ class CvxpySolver(LibrarySolver):
         self.model = cp.Problem(cp.Minimize(cost), [constraint for _, _, constraint in self._blocks])
         self.model.get_problem_data(self.name.upper())
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:  # noqa: D102
         if P is not None:
-            self._S.value = square_root(self.program.P)
+            self._S.value = square_root(P)
         if q is not None:
-            self._q.value = self.program.q.copy()
+            self._q.value = q.copy()
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def run(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
         try:
             self.model.solve(solver=self.name.upper(), warm_start=warm_start is not None, **self.settings)
             self._status = str(self.model.status)
-        except cp.SolverError as error:  # cvxpy's way of saying that the solver found nothing
+        except cp.SolverError as error:  # the solver found no answer
             self._status = str(error)
-        self.found = self._status == cp.OPTIMAL
-        return self._x.value if self.found else self.program.no_answer()
+        return self._x.value if self._status == cp.OPTIMAL else None
 
     def answer(self) -> Answer:  # noqa: D102
         w = np.zeros(self.rows.size)
         if not self.found:
             return Answer(w, w, self._status)
-        for places, sign, constraint in self._blocks:
-            w[places] += sign * constraint.dual_value
+        for numbers, sign, constraint in self._blocks:
+            w[numbers] += sign * constraint.dual_value
         stats = self.model.solver_stats
         reported_us = 1e6 * stats.solve_time if stats.solve_time else None
         return Answer(self._x.value, w, self._status, stats.num_iters, reported_us)
-
-
-def installed() -> tuple[str, ...]:
-    """The solvers of the table that are installed here."""
-    found = cp.installed_solvers()
-    return tuple(name for name in BACKENDS if name.upper() in found)
 
 
 def make(name: str) -> type[Solver]:
@@ -145,7 +137,7 @@ def make(name: str) -> type[Solver]:
     >>> make("clarabel").algorithm
     'interior point'
     """
-    if name not in installed():
+    if name not in INSTALLED:
         raise ImportError(f"{name!r} is not installed, or cvxpy does not find it")
     b = BACKENDS[name]
     return type(f"Cvxpy_{name}", (CvxpySolver,), {"__doc__": f"{name} behind cvxpy.", "name": name, "library": b})

@@ -1,4 +1,4 @@
-"""Projected gradient methods in C, see ``solvers/core/descent.h``: data once, then as many steps as one likes."""
+"""Projected gradient methods in C, see ``solvers/core/descent.h``."""
 
 from collections.abc import Callable
 from functools import partial
@@ -19,6 +19,8 @@ class ProjectedGradient(OurSolver):
 
     warm_startable = True
     iteration_setting = "steps"
+    take_steps: ClassVar[Callable[..., int]]
+    """The compiled steps."""
     timed_loop: ClassVar[Callable[..., int]]
     """The compiled loop that times ``update`` and ``solve``."""
     _steps: int
@@ -28,7 +30,7 @@ class ProjectedGradient(OurSolver):
     """η λ_max/2."""
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, scale and find the step.
+        """Allocate, scale and compute the step size.
 
         Raises
         ------
@@ -42,11 +44,11 @@ class ProjectedGradient(OurSolver):
         self._P, self._q = dense(problem)
         self.state = block(bindings.descent_bytes(self._q.size))
         self.accept(bindings.descent_setup(self.state, self._lb, self._ub))
-        self._answer = parts(self.state, bindings.descent_places(self.state))["answer"]
+        self._parts = parts(self.state, bindings.descent_places(self.state))
         self.update(self._P, self._q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P (a new step follows from it) or q; raises ValueError as ``setup`` does."""
+        """Take new P (with a new step size) or q; raises ValueError as ``setup`` does."""
         if P is not None:
             np.copyto(self._P, P)
             P = self._P
@@ -58,12 +60,15 @@ class ProjectedGradient(OurSolver):
             raise ValueError(f"{self.name}: {'q' if P is None or np.isfinite(P).all() else 'P'} must be finite")
         self.accept(status)
 
-    def start(self, x: Vector | None) -> None:
-        """Begin at the projection of x (d,), of 0 for None."""
-        bindings.descent_start(self.state, None if x is None else np.ascontiguousarray(x, dtype=np.float64))
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        """Return the last iterate, shape (d,); the first is the projection of ``warm_start``, or of 0."""
+        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
+        bindings.descent_start(self.state, start)
+        type(self).take_steps(self.state, self._steps, self._tolerance)
+        return self._last_iterate()
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Take each P and q and run the steps from 0 or ``warm_start``, timed."""
+        """Take each P and q and run the steps from the projection of ``warm_start``, or of 0, timed."""
         loop = partial(type(self).timed_loop, self.state, self._ratio, int(self._scaled), self._steps, self._tolerance)
         status, timings = time_calls(loop, P, q, warm_start, most_ns)
         self.accept(status)
@@ -71,17 +76,17 @@ class ProjectedGradient(OurSolver):
         self._P[:], self._q[:] = P[last], q[last]
         return timings
 
-    def answer(self) -> Vector:
-        """x (d,) where the steps ended, at a bound to the last bit where w is at it."""
+    def _last_iterate(self) -> Vector:
+        """x (d,); exactly at a bound if the scaled iterate w is."""
         bindings.descent_answer(self.state)
-        return self._answer.copy()
+        return self.part("answer").copy()
 
     def found(self, x: Vector) -> bool:
         """Whether the last run ended by its tolerance."""
-        return bool(self.state.view(np.int32)[8])
+        return bool(self.part("met").view(np.int32)[0])
 
     def solution(self) -> Solution:
-        """Return the last iterate; ``extras`` say steps and step size."""
-        x, eta, taken = self.answer(), self.state.view(np.float64)[2], self.state.view(np.int64)[3]
+        """Return the last iterate; ``extras`` has the number of steps and the step size."""
+        x, steps = self._last_iterate(), self.part("taken").view(np.int64)[0]
         problem = Problem(self._P, self._q, lb=self._lb, ub=self._ub)
-        return box_solution(problem, x, self.found(x), steps=int(taken), eta=float(eta))
+        return box_solution(problem, x, self.found(x), steps=int(steps), eta=float(self.part("eta")[0]))

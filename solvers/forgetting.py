@@ -1,10 +1,9 @@
-"""A quadratic cost that follows its data row by row and forgets the old ones.
+"""A quadratic cost that is updated row by row with exponential forgetting.
 
     P ← λ P + (1 − λ) ξ ξᵀ,    q ← λ q + (1 − λ) ξ x,    c ← λ c + (1 − λ) ½ x²      for each row (ξ, x)
 
-is the mean of the squared errors ½ (vᵀξ + x)² with exponentially fading weights; a row has faded to 1/e after
-1/(1 − λ) rows. It is the update that every solver on a stream of data is handed, and that those which take rows do
-themselves.
+is the mean of the squared errors ½ (vᵀξ + x)² with exponentially decaying weights; the weight of a row decays to 1/e
+after 1/(1 − λ) rows. On a stream of data, solvers get P and q from this update, except those that take rows themselves.
 
 Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
 """
@@ -14,10 +13,9 @@ from solvers.protocol import Matrix, Vector
 
 
 def absorb(P: Matrix, q: Vector, c: Vector, rows: Matrix, first: int, last: int, forgetting: float) -> None:
-    """Take the rows first … last − 1 of ``rows`` (N, d + 1), each (ξ, x), into P (d, d), q (d,) and c (1,).
+    """Add the rows first … last − 1 of ``rows`` (N, d + 1), each (ξ, x), to P (d, d), q (d,) and c (1,).
 
-    Row by row, so that the same rows give the same bits in whatever portions they come; P stays symmetric to the last
-    bit.
+    The result does not depend on how the rows are split over calls, and P stays exactly symmetric.
 
     Examples
     --------

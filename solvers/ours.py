@@ -1,11 +1,13 @@
-"""What the solvers have in common that were written for this project."""
+"""Base classes of the solvers that were written for this project."""
+
+from collections.abc import Mapping
 
 from solvers.core import BUILT_WITH, CAPPED, OK, REASONS
-from solvers.protocol import Entrant, Lane, Solver
+from solvers.protocol import Entrant, Lane, Solver, Vector
 
 
 class Ours(Entrant):
-    """Licence, package and compiler."""
+    """Licence, package and compiler of our solvers."""
 
     licence = "MIT"
     distribution = "piezobench"
@@ -13,11 +15,16 @@ class Ours(Entrant):
 
 
 class OurSolver(Ours, Solver):
-    """A solver of the lane kernel, whose compiled functions end in a status."""
+    """A solver of the lane kernel whose compiled functions return a status."""
 
     lane = Lane.KERNEL
+    _parts: Mapping[str, Vector]
+
+    def part(self, name: str) -> Vector:
+        """Return a view of a part of the state, by its name in ``bindings_*.c``."""
+        return self._parts[name]
 
     def accept(self, status: int) -> None:
-        """Raise ValueError where a status is not that of an answer."""
+        """Raise ValueError unless the status is that of an answer."""
         if status not in (OK, CAPPED):
             raise ValueError(f"{self.name}: {REASONS[status]}")

@@ -1,4 +1,4 @@
-"""What a solver is, in the vocabulary of the race.
+"""The interface of a solver.
 
 A quadratic program is
 
@@ -7,8 +7,8 @@ A quadratic program is
 as a :class:`qpsolvers.Problem`, and its answer is a :class:`qpsolvers.Solution`: the types of the
 ecosystem, with its definitions of the residuals. A solver is one class with four methods (``setup``,
 ``update``, ``solve``, ``solution``) in a file of its own; the folder of the file is its lane and the
-name of the file is its name (see :mod:`solvers.registry`). How exact an answer it is asked for is a rung of its
-ladder, :meth:`Solver.ladder`.
+name of the file is its name (see :mod:`solvers.registry`). Its accuracy is chosen by a rung of its ladder,
+:meth:`Solver.ladder`.
 """
 
 import json
@@ -27,23 +27,23 @@ from solvers.timed_calls import Timings as Timings
 
 
 class Lane(StrEnum):
-    """Through what a solve is called, which is part of what the user pays."""
+    """The interface through which a solver is called, whose overhead the user pays too."""
 
     KERNEL = "kernel"
     """Compiled, no Python call per solve: ours, and libraries by their C functions."""
     DIRECT = "direct"
     """The library's own persistent object."""
     QPSOLVERS = "qpsolvers"
-    """``qpsolvers.solve_problem``: converts and sets up again at every call."""
+    """``qpsolvers.solve_problem``, which converts the problem and sets the solver up at every call."""
     CVXPY = "cvxpy"
     """A parametrised (DPP) cvxpy problem."""
     CODEGEN = "codegen"
-    """C that a library writes for an embedded system, all built alike, no Python call per solve; raced when asked
-    for."""
+    """C that a library generates for embedded systems, all compiled alike, no Python call per solve; raced on
+    request."""
 
 
 class Tier(StrEnum):
-    """What an answer must reach, the same for all."""
+    """The accuracy that an answer must reach, the same for all solvers."""
 
     DEFAULT = "default"
     """The library's own settings."""
@@ -56,21 +56,21 @@ class Tier(StrEnum):
     EXACT = "exact"
     """Relative cost gap 1e-12."""
     STAGE = "stage"
-    """The stage does not notice: the model errs on unseen data as that of the exact optimum, within 1 % of the sensor's
-    noise."""
+    """The stage does not notice: on unseen data the error of the model exceeds that of the exact optimum by at most 1 %
+    of the sensor noise."""
 
 
 class Status(StrEnum):
-    """How a task ended. A broken adapter is never reported as a failing solver."""
+    """How a task ended. A faulty adapter is never reported as a failing solver."""
 
     OK = "ok"
-    """The answer is as exact as the judge asks."""
+    """The answer has the required accuracy."""
     MISSED = "missed"
-    """The solver says solved, and the answer is not what was asked for."""
+    """The solver reports success, but the answer misses the required accuracy."""
     SOLVER_FAILED = "solver_failed"
-    """The solver itself says that it found no answer."""
+    """The solver itself reports that it found no answer."""
     ADAPTER_FAILED = "adapter_failed"
-    """Our code, or the library's interface, raised."""
+    """The adapter or the library's interface raised an exception."""
     UNSUPPORTED = "unsupported"
     """The solver cannot take a problem of this form."""
     CRASHED = "crashed"
@@ -80,31 +80,31 @@ class Status(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     """The process was stopped at its memory limit."""
     LAZY = "lazy"
-    """What it returns is not an array, but becomes one later."""
+    """It returns an object that is evaluated later, not an array."""
     STALE = "stale"
-    """A timed answer is that of other data."""
+    """A timed answer belongs to other data."""
     ERRATIC = "erratic"
-    """The first answer is right and most of those that were timed are not."""
+    """The first answer is right, but most timed answers are wrong."""
     CACHED = "cached"
-    """Data that it has seen before are answered far faster."""
+    """It answers data that it has seen before much faster."""
     MISTIMED = "mistimed"
-    """Its times cannot be: none at all, or not what its process took by the parent's clocks."""
+    """Its reported times are impossible: zero, or inconsistent with the clocks of the parent process."""
     PEEKED = "peeked"
-    """Its process looked into the files of the race."""
+    """Its process read files of the race."""
     TAMPERED = "tampered"
-    """Its process replaced what times it or carries its answers."""
+    """Its process replaced functions that time it or transfer its answers."""
     NOT_RUN = "not_run"
     """A looser setting of the same solver crashed, was stopped or took too long on this problem."""
     LATE = "late"
-    """Right, and after its deadline."""
+    """The answer is right, but came after its deadline."""
 
 
 class Unsupported(Exception):
-    """The problem has a feature that this solver cannot take; the message is one sentence that says which."""
+    """The solver cannot take a feature of the problem; the message is one sentence that names it."""
 
 
 def setting_text(settings: Mapping[str, Any]) -> str:
-    """The name of a setting: what ``ladder(1)`` says of it, the same wherever it is stored.
+    """Canonical text of settings; those of ``ladder(1)`` identify a rung wherever it is stored.
 
     Examples
     --------
@@ -115,45 +115,45 @@ def setting_text(settings: Mapping[str, Any]) -> str:
 
 
 class Entrant(ABC):
-    """Whatever takes part in a race, as far as it is described."""
+    """Description of a contestant of a race."""
 
     algorithm: ClassVar[str]
-    """Class of the algorithm in the field's words: "dual active set", "interior point", …"""
+    """Class of the algorithm: "dual active set", "interior point", …"""
     licence: ClassVar[str]
     distribution: ClassVar[str]
-    """Name of the installed package whose version is reported; that of the solver's library, or "piezobench"."""
+    """Installed package whose version is reported: that of the solver's library, or "piezobench"."""
     built_with: ClassVar[str] = ""
-    """Compiler and flags of what is built on this machine; reported with the version."""
+    """Compiler and flags of a solver that is compiled on this machine; reported with the version."""
     warm_startable: ClassVar[bool] = False
-    """Whether ``solve(warm_start=x)`` makes use of x."""
+    """Whether ``solve(warm_start=x)`` uses x."""
     always: ClassVar[Mapping[str, Any]] = {}
-    """Settings of every use, which others on top may change."""
+    """Settings that always apply, unless they are overridden."""
     exponents: ClassVar[tuple[float, ...]] = ()
-    """Of the rungs of the ladder, where each asks for a cost gap of about 10⁻ᵏ: k."""
+    """Exponent k of each rung of the ladder, if rungs request cost gaps of about 10⁻ᵏ."""
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
-        """The settings that are tried to reach an accuracy, from loose to tight; a rung is ``cls(**rung)``.
+        """The settings by which the accuracy is chosen, from loose to tight; the solver of a rung is ``cls(**rung)``.
 
-        A ladder has at most eight rungs, of the library's own documented settings, and is fixed before anything is
-        raced: absolute tolerances are multiples of c, relative ones are 0, and what polishes an answer comes last. What
-        ends at rounding (an active set) has one rung or few. Rungs are the same in every lane of a library, but for
-        what a lane cannot hand on. Nothing promises that an upper rung is reached: asked for more than rounding allows,
-        a library says that it failed. To declare one, a solver of ours overrides this method, and a library's entry in
-        :mod:`solvers.backend` names the tolerances and exponents.
+        A ladder has at most eight rungs of the library's own documented settings and is fixed before the race:
+        absolute tolerances are multiples of c, relative ones are 0, and polishing comes last. A method that ends at
+        rounding error (active set) has one rung or few. All lanes of a library have the same rungs, except for settings
+        that a lane cannot pass on. A library may report failure on the upper rungs, which can request more than
+        rounding allows. A solver of ours overrides this method; a library's entry in :mod:`solvers.backend` has its
+        tolerances and exponents.
 
         Parameters
         ----------
         c : float
-            The constant of the problem, in the unit of its cost: ½ Σ x², what the model that is zero costs. It is known
-            from the data alone, before any solve.
+            The constant of the problem, in the unit of its cost: ½ Σ x², the cost of the zero model. It is known from
+            the data alone, before any solve.
         """
         return ({},)
 
     @classmethod
     def at(cls, setting: str, c: float) -> dict[str, Any]:
-        """The settings for the constant c of what :func:`setting_text` calls a rung of ``ladder(1)``, or the use
-        without any.
+        """The settings, for the constant c, of the rung of ``ladder(1)`` with this :func:`setting_text`; {} for the
+        defaults.
 
         Raises
         ------
@@ -178,17 +178,17 @@ class Solver(Entrant):
 
     Notes
     -----
-    ``setup`` and ``update`` are timed apart from ``solve``. ``solve`` returns the array of the answer and builds
-    nothing else, so that the clock sees the solver alone; whether the answer is one is asked of ``solution``
-    afterwards. Arrays handed in are never written to.
+    ``setup`` and ``update`` are timed separately from ``solve``. ``solve`` returns the array of the answer and builds
+    nothing else, so that the solver alone is timed; ``solution`` tells afterwards whether it found an answer. Input
+    arrays are never written to.
     """
 
     name: ClassVar[str]
     lane: ClassVar[Lane]
     takes_rows: ClassVar[bool] = False
-    """Whether the solver follows data that come row by row by ``append``; it then has the setting ``forgetting``."""
+    """Whether ``append`` takes data row by row; the solver then has the setting ``forgetting``."""
     iteration_setting: ClassVar[str | None] = None
-    """Name of the setting that limits the iterations of one solve, where the iterate at the limit can be had."""
+    """Name of the setting that limits the iterations of one solve, if ``iterate`` returns the iterate at the limit."""
 
     def __init__(self, **settings: Any) -> None:
         self.settings: dict[str, Any] = {**self.always, **settings}
@@ -199,47 +199,46 @@ class Solver(Entrant):
 
     @abstractmethod
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new data of the same structure; what is None stays."""
+        """Take new data of the same structure; None for data that stay."""
 
     @abstractmethod
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), valid until the next call."""
 
     def append(self, row: Vector, target: float) -> None:
-        """Take the row ξ (d,) and the number x of one squared error ½ (vᵀξ + x)² more, in place of ``update``."""
+        """Add the squared error ½ (vᵀξ + x)² of a row ξ (d,) and a number x to the cost, in place of ``update``."""
         raise Unsupported(f"{self.name} takes no rows")
 
     def iterate(self) -> Vector | None:
-        """Return where the last solve stood when its iteration limit ended it, shape (d,); None after any other end.
+        """Return the last iterate, shape (d,), if the iteration limit ended the last solve; None after any other end.
 
-        A library that then calls the answer almost solved is taken at its word that there is one.
+        A library may call such an answer almost solved; it counts as its iterate.
         """
         return None
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows (ξ, x), shape (N, d + 1), one after the other inside compiled code and answer after each.
+        """Take rows (ξ, x), shape (N, d + 1), inside compiled code, with an answer after each.
 
         Returns
         -------
         answers : array (N, d)
         nanoseconds : array (N,)
-            What the solver's part of each row took: everything but :func:`solvers.forgetting.absorb`, unless
-            that is the solver's own work.
+            Time of each row, without :func:`solvers.forgetting.absorb` unless that is part of the solver.
         """
         raise Unsupported(f"{self.name} has no compiled loop over rows")
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), which it has not seen before.
+        """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), all of them new data.
 
-        Every solve starts from ``warm_start`` (d,) where one is given. After the call at which ``most_ns`` are spent no
-        other begins. ``solution`` is that of the last. Only solvers of the lanes kernel and codegen have it.
+        Every solve starts from ``warm_start`` (d,) if it is given. No call begins once ``most_ns`` nanoseconds are
+        spent. ``solution`` is that of the last call. Only solvers of the lanes kernel and codegen have this method.
 
         Returns
         -------
         updates, solves : array (m,)
-            Nanoseconds of each of the m ≤ n calls; the answer is copied within those of its solve.
+            Nanoseconds of each of the m ≤ n calls; a solve includes the copy of its answer.
         answers : array (m, d)
-            NaN where a library found none.
+            NaN where a library found no answer.
         """
         raise Unsupported(f"{self.name} has no compiled loop to time")
 
@@ -249,7 +248,7 @@ class Solver(Entrant):
 
 
 def dense(problem: Problem) -> tuple[Matrix, Vector]:
-    """P (d, d) and q (d,) of a problem as fresh C-contiguous float64 arrays; :class:`Unsupported` where d is 0."""
+    """P (d, d) and q (d,) of a problem as new C-contiguous float64 arrays; :class:`Unsupported` if d = 0."""
     if problem.q.size == 0:
         raise Unsupported("a problem without variables has nothing to solve")
     P = problem.P if isinstance(problem.P, np.ndarray) else problem.P.toarray()
@@ -257,7 +256,7 @@ def dense(problem: Problem) -> tuple[Matrix, Vector]:
 
 
 def box(problem: Problem) -> tuple[Vector, Vector]:
-    """Bounds lb, ub of a problem, shape (d,), infinite where there is none."""
+    """Bounds lb, ub of a problem, shape (d,), infinite where a variable has none."""
     d = problem.q.shape[0]
     lb = np.full(d, -np.inf) if problem.lb is None else np.array(problem.lb, dtype=np.float64)
     ub = np.full(d, np.inf) if problem.ub is None else np.array(problem.ub, dtype=np.float64)
@@ -265,23 +264,23 @@ def box(problem: Problem) -> tuple[Vector, Vector]:
 
 
 def only_box(problem: Problem, name: str) -> tuple[Vector, Vector]:
-    """The bounds of a problem that has nothing but bounds, or :class:`Unsupported`."""
+    """The bounds of a problem without general rows; :class:`Unsupported` if it has some."""
     if problem.G is not None or problem.A is not None:
         raise Unsupported(f"{name} takes bounds only, and the problem has general rows")
     return box(problem)
 
 
 def box_duals(gradient: Vector, lb: Vector, ub: Vector, x: Vector) -> Vector:
-    """z_box (d,) = −g where x touches a bound and the sign is right (negative at the lower bound, positive at the
-    upper), zero elsewhere."""
+    """z_box (d,) = −g where x is at a bound and −g has its sign (negative at a lower bound, positive at an upper one),
+    zero elsewhere."""
     lower, upper = np.where(x <= lb, -gradient, 0.0), np.where(x >= ub, -gradient, 0.0)
     return np.where((x <= lb) & (x >= ub), lower, np.minimum(lower, 0.0) + np.maximum(upper, 0.0))
 
 
 def box_solution(problem: Problem, x: Vector, found: bool, **extras: Any) -> Solution:
-    """Wrap the answer of a solver that has no duals of its own on a problem with bounds only.
+    """The solution of a problem with bounds only by a solver that computes no duals.
 
-    The duals are those that the gradient g = P x + q implies, see :func:`box_duals`.
+    The duals follow from the gradient g = P x + q, see :func:`box_duals`.
     """
     nothing = np.zeros(0)
     return Solution(

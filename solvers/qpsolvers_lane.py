@@ -4,15 +4,15 @@
 
 Source: S. Caron and others, the package qpsolvers, whose residuals and signs of duals this project uses.
 
-Timed: ``setup`` and ``update`` copy, and make P sparse for a solver that takes nothing else; ``solve`` is one call,
-which converts, sets up and solves from the start every time. Its habits are kept away from the caller: it sees our
-copies, a starting point goes only to solvers that use one (others warn), and a side whose bounds are all infinite is
-left out, since ECOS and CVXOPT break on infinite bounds.
+Timed: ``setup`` and ``update`` copy, and make P sparse for solvers that take sparse matrices only; ``solve`` is one
+call, which converts the problem, sets the solver up and solves. qpsolvers gets our copies of the data, a starting point
+only for solvers that use one (others warn), and no bounds of a side where all are infinite, since ECOS and CVXOPT fail
+on infinite bounds.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import qpsolvers
@@ -28,41 +28,43 @@ BACKENDS: dict[str, Backend] = {
     "clarabel": known.CLARABEL,
     "copt": known.COPT,
     "cvxopt": known.CVXOPT,
-    "daqp": replace(known.DAQP, warm=True),
+    "daqp": known.DAQP,
     "ecos": known.ECOS,
     "gurobi": known.GUROBI,
     "highs": known.HIGHS,
-    # osqp warns where nobody says whether a failure raises.
-    "osqp": replace(known.OSQP, always={**known.OSQP.always, "raise_error": False}, warm=True),
+    # osqp warns unless raise_error is set.
+    "osqp": replace(known.OSQP, always={**known.OSQP.always, "raise_error": False}),
     "piqp": known.PIQP,
-    "proxqp": replace(known.PROXQP, warm=True),
+    "proxqp": known.PROXQP,
     "pyqpmad": known.PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
     "qpalm": known.QPALM,  # qpsolvers drops the starting point
     "qpax": known.QPAX,
     "qtqp": known.QTQP,
     "quadprog": known.QUADPROG,
-    "scs": replace(known.SCS, warm=True),
+    "scs": known.SCS,
 }
+WARM_STARTABLE = frozenset({"daqp", "osqp", "proxqp", "scs"})
 HANDED_TO_SCIPY = frozenset({"clarabel", "qtqp", "scs"})
-"""For these qpsolvers solves a problem without constraints by SciPy instead."""
+"""For these, qpsolvers passes problems without constraints to SciPy instead."""
 FAILS_WITHOUT_ROWS = frozenset({"highs"})
-"""These get a row 0ᵀx ≤ ∞ where a problem has none (see :mod:`solvers.direct.highspy`)."""
+"""These get the row 0ᵀx ≤ ∞ for a problem without rows (see :mod:`solvers.direct.highspy`)."""
 BREAKS_ON_INFINITY = frozenset({"cvxopt", "ecos"})
 SPARSE_ONLY = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
+INSTALLED = tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
 
 
 class QpsolversSolver(LibrarySolver):
-    """One solver behind qpsolvers; :func:`make` says which."""
+    """One solver behind qpsolvers, a subclass made by :func:`make`."""
 
     lane = Lane.QPSOLVERS
-    sparse: ClassVar[bool]
 
     def _form(self, matrix: Matrix) -> Any:
-        return csc_matrix(matrix) if self.sparse else matrix
+        return csc_matrix(matrix) if self._is_sparse else matrix
 
     def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
+        self._is_sparse = self.name in SPARSE_ONLY
         if self.name == "qpax":
-            import jax  # single precision otherwise
+            import jax  # in single precision by default
 
             jax.config.update("jax_enable_x64", True)
         sides = [side if np.isfinite(side).any() else None for side in (p.lb, p.ub)]
@@ -71,47 +73,40 @@ class QpsolversSolver(LibrarySolver):
         G, A = ((self._form(R), r) if r.size else (None, None) for R, r in ((p.G, p.h), (p.A, p.b)))
         if self.name in FAILS_WITHOUT_ROWS and p.u.size == p.d:
             G = csc_matrix((1, p.d)), np.array([np.inf])
-        self._asked = Problem(self._form(p.P), p.q, *G, *A, *sides)
-        if self._asked.is_unconstrained and self.name in HANDED_TO_SCIPY:
+        self._problem = Problem(self._form(p.P), p.q, *G, *A, *sides)
+        if self._problem.is_unconstrained and self.name in HANDED_TO_SCIPY:
             raise Unsupported(f"qpsolvers solves a problem without constraints by SciPy in place of {self.name}")
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:  # noqa: D102
-        self.program.take(P, q)
-        if P is not None and self.sparse:
-            self._asked.P = csc_matrix(self.program.P)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:  # noqa: D102
+        if P is not None and self._is_sparse:
+            self._problem.P = csc_matrix(P)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:  # noqa: D102
+    def run(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
         start = warm_start if self.warm_startable else None
         try:
-            self._answer = qpsolvers.solve_problem(self._asked, self.name, initvals=start, **self.settings)
+            self._answer = qpsolvers.solve_problem(self._problem, self.name, initvals=start, **self.settings)
         except qpsolvers.ProblemError as error:
             raise Unsupported(f"{self.name} behind qpsolvers refuses the problem: {error}") from error
         except qpsolvers.SolverError as error:
-            self._answer = Solution(self._asked, found=False, extras={"status": str(error)})
-        self.found = self._answer.found
-        return np.asarray(self._answer.x) if self.found else self.program.no_answer()
+            self._answer = Solution(self._problem, found=False, extras={"status": str(error)})
+        return np.asarray(self._answer.x) if self._answer.found else None
 
     def answer(self) -> Answer:  # noqa: D102
         a, p, w = self._answer, self.program, np.zeros(self.rows.size)
         for part, place in ((a.z_box, p.bounds), (a.y, p.equalities), (a.z, p.inequalities)):
             if part is not None and np.size(part) == w[place].size:
                 w[place] = part
-        count = _said(a.extras, "iterations", "iter", "num_iterations")
-        status = str(_said(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
+        count = _first_of(a.extras, "iterations", "iter", "num_iterations")
+        status = str(_first_of(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
         iterations = None if count is None else int(np.max(count))
         return Answer(a.x, w, status, iterations, None if a.solve_time is None else 1e6 * a.solve_time)
 
 
-def _said(extras: Mapping[str, Any], *names: str) -> Any:
-    """The first of the names that the extras of a solution know, or the object ``info`` inside; None where none is."""
+def _first_of(extras: Mapping[str, Any], *names: str) -> Any:
+    """The first of these entries in the extras of a solution or in their object ``info``; None if there is none."""
     info = extras.get("info", {})
     inside = info if isinstance(info, Mapping) else {name: getattr(info, name, None) for name in names}
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)
-
-
-def installed() -> tuple[str, ...]:
-    """The solvers of the table that are installed here."""
-    return tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
 
 
 def make(name: str) -> type[Solver]:
@@ -127,17 +122,15 @@ def make(name: str) -> type[Solver]:
     >>> make("piqp").algorithm
     'proximal interior point'
     """
-    if name not in installed():
+    if name not in INSTALLED:
         raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
-    b = BACKENDS[name]
     return type(
         f"Qpsolvers_{name}",
         (QpsolversSolver,),
         {
             "__doc__": f"{name} behind qpsolvers.",
             "name": name,
-            "library": b,
-            "warm_startable": b.warm,
-            "sparse": name in SPARSE_ONLY,
+            "library": BACKENDS[name],
+            "warm_startable": name in WARM_STARTABLE,
         },
     )

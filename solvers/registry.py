@@ -1,13 +1,13 @@
 """The folder is the registry: ``solvers/<lane>/<name>.py`` holds the solver <name> in the lane <lane>.
 
-Nothing else is touched to race one; one written for this project is named in ``OURS``. Modules are imported only when
-asked for, since some solver libraries cannot live in one process, and one whose library is not installed is reported as
-absent with the reason. A file that serves many solvers at once offers ``make(name)``: for a whole lane (qpsolvers,
-cvxpy) it is ``solvers/<lane>_lane.py`` and has the table ``BACKENDS``, too; in a folder, ``<family>.py`` serves each of
-the ``<family>_<solver>.c`` beside it.
+A new file is enough to race a solver; one written for this project is also named in ``OURS``. A module is imported only
+when its solver is used, since some libraries cannot share a process; a solver whose library is not installed is
+reported as absent with the reason. A file for many solvers has the function ``make(name)``: ``solvers/<lane>_lane.py``
+for a whole lane (qpsolvers, cvxpy), with the table ``BACKENDS``, or ``<family>.py`` in a folder, for each of the
+``<family>_<solver>.c`` beside it.
 
-Other packages add solvers by entry points of the group ``piezobench.solvers``, whose name is lane and name of the
-solver and whose value is its class; what is not in a lane is in the lane direct:
+Other packages add solvers by entry points of the group ``piezobench.solvers``. The name of an entry point is lane and
+name of the solver (lane direct by default), its value is the class:
 
     [project.entry-points."piezobench.solvers"]
     "direct.my_solver" = "my_package.my_solver:MySolver"
@@ -41,12 +41,12 @@ OURS = frozenset(
         "recursive_active_set",
     }
 )
-"""Solvers, also of batches, that were written for this project; all others are somebody else's work."""
+"""Solvers that were written for this project, those of batches included."""
 _added: list[Entry] = []
 
 
 class RegistrationError(ValueError):
-    """Another package registers a solver in a way that cannot be; the message is one sentence."""
+    """A solver is registered under an invalid name or one that is taken; the message is one sentence."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Entry:
     """One solver in one lane, known by its file and not yet imported."""
 
     base: ClassVar[type[Any]] = Solver
-    """What its class derives from."""
+    """Base class of the class in the file."""
     name: str
     lane: Lane
     module: str
@@ -64,18 +64,17 @@ class Entry:
 
     @property
     def times_itself(self) -> bool:
-        """Whether it is timed from inside compiled code, by ``time_kernel``; only what belongs to this package may say
-        how long it took."""
+        """Whether it is timed inside compiled code, by ``time_kernel``; only the solvers of this package may report
+        their own times."""
         return self.lane in (Lane.KERNEL, Lane.CODEGEN) and self.path is None and not self.of_package
 
     @property
     def comes_last(self) -> bool:
-        """Whether its other lanes are preferred where none is named: a library is called by its own interface unless it
-        is asked for otherwise."""
+        """Whether other lanes are preferred if none is named: a library is then called by its own interface."""
         return self.lane is Lane.KERNEL and self.name not in OURS
 
     def load(self) -> type[Solver]:
-        """Import the solver's class; raises ImportError where its library is not installed."""
+        """Import the solver's class; raises ImportError if its library is not installed."""
         if self.of_package:
             return _class_of_package(self)
         if self.path:
@@ -86,7 +85,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Described:
-    """What ``piezobench solvers`` shows of an entry."""
+    """The description of an entry that ``piezobench solvers`` shows."""
 
     name: str
     lane: Lane
@@ -95,19 +94,19 @@ class Described:
     licence: str = ""
     warm_start: bool = False
     ladder: tuple[Mapping[str, Any], ...] = ({},)
-    """Of a problem whose constant is 1, its defaults included."""
+    """The rungs for a problem whose constant is 1, ``defaults`` included."""
     defaults: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of every use."""
+    """Settings that always apply."""
     exponents: tuple[float, ...] = ()
-    """Of the rungs, where they have such."""
+    """Exponents of the rungs, see :class:`solvers.protocol.Entrant`."""
     absent: str = ""
-    """Empty, or why the solver is absent."""
+    """Why the solver is absent, or empty."""
     iteration_setting: str = ""
-    """Name of the setting that limits the iterations of one solve, where the iterate at the limit can be had."""
+    """Name of the setting that limits the iterations of one solve, if the iterate at the limit is available."""
 
 
 def import_file(path: Path) -> ModuleType:
-    """Import a user's own file; ImportError where it is none."""
+    """Import a user's own file; ImportError if it is not a Python file."""
     if not path.is_file():
         raise ImportError(f"{path} is not a file")
     spec = importlib.util.spec_from_file_location(f"piezobench_user_{path.stem}", path)
@@ -120,8 +119,8 @@ def import_file(path: Path) -> ModuleType:
 
 
 def only_class(module: ModuleType, base: type[Any]) -> type[Any]:
-    """The one class of this kind that a module defines; ImportError where it is not one."""
-    found = [
+    """The one concrete subclass of ``base`` that a module defines; ImportError if it does not define exactly one."""
+    classes = [
         cls
         for cls in vars(module).values()
         if inspect.isclass(cls)
@@ -129,9 +128,9 @@ def only_class(module: ModuleType, base: type[Any]) -> type[Any]:
         and cls.__module__ == module.__name__
         and not inspect.isabstract(cls)
     ]
-    if len(found) != 1:
-        raise ImportError(f"{module.__file__} must define exactly one {base.__name__} class, not {len(found)}")
-    return found[0]
+    if len(classes) != 1:
+        raise ImportError(f"{module.__file__} must define exactly one {base.__name__} class, not {len(classes)}")
+    return classes[0]
 
 
 def _class_of_package(entry: Entry) -> type[Solver]:
@@ -147,12 +146,12 @@ def _class_of_package(entry: Entry) -> type[Solver]:
 
 
 def entries() -> Iterator[Entry]:
-    """Every solver of every lane, those of other packages and files last; no library of a solver is imported for that.
+    """Every solver of every lane, those of other packages and files last, without importing their libraries.
 
     Raises
     ------
     RegistrationError
-        Another package registers a solver under a name that is taken or cannot be.
+        Another package registers a solver under an invalid name or one that is taken.
     """
     taken = set()
     for entry in _own_entries():
@@ -193,7 +192,7 @@ def _own_entries() -> Iterator[Entry]:
             for file in sorted((here / lane).glob("[a-z]*.py")):
                 family = sorted((here / lane).glob(f"{file.stem}_*.c"))
                 yield from (Entry(each.stem, lane, f"solvers.{lane}.{file.stem}") for each in family or [file])
-                # ours is called from Python, too, at the price of the call
+                # ours can be called from Python as well
                 if lane is Lane.KERNEL and file.stem in OURS:
                     yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
         elif importlib.util.find_spec(lane.value) is not None:
@@ -203,14 +202,14 @@ def _own_entries() -> Iterator[Entry]:
 
 
 def from_file(path: str | Path) -> Entry:
-    """The entry of a user's own solver file; its class says its name and lane."""
+    """The entry of a user's own solver file; its class has name and lane."""
     path = Path(path).resolve()
     cls = only_class(import_file(path), Solver)
     return Entry(cls.name, cls.lane, f"piezobench_user_{path.stem}", path)
 
 
 def add_file(path: str | Path) -> Entry:
-    """Make a user's own solver file known in this process, so that :func:`find` and :func:`get` know it by its name.
+    """Register a user's own solver file in this process, so that :func:`find` and :func:`get` know it by its name.
 
     Raises
     ------
@@ -230,16 +229,16 @@ def add_file(path: str | Path) -> Entry:
 
 
 def find(name: str, lane: Lane | str | None = None) -> Entry:
-    """The entry of that name, in the given lane or in the fastest one of those preferred (the order of
+    """The entry of that name in the given lane, by default in the fastest preferred one (the order of
     :class:`Lane`)."""
-    last = None
+    fallback = None
     for entry in entries():
         if entry.name == name and lane in (None, entry.lane):
             if lane is not None or not entry.comes_last:
                 return entry
-            last = entry
-    if last is not None:
-        return last
+            fallback = entry
+    if fallback is not None:
+        return fallback
     where = "" if lane is None else f" in the lane {Lane(lane).value!r}"
     raise KeyError(f"there is no solver {name!r}{where}; known are {', '.join(sorted({e.name for e in entries()}))}")
 
@@ -259,14 +258,14 @@ def get(name: str, lane: Lane | str | None = None, **settings: Any) -> Solver:
 
 
 def describe(entry: Entry) -> Described:
-    """Import one entry and say what it is, or why it is absent."""
+    """Import the class of an entry and describe it; if that fails, the description has the reason."""
     try:
         cls = entry.load()
     except ImportError as error:
         return Described(entry.name, entry.lane, absent=str(error))
     try:
         version = importlib.metadata.version(cls.distribution)
-    except importlib.metadata.PackageNotFoundError:  # a user's own solver need not belong to a package of that name
+    except importlib.metadata.PackageNotFoundError:  # a user's own solver need not belong to an installed package
         if entry.path is None and not entry.of_package:
             reason = f"its class names the distribution {cls.distribution!r}, which is not installed"
             return Described(entry.name, entry.lane, absent=reason)

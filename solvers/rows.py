@@ -1,10 +1,10 @@
-"""A quadratic program as numbers in arrays of our own, its constraints as rows, and the triangles of P.
+"""A quadratic program as dense arrays, its constraints as rows, and triangles of P.
 
-Libraries disagree about the form of the constraints, and every form is a selection of the rows of one stack,
+Every form of the constraints that a library takes is a selection of the rows of one stack,
 
     l ≤ R x ≤ u,   R = [I; A; G],   l = [lb; b; −∞],   u = [ub; b; h],
 
-whose multipliers w are those of :class:`qpsolvers.Solution` one below the other, w = [z_box; y; z]:
+whose multipliers w are those of :class:`qpsolvers.Solution` stacked, w = [z_box; y; z]:
 
     P x + q + Rᵀw = 0,   w_i > 0 only where row i is at u_i,   w_i < 0 only where it is at l_i.
 
@@ -27,23 +27,23 @@ Index = NDArray[np.int32]
 
 
 class Program:
-    """The numbers of a problem, contiguous and ours, so that a library may keep pointers into them.
+    """Copies of the arrays of a problem, contiguous and never moved, so that a library may keep pointers to them.
 
     Parameters
     ----------
     problem : qpsolvers.Problem
-        P, G and A dense or scipy sparse, of any strides and order; nothing of it is written to.
+        P, G and A dense or scipy sparse, of any strides and order; it is not written to.
 
     Attributes
     ----------
     P, q : ndarray
-        Cost, shapes (d, d) in C order and (d,). P is symmetric, so ``P.T`` is P in Fortran order, for free.
+        Cost, shapes (d, d) in C order and (d,). P is symmetric, so ``P.T`` is P in Fortran order.
     R, l, u : ndarray
         The stacked rows, shapes (d + p + m, d) in C order and (d + p + m,): d bounds, p equalities, m inequalities.
     lb, ub, A, b, G, h : ndarray
         Views of the parts of the stack: bounds (d,), equalities, inequalities.
     bounds, equalities, inequalities, general : slice
-        Where each kind lies in the stack, and where equalities and inequalities do.
+        Positions of each kind in the stack, and those of equalities and inequalities together.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -52,8 +52,8 @@ class Program:
         lb, ub = box(problem)
         A, b = dense_rows(problem.A, problem.b, d)
         G, h = dense_rows(problem.G, problem.h, d)
-        self._real: Mask = h < np.inf  # a row of G that forbids nothing is not a row
-        G, h = G[self._real], h[self._real]
+        self._finite: Mask = h < np.inf  # the other rows of G are no constraints
+        G, h = G[self._finite], h[self._finite]
         self.R: Matrix = np.vstack([np.eye(d), A, G])
         self.l: Vector = np.concatenate([lb, b, np.full(h.size, -np.inf)])
         self.u: Vector = np.concatenate([ub, b, h])
@@ -66,28 +66,31 @@ class Program:
 
     @cached_property
     def triangle(self) -> "Triangle":
-        """The upper triangle of P as a pattern."""
+        """The sparsity pattern of the upper triangle of P."""
         return Triangle(self.d)
 
-    def take(self, P: Matrix | None, q: Vector | None) -> None:
-        """Copy new P (d, d) and q (d,), whatever their strides; what is None stays."""
+    def take(self, P: Matrix | None, q: Vector | None) -> tuple[Matrix | None, Vector | None]:
+        """Copy new P (d, d) and q (d,) of any strides; returns this program's arrays, None for data that stay."""
         if P is not None:
             self.P[:] = P
+            P = self.P
         if q is not None:
             self.q[:] = q
+            q = self.q
+        return P, q
 
     def no_answer(self) -> Vector:
-        """What ``solve`` returns when the library says that it has no answer: NaN, which nobody takes for one."""
+        """The result of ``solve`` if the library found no answer: NaN, shape (d,)."""
         return np.full(self.d, np.nan)
 
     def solution(self, x: Vector | None, w: Vector | None, extras: dict[str, Any]) -> Solution:
-        """Wrap the answer x (d,) with the multipliers w of all rows of the stack, in its order; None without one."""
+        """The solution with the answer x (d,) and the multipliers w of all rows of the stack; None for no answer."""
         given = self._problem
         problem = Problem(self.P.copy(), self.q.copy(), given.G, given.h, given.A, given.b, given.lb, given.ub)
         if x is None or w is None:
             return Solution(problem, found=False, extras=extras)
-        z = np.zeros(self._real.size)
-        z[self._real] = w[self.inequalities]
+        z = np.zeros(self._finite.size)
+        z[self._finite] = w[self.inequalities]
         return Solution(
             problem,
             found=True,
@@ -101,18 +104,18 @@ class Program:
 
 
 class Stack:
-    """The rows as they are."""
+    """The whole stack of rows."""
 
     def __init__(self, program: Program) -> None:
         self.size = program.u.size
 
     def distribute(self, w: Vector) -> Vector:
-        """The multipliers as they are."""
+        """The multipliers of the stack."""
         return w
 
 
 class Intervals:
-    """The rows as intervals l ≤ R x ≤ u, R (k, d): those with a finite side, so that no row is dead."""
+    """The rows with a finite side, as intervals l ≤ R x ≤ u, R (k, d)."""
 
     def __init__(self, program: Program) -> None:
         self._kept: Mask = np.isfinite(program.l) | np.isfinite(program.u)
@@ -120,20 +123,20 @@ class Intervals:
         self.l, self.u = program.l[self._kept], program.u[self._kept]
 
     def distribute(self, w: Vector) -> Vector:
-        """Multipliers (k,) of these rows as those of the whole stack."""
+        """The multipliers of the stack from those of these rows, shape (k,)."""
         whole = np.zeros(self._kept.size)
         whole[self._kept] = w
         return whole
 
 
 class Cones:
-    """The rows as R x + s = r, s in the zero cone for equalities and fixed variables, then s ≥ 0; every r is finite.
+    """The rows as R x + s = r with finite r: s = 0 for equalities and fixed variables, s ≥ 0 for inequalities.
 
-    R (k, d) and r (k,) begin with the ``equal`` rows that are equalities, and ``unequal`` follow.
+    R (k, d) and r (k,) have ``equal`` equalities, followed by ``unequal`` inequalities.
     """
 
     def __init__(self, program: Program) -> None:
-        # A fixed variable as two inequalities would leave an interior point method no interior.
+        # With a fixed variable as two inequalities, the feasible set would have no interior.
         self._equal = equal = program.l == program.u
         self._upper = upper = np.isfinite(program.u) & ~equal
         self._lower = lower = np.isfinite(program.l) & ~equal
@@ -143,7 +146,7 @@ class Cones:
         self.unequal = self.r.size - self.equal
 
     def distribute(self, w: Vector) -> Vector:
-        """Multipliers (k,) of these rows, w ≥ 0 on the inequalities, as those of the whole stack."""
+        """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities."""
         whole = np.zeros(self._equal.size)
         ends = np.cumsum([self.equal, self._upper.sum()])
         equal, upper, lower = np.split(w, ends)
@@ -154,17 +157,17 @@ class Cones:
 
 
 class Triangle:
-    """One triangle of a symmetric matrix in compressed columns, with every entry stored, zeros too.
+    """One triangle of a symmetric matrix in compressed columns, zeros stored too.
 
-    ``csc_matrix(P)`` drops exact zeros, and values that are updated later then fall on wrong places; here the pattern
-    never depends on the values, and new values are one indexed copy.
+    ``csc_matrix(P)`` drops exact zeros, so values that are updated later would not match its pattern. Here the pattern
+    does not depend on the values, and new values are one indexed copy.
 
     Parameters
     ----------
     d : int
         Order of the matrix.
     upper : bool
-        Which triangle.
+        Whether it is the upper triangle.
 
     Examples
     --------
@@ -183,16 +186,16 @@ class Triangle:
         self.shape = (d, d)
 
     def values(self, P: Matrix) -> Vector:
-        """The stored values of a symmetric matrix P (d, d), column by column, as a fresh array."""
+        """The stored values of a symmetric matrix P (d, d), column by column, as a new array."""
         return P.take(self._flat)
 
     def matrix(self, P: Matrix) -> csc_matrix:
-        """P as a sparse matrix that holds this triangle, its arrays its own (osqp writes to what it is given)."""
+        """This triangle of P as a sparse matrix with arrays of its own, since osqp overwrites its input."""
         return csc_matrix((self.values(P), self.indices.copy(), self.indptr.copy()), shape=self.shape)
 
 
 def dense_rows(matrix: Any, right: Any, d: int) -> tuple[Matrix, Vector]:
-    """Rows and right-hand side of one kind as dense arrays, with no rows where the problem has none of that kind."""
+    """Rows and right-hand side of one kind as dense arrays, of 0 rows if the problem has none of that kind."""
     if matrix is None:
         return np.zeros((0, d)), np.zeros(0)
     rows = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()

@@ -1,4 +1,4 @@
-"""The compiled loop that times a solver, as Python calls it; it stands in ``solvers/core/timed_calls.h``."""
+"""Python's side of the compiled loop that times a solver, ``solvers/core/timed_calls.h``."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from solvers.arrays import Matrix, Nanoseconds, Vector
 
 Timings = tuple[Nanoseconds, Nanoseconds, Matrix]
-"""Nanoseconds of updates and of solves, (n,) each, and the answers (n, d), NaN where a library found none."""
+"""Nanoseconds of updates and of solves, (n,) each, and answers (n, d), NaN where a library found none."""
 LONGEST_NS = 2**62
 
 
@@ -19,10 +19,10 @@ def time_calls(
     warm_start: Vector | None,
     most_ns: float,
 ) -> tuple[int, Timings]:
-    """Run a function of the core that ends in the arguments of ``bindings_timed.h``, ``loop``; the status of the last
-    call, and what was timed.
+    """Run a function of the core whose last arguments are those of ``TIMED`` in ``bindings_timed.h``.
 
-    Parameters are those of :meth:`solvers.protocol.Solver.time_kernel`.
+    The other parameters are those of :meth:`solvers.protocol.Solver.time_kernel`. Returns the status of the last call
+    and the timings.
     """
     n, d = q.shape
     start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
@@ -35,10 +35,10 @@ def time_calls(
 def follow_rows(
     loop: Callable[..., int], P: Matrix, q: Vector, rows: Matrix, forgetting: float
 ) -> tuple[int, Matrix, Nanoseconds]:
-    """Run a function of the core that follows rows, which come into P (d, d) and q (d,); the last status, answers, and
-    what was timed.
+    """Run a function of the core that absorbs rows into P (d, d) and q (d,) and solves after each.
 
-    Parameters are those of :meth:`solvers.protocol.Solver.time_rows`.
+    The other parameters are those of :meth:`solvers.protocol.Solver.time_rows`. Returns the last status, the answers
+    and their times.
     """
     answers, nanoseconds = np.full((len(rows), q.size), np.nan), np.zeros(len(rows), dtype=np.int64)
     return loop(P, q, _contiguous(rows), forgetting, answers, nanoseconds), answers, nanoseconds

@@ -169,7 +169,7 @@ def _failures(problem: RaceProblem) -> dict[str, str]:
 def _described(problem: RaceProblem) -> tuple[str, ...]:
     form = next(iter(problem.forms.values()))
     rows = sum(side.size for side in (form.qp.h, form.qp.b) if side is not None)
-    condition = f"{problem.condition:.1e}" if problem.condition < float("inf") else "singular"
+    condition = f"{form.condition:.1e}" if form.condition < float("inf") else "singular"
     return problem.name, _optimum(form.certificate), str(problem.d), str(rows), condition, f"{form.yardstick:.3g}"
 
 

@@ -11,8 +11,8 @@ from bench.derived.accuracy import CHEATS, distance, tainted
 from bench.derived.measurements import FLOOR, WAYS, Measurements, by_task, pooled
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import PROBLEM, by_problem
-from bench.races.stream.figures import floor_bound, raw
 from bench.races.stream.race import STREAM
+from bench.races.stream.summary import floor_bound, raw
 from bench.store import Run, RunError
 
 

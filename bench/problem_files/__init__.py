@@ -1,4 +1,4 @@
-"""Quadratic programs in files: one module a format, and :func:`read` tells them apart by the suffix."""
+"""Quadratic programs in files: one module per format; :func:`read` selects it by the suffix."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,11 +16,11 @@ READERS: Mapping[str, Callable[[Path], ReadProgram]] = {
     ".qps": read_qps,
     ".mps": read_qps,
 }
-"""Reader by suffix, in small letters; what it finds wrong is a ValueError, whose sentence need not name the file."""
+"""Reader by lower-case suffix; it raises ValueError for an invalid file, without the file's name."""
 
 
 def read(path: Path) -> ReadProgram:
-    """The program of a file; ProblemFileError says in one sentence what is wrong with the file."""
+    """The program in a file; ProblemFileError for an invalid file."""
     suffix = path.suffix.lower()
     with about(path):
         require(suffix in READERS, f"unknown suffix {path.suffix!r}; a program is in {', '.join(READERS)}")

@@ -1,10 +1,12 @@
-"""Programs of the Maros–Mészáros set as the usual conversions to MATLAB files hold them.
+"""Programs of the Maros–Mészáros set in the usual conversion to MATLAB files.
 
     minimise ½ xᵀP x + qᵀx + r   subject to   l ≤ A x ≤ u
 
-with variables named so; the bounds of x are rows of A that are unit vectors (A ends with the identity), and they become
-bounds again here. Source of the set: I. Maros, C. Mészáros, "A repository of convex quadratic programming problems",
-Optim. Methods Softw. 11 (1999) 671–681.
+with variables of these names. The bounds of x are rows of A that are unit vectors (A ends with the identity); they
+become bounds again here.
+
+Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming problems", Optim. Methods Softw. 11 (1999)
+671–681.
 """
 
 import zlib
@@ -30,33 +32,34 @@ from bench.problem_files.program import (
 
 
 def read_mat(path: Path) -> ReadProgram:
-    """Read P, q, r, A, l and u; r may be missing, and A with l and u. ValueError says what is wrong."""
+    """Read P, q, r, A, l and u; r is optional, and so are A, l and u together. ValueError for an invalid file."""
     try:
-        found: dict[str, Any] = loadmat(str(path))
+        variables: dict[str, Any] = loadmat(str(path))
     except FileNotFoundError as error:
         raise ValueError(error.strerror) from None
     except (ValueError, NotImplementedError, TypeError, LookupError, OSError, zlib.error, MatReadError) as error:
         raise ValueError(f"cannot be read as a MATLAB file of version 7 or before: {error}") from None
-    for name in ("P", "q", *(("l", "u") if "A" in found else ())):
-        require(name in found, f"holds no variable {name!r}")
-    for name in ("lb", "ub", "G", "h", "b", *(() if "A" in found else ("l", "u"))):
-        require(name not in found, f"holds {name}, which is not read; constraints are l <= A x <= u")
-    found = {name: _sound(name, value) for name, value in found.items() if name in ("P", "q", "r", "A", "l", "u")}
-    q, P = vector("q", found["q"]), csc_matrix(found["P"])
+    for name in ("P", "q", *(("l", "u") if "A" in variables else ())):
+        require(name in variables, f"holds no variable {name!r}")
+    for name in ("lb", "ub", "G", "h", "b", *(() if "A" in variables else ("l", "u"))):
+        require(name not in variables, f"holds {name}, which is not read; constraints are l <= A x <= u")
+    variables = {
+        name: _sound(name, value) for name, value in variables.items() if name in ("P", "q", "r", "A", "l", "u")
+    }
+    q, P = vector("q", variables["q"]), csc_matrix(variables["P"])
     d = q.size
-    C = csc_matrix(found["A"]) if "A" in found else csc_matrix((0, d))
-    l, u = (vector(name, found[name]) if "A" in found else np.zeros(0) for name in ("l", "u"))  # noqa: E741
+    C = csc_matrix(variables["A"]) if "A" in variables else csc_matrix((0, d))
+    l, u = (vector(name, variables[name]) if "A" in variables else np.zeros(0) for name in ("l", "u"))  # noqa: E741
     check_sides(l=l, u=u)
-    constant = constant_term("r", found["r"]) if "r" in found else 0.0
+    constant = constant_term("r", variables.get("r", 0.0))
     for name, shape, right in (("P", P.shape, (d, d)), ("A", C.shape, (l.size, d)), ("u", u.shape, l.shape)):
         require(shape == right, f"{name} is of shape {shape} and not {right}, for the {d} variables of q")
     lb, ub = np.full(d, -np.inf), np.full(d, np.inf)
     rows = C.tocsr()
     rows.eliminate_zeros()
-    starts = rows.indptr[:-1]
     single = np.flatnonzero(np.diff(rows.indptr) == 1)
-    units = single[rows.data[starts[single]] == 1.0]
-    columns = rows.indices[starts[units]]
+    units = single[rows.data[rows.indptr[single]] == 1.0]
+    columns = rows.indices[rows.indptr[units]]
     np.maximum.at(lb, columns, l[units])
     np.minimum.at(ub, columns, u[units])
     others = np.setdiff1d(np.arange(l.size), units)
@@ -64,7 +67,7 @@ def read_mat(path: Path) -> ReadProgram:
 
 
 def _sound(name: str, value: Any) -> Any:
-    """A variable of doubles, dense or sparse; ValueError where it is something else."""
+    """A variable as doubles, dense or sparse; ValueError if it is not a valid numeric matrix."""
     if issparse(value):
         value = compressed_columns(name, value.data, value.indices, value.indptr, value.shape)
     return doubles(name, value)

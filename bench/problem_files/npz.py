@@ -1,7 +1,7 @@
 """Programs as arrays in an NPZ file: minimise ½ xᵀP x + qᵀx subject to G x ≤ h, A x = b, lb ≤ x ≤ ub.
 
 A matrix is stored dense under its name, or in compressed columns as ``P/data``, ``P/indices``, ``P/indptr`` and
-``P/shape``. A file that qpsolvers saved holds a Python object where it has nothing; nothing is ever unpickled here.
+``P/shape``. A file saved by qpsolvers has a pickled None for an absent field; nothing is unpickled here.
 """
 
 import struct
@@ -45,11 +45,11 @@ DAMAGED = (
     OverflowError,
     struct.error,
 )
-"""What NumPy and zipfile raise of a damaged file, whose headers are literals of Python."""
+"""Exceptions of NumPy and zipfile for a damaged file, whose headers are Python literals."""
 
 
 def packed(name: str, value: Any) -> dict[str, Any]:
-    """The arrays that hold one value, dense, sparse or None (no arrays then).
+    """The arrays that store one value: dense, sparse, or None (no arrays).
 
     Examples
     --------
@@ -65,7 +65,7 @@ def packed(name: str, value: Any) -> dict[str, Any]:
 
 
 def unpacked(arrays: Mapping[str, Any], name: str) -> Any:
-    """The inverse of :func:`packed`, of doubles; ValueError where the arrays are not a matrix of them."""
+    """The inverse of :func:`packed`; ValueError if the arrays are not a matrix of doubles."""
     if name in arrays:
         return doubles(name, arrays[name])
     if f"{name}/data" not in arrays:
@@ -74,7 +74,7 @@ def unpacked(arrays: Mapping[str, Any], name: str) -> Any:
 
 
 def packed_program(qp: Problem, prefix: str = "") -> dict[str, Any]:
-    """The arrays that hold a program."""
+    """The arrays that store a program."""
     return {key: array for field in QP_FIELDS for key, array in packed(prefix + field, getattr(qp, field)).items()}
 
 
@@ -85,7 +85,7 @@ def unpacked_program(arrays: Mapping[str, Any], prefix: str = "") -> Problem:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Open an NPZ file; whatever shows on reading that it is damaged or another file becomes a ProblemFileError."""
+    """Open an NPZ file; errors of reading its arrays become a ProblemFileError."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:  # NumPy leaves a damaged file open
             if isinstance(arrays, np.ndarray):
@@ -102,31 +102,31 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def read_npz(path: Path) -> ReadProgram:
-    """Read a program under the names above, its constant term as ``c`` or ``r`` where there is one; ValueError says
-    what is wrong."""
+    """Read a program under the names above, with an optional constant term ``c`` or ``r``; ValueError for an invalid
+    file."""
     with opened(path) as arrays:
-        found = {name: _field(path, arrays, name) for name in QP_FIELDS}
+        fields = {name: _field(path, arrays, name) for name in QP_FIELDS}
         unread = [name for name in ("l", "u") if name in arrays]
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
     for name in ("P", "q"):
-        require(found[name] is not None, f"holds no {name}; a program has P and q at least")
+        require(fields[name] is not None, f"holds no {name}; a program has P and q at least")
     require(
         not unread, f"holds {' and '.join(unread)}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub"
     )
-    found |= {name: vector(name, found[name]) for name in ("q", "h", "b", "lb", "ub") if found[name] is not None}
-    found |= {name: with_infinities(found[name]) for name in ("h", "lb", "ub") if found[name] is not None}
-    return ReadProgram(checked(Problem(**found)), constant)
+    fields |= {name: vector(name, fields[name]) for name in ("q", "h", "b", "lb", "ub") if fields[name] is not None}
+    fields |= {name: with_infinities(fields[name]) for name in ("h", "lb", "ub") if fields[name] is not None}
+    return ReadProgram(checked(Problem(**fields)), constant)
 
 
 def _field(path: Path, arrays: Any, name: str) -> Any:
-    """One field of a program, of doubles."""
+    """A field of a program; None if it is absent, or pickled and not needed."""
     try:
         return unpacked(arrays, name)
     except ValueError as error:
         if "Object arrays" not in str(error):
             raise
         partner = dict(zip("GA", "hb", strict=True)).get(name, "")
-        if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # and not None, then
+        if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # so it is not a pickled None
             raise ProblemFileError(
                 f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
                 f"as {', '.join(f'{name}/{part}' for part in PARTS)}"

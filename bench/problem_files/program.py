@@ -1,8 +1,8 @@
-"""What every reader returns, and the way from rows with two sides to the rows of qpsolvers.
+"""The result of a reader, its checks, and the conversion of two-sided rows to those of qpsolvers.
 
-    l ≤ C x ≤ u   becomes   A x = b  where l = u,   C x ≤ u  where u is finite,   −C x ≤ −l  where l is finite
+    l ≤ C x ≤ u   becomes   A x = b  if l = u,   C x ≤ u  if u is finite,   −C x ≤ −l  if l is finite
 
-Magnitudes from 1e20 on stand for infinity in MPS files and in the usual conversions of the Maros–Mészáros set.
+Magnitudes of at least 1e20 mean infinity in MPS files and in the usual conversions of the Maros–Mészáros set.
 """
 
 from collections.abc import Iterator
@@ -17,28 +17,29 @@ from scipy.sparse import csc_matrix, vstack
 from solvers.arrays import Vector
 
 INFINITY = 1e20
+"""Smallest magnitude that means infinity."""
 SYMMETRY = 1e-12
-"""Difference between P and Pᵀ, as a share of the largest element, that is taken for rounding."""
+"""Largest difference between P and Pᵀ, relative to the largest element, that is a rounding error."""
 
 QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 
 
 def fields_of(qp: Problem) -> dict[str, Any]:
-    """A program by field, as a request takes it to another process."""
+    """The fields of a program by name."""
     return {name: getattr(qp, name) for name in QP_FIELDS}
 
 
 def copied(qp: Problem) -> Problem:
-    """A program with arrays of its own."""
+    """A copy of a program."""
     return Problem(*(None if value is None else value.copy() for value in fields_of(qp).values()))
 
 
 class ProblemFileError(ValueError):
-    """A file that holds no program that can be read; the message is one sentence that begins with the path."""
+    """An invalid program file; the message is one sentence that begins with the path."""
 
 
 def require(condition: Any, otherwise: str) -> None:
-    """ValueError with the sentence unless the condition holds; :func:`about` says of which file."""
+    """ValueError with the sentence unless the condition holds; :func:`about` adds the file."""
     if not condition:
         raise ValueError(otherwise)
 
@@ -53,7 +54,7 @@ class ReadProgram:
 
 @contextmanager
 def about(path: Any) -> Iterator[None]:
-    """What is found wrong with a file becomes a ProblemFileError that names it."""
+    """Turn a ValueError into a ProblemFileError that names the file."""
     try:
         yield
     except ProblemFileError:
@@ -63,39 +64,37 @@ def about(path: Any) -> Iterator[None]:
 
 
 def doubles(name: str, values: Any) -> Any:
-    """Numbers of a file as doubles, dense or sparse; ValueError where they are complex, text, or more exact than
-    that."""
+    """Numbers of a file as doubles, dense or sparse; ValueError for complex numbers, text, or numbers that doubles do
+    not represent."""
     numbers = values if isinstance(values, np.ndarray) else values.data
     require(
         numbers.dtype.kind in "biuf", f"{name} holds {'complex numbers' if numbers.dtype.kind == 'c' else 'no numbers'}"
     )
     with np.errstate(invalid="ignore"):
-        found = numbers.astype(np.float64)
-        exact = np.array_equal(found.astype(numbers.dtype), numbers, equal_nan=numbers.dtype.kind == "f")
+        rounded = numbers.astype(np.float64)
+        exact = np.array_equal(rounded.astype(numbers.dtype), numbers, equal_nan=numbers.dtype.kind == "f")
     require(exact, f"{name} holds numbers that no double is equal to")
-    return (
-        found
-        if isinstance(values, np.ndarray)
-        else csc_matrix((found, values.indices, values.indptr), shape=values.shape)
-    )
+    if isinstance(values, np.ndarray):
+        return rounded
+    return csc_matrix((rounded, values.indices, values.indptr), shape=values.shape)
 
 
 def vector(name: str, values: Any) -> Vector:
-    """Numbers of whatever storage as a vector; ValueError where they are a matrix."""
+    """A dense or sparse vector of any orientation, shape (n,); ValueError for a matrix."""
     dense = values if isinstance(values, np.ndarray) else values.toarray()
     require(dense.size == max(dense.shape, default=1), f"{name} is of shape {dense.shape} and no vector")
     return doubles(name, dense).ravel()
 
 
 def constant_term(name: str, values: Any) -> float:
-    """The constant term of a cost; ValueError where it is not one finite number."""
-    found = doubles(name, np.asarray(values)).ravel()
-    require(found.size == 1 and np.isfinite(found[0]), f"the constant {name} is not one finite number")
-    return float(found[0])
+    """The constant term of a cost; ValueError unless it is one finite number."""
+    constant = doubles(name, np.asarray(values)).ravel()
+    require(constant.size == 1 and np.isfinite(constant[0]), f"the constant {name} is not one finite number")
+    return float(constant[0])
 
 
 def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: Any) -> csc_matrix:
-    """A matrix in compressed columns; ValueError where its index arrays lie, before any compiled code follows them."""
+    """A matrix in compressed columns; ValueError for invalid index arrays, before any compiled code uses them."""
     data, indices, indptr, shape = (np.asarray(part) for part in (data, indices, indptr, shape))
     require(
         shape.shape == (2,)
@@ -112,7 +111,7 @@ def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: A
     )
     require(
         indptr[0] == 0 and indptr[-1] == data.size and (indptr[1:] >= indptr[:-1]).all(),
-        f"{name} has columns that do not begin where the one before ends",
+        f"{name} has columns that do not begin at the end of the previous one",
     )
     require(
         not indices.size or (indices.min() >= 0 and indices.max() < rows),
@@ -125,20 +124,20 @@ def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: A
 
 
 def with_infinities(values: Any) -> Any:
-    """Bounds with what stands for infinity replaced by it."""
+    """Bounds with magnitudes of at least INFINITY replaced by infinity."""
     return np.where(np.abs(values) >= INFINITY, np.copysign(np.inf, values), values)
 
 
 def check_sides(**sides: Vector) -> None:
-    """ValueError where a lower side (l, lb) or an upper one is NaN, or infinite so that nothing is within it."""
+    """ValueError for NaN, for a lower side (l, lb) of +∞, and for an upper side of −∞."""
     for name, values in sides.items():
-        bounds, empty = with_infinities(values), np.inf if name in ("l", "lb") else -np.inf
-        for i in np.flatnonzero(np.isnan(bounds) | (bounds == empty)):
+        bounds, infeasible = with_infinities(values), np.inf if name in ("l", "lb") else -np.inf
+        for i in np.flatnonzero(np.isnan(bounds) | (bounds == infeasible)):
             raise ValueError(f"{name}[{i}] is {bounds[i]}, and nothing is within that")
 
 
 def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: Vector) -> Problem:  # noqa: E741
-    """The program with rows l ≤ C x ≤ u and bounds, every matrix sparse.
+    """The program with rows l ≤ C x ≤ u and bounds; every matrix is sparse.
 
     Examples
     --------
@@ -164,7 +163,7 @@ def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: V
 
 
 def checked(qp: Problem) -> Problem:
-    """The program, its P symmetric to the last bit; ValueError where shapes disagree or P is not symmetric."""
+    """The program with an exactly symmetric P; ValueError for wrong shapes, non-finite numbers, or an asymmetric P."""
     d = qp.q.size
     require(d, "has no variables")
     shapes = [("P", qp.P, (d, d)), *((name, getattr(qp, name), (d,)) for name in ("lb", "ub"))]

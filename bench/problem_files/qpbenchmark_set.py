@@ -1,9 +1,8 @@
-"""Test sets of qpbenchmark: read from the class in a Python file, and written beside saved problems as one that needs
-nothing of ours.
+"""Test sets of qpbenchmark: read from the class in a Python file, or written beside saved problems.
 
-qpbenchmark loads the class whose name is the file's in title case without underscores (S. Caron and others, the package
-qpbenchmark, class ``TestSet``). It is somebody's code, so :func:`read_test_set` is for a process of its own. In what is
-written each problem is there once in each scaling.
+qpbenchmark loads the class whose name is the file's name in title case without underscores (S. Caron and others, the
+package qpbenchmark, class ``TestSet``). It is a user's code, so :func:`read_test_set` is called in a subprocess. A
+written test set does not depend on this package and has each problem in each scaling.
 """
 
 import logging
@@ -75,11 +74,11 @@ if __name__ == "__main__":
 
 
 def read_test_set(path: str) -> list[tuple[str, Problem]] | str:
-    """Names and programs of the test set in a file, or one sentence that says why there are none."""
+    """Names and programs of the test set in a file, or one sentence on the error."""
     folder, module = Path(path).parent, Path(path).stem
     name = module.title().replace("_", "")
-    sys.path.append(str(folder))  # as qpbenchmark does, for what lies beside the file
-    logging.disable(logging.WARNING)  # it warns of every solver that it has no settings for
+    sys.path.append(str(folder))  # as qpbenchmark does, for modules beside the file
+    logging.disable(logging.WARNING)  # it warns about every solver without settings
     try:
         loaded = import_module(module)
         if not hasattr(loaded, name):
@@ -88,15 +87,15 @@ def read_test_set(path: str) -> list[tuple[str, Problem]] | str:
             (str(problem.name), Problem(*(getattr(problem, field) for field in QP_FIELDS)))
             for problem in getattr(loaded, name)()
         ]
-    except Exception as error:  # whatever somebody's code raises
+    except Exception as error:  # the user's code may raise anything
         return f"{type(error).__name__}: {error}"
 
 
 def write_test_set(folder: Path, set_name: str, sparse: bool) -> Path:
-    """Write the class file of one problem set, ``piezobench_<set>.py``, into the folder of its problems,
+    """Write the class file of a problem set, ``piezobench_<set>.py``, into the folder of its problems,
     ``<set>--<problem>.npz``.
 
-    Where any matrix is ``sparse`` qpbenchmark asks sparse solvers only.
+    ``sparse`` restricts qpbenchmark to sparse solvers.
     """
     module = f"piezobench_{set_name}"
     text = TEMPLATE.substitute(set=set_name, module=module, class_name=module.title().replace("_", ""), sparse=sparse)

@@ -1,14 +1,13 @@
-"""Programs in MPS files with a quadratic section, QPS, as the Maros–Mészáros set was published in.
+"""Programs in MPS files with a quadratic section (QPS), the original format of the Maros–Mészáros set.
 
     minimise r + qᵀx + ½ xᵀP x   subject to   rows of kind E, L, G with ranges,  lb ≤ x ≤ ub
 
-QUADOBJ (or QSECTION) lists one triangle of P, QMATRIX all of it. The reader is our own because the proof of an optimum
-is about the data as they stand in the file: HiGHS, which reads these files too, drops coefficients up to 1e-9.
+QUADOBJ (or QSECTION) lists one triangle of P, QMATRIX all of it. The proof of an optimum needs the exact data of the
+file, so the reader is our own: that of HiGHS drops coefficients up to 1e-9.
 
 Conventions: the right-hand side of the objective is −r. A range R makes of L the interval [b − |R|, b], of G [b, b +
 |R|] and of E [b, b + R] or [b + R, b]. An upper bound below zero without a lower bound makes the lower one −∞. Free
-rows after the first are passed over. Fields are told by blanks, or by the columns of fixed format where names hold
-blanks.
+rows after the first are ignored. Fields are separated by blanks; names with blanks need the columns of fixed format.
 
 Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming problems", Optim. Methods Softw. 11 (1999).
 """
@@ -35,16 +34,16 @@ FIXED = (slice(1, 3), slice(4, 12), slice(14, 22), slice(24, 36), slice(39, 47),
 QUADRATIC = ("QUADOBJ", "QSECTION", "QMATRIX")
 SECTIONS = ("NAME", "OBJSENSE", "ROWS", "COLUMNS", "RHS", "RANGES", "BOUNDS", *QUADRATIC, "ENDATA")
 FIELDS = {"ROWS": (1,), "BOUNDS": (2, 3), "RHS": (2, 3, 4, 5), "RANGES": (2, 3, 4, 5)}
-"""Fields of a line after the kind of row or bound, where these are not three or five."""
+"""Allowed numbers of fields after the kind of row or bound, in sections other than three or five."""
 SENSES = {"MIN": 1.0, "MINIMIZE": 1.0, "MAX": -1.0, "MAXIMIZE": -1.0}
 WITHOUT_VALUE = ("FR", "MI", "PL")
 BOUNDS = ("LO", "UP", "FX", *WITHOUT_VALUE)
 Fields = tuple[str, str, list[tuple[str, str]]]
-"""Kind, head, and pairs of a name and a number as text."""
+"""Kind of row or bound, first name, and pairs of a name and a number as text."""
 
 
 def read_qps(path: Path) -> ReadProgram:
-    """Read a QPS or MPS file; continuous variables only. ValueError says what is wrong, and in which line."""
+    """Read a QPS or MPS file of continuous variables. ValueError for an invalid file, with the line."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -52,31 +51,31 @@ def read_qps(path: Path) -> ReadProgram:
     try:
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError:
-        lines = content.decode("latin-1").splitlines()  # a character a byte, so that two names never become one
+        lines = content.decode("latin-1").splitlines()  # maps every byte to a character, so that names stay distinct
     try:
-        return _Reading(fixed=False).take(lines)
+        return _Reader(fixed=False).read(lines)
     except ValueError:
         with suppress(ValueError):
-            return _Reading(fixed=True).take(lines)
+            return _Reader(fixed=True).read(lines)
         raise
 
 
-class _Reading:
-    """What has been read of a file so far."""
+class _Reader:
+    """The data of a file up to the current line."""
 
     def __init__(self, fixed: bool) -> None:
         self.fixed, self.section, self.sign = fixed, "", 1.0
         self.kinds: dict[str, str] = {}
-        """Of rows."""
+        """Kind of each row."""
         self.columns: dict[str, int] = {}
         self.values: dict[str, dict[Any, float]] = defaultdict(dict)
-        """Numbers by section, those of BOUNDS as lower and upper, and by row, column or a pair of them."""
+        """Numbers by section ("lower" and "upper" for BOUNDS), then by row, column or a pair of them."""
         self.vectors: dict[str, str] = {}
-        """Name of the one right-hand side, range and bound vector."""
+        """Name of the right-hand side, range and bound vector."""
         self.seen: dict[str, str] = {}
-        """Sections, that of P under "quadratic"."""
+        """Sections so far, that of P under "quadratic"."""
 
-    def take(self, lines: Sequence[str]) -> ReadProgram:
+    def read(self, lines: Sequence[str]) -> ReadProgram:
         for number, line in enumerate(lines, 1):
             if not line.strip() or line[0] == "*":
                 continue
@@ -125,10 +124,10 @@ class _Reading:
         return kind, head, pairs or [("", "")]
 
     def _free_fields(self, words: list[str]) -> Fields:
-        """A name of a vector may be left out, and so may the value of a bound that has none."""
+        """The name of a vector is optional, and so is the value of a bound without one."""
         require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
         counts, kind = FIELDS.get(self.section, (3, 5)), words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
-        if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # though some files give one
+        if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # some files give one
             words = [*words[: 2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
         require(len(words) in counts, f"has {len(words)} fields where {' or '.join(map(str, counts))} are needed")
         head = words.pop(0) if len(words) % 2 else ""

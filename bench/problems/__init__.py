@@ -1,4 +1,4 @@
-"""Problem sets; the folder is the registry: a file here that defines one ``ProblemSet`` adds it."""
+"""Problem sets; the folder is the registry: every ``ProblemSet`` class in a file here is one."""
 
 import importlib
 import inspect
@@ -12,21 +12,21 @@ __all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_op
 
 def all_sets() -> dict[str, type[ProblemSet]]:
     """Every problem set by name."""
-    found = {}
+    classes = {}
     for file in pkgutil.iter_modules(__path__):
         for cls in vars(importlib.import_module(f"{__name__}.{file.name}")).values():
             if inspect.isclass(cls) and issubclass(cls, ProblemSet) and not inspect.isabstract(cls):
-                found[cls.name] = cls
-    return found
+                classes[cls.name] = cls
+    return classes
 
 
 def sets() -> dict[str, type[ProblemSet]]:
-    """The problem sets that are made from a seed alone, by name."""
+    """The problem sets that need only a seed, by name."""
     return {name: cls for name, cls in all_sets().items() if not cls.needs}
 
 
 def find(name: str) -> type[ProblemSet]:
-    """Return the problem set of that name; ProblemSetError says which there are."""
+    """The problem set of that name; ProblemSetError lists the known ones."""
     known = all_sets()
     if name not in known:
         raise ProblemSetError(f"there is no problem set {name!r}; known are {', '.join(sorted(known))}")
@@ -34,12 +34,12 @@ def find(name: str) -> type[ProblemSet]:
 
 
 def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> ProblemSet:
-    """Make a problem set, with those of the options that are its own.
+    """Make a problem set from a seed and the options that apply to it.
 
     Raises
     ------
     ProblemSetError
-        There is no such set, or an option that it needs is missing.
+        There is no such set, or a required option is missing.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> 
 
 
 def check_options(names: Sequence[str], options: Iterable[str]) -> None:
-    """ProblemSetError where none of these sets takes one of the options, or there is no such set."""
+    """ProblemSetError for an unknown set, or an option that none of the sets has."""
     chosen = [find(name) for name in names]
     for option in options:
         if not any(option in (*cls.needs, *cls.takes) for cls in chosen):

@@ -1,10 +1,10 @@
-"""A data basis that forgets, over an actuator whose gain drifts: problems that follow each other, each close to the
-last.
+"""A data basis that forgets, over an actuator whose gain drifts: a sequence of problems, each close to the previous
+one.
 
     P_k = Σ_j λ^(k−j) Ξ_j Ξ_jᵀ / W_k,   λ = exp(−Ts/τ),   τ = 2 s
 
-One problem every quarter of a second, each with the optimum of the one before it as ``warm_start``. This is what a
-solver that runs beside a controller sees, and where a warm start has to pay.
+There is one problem every quarter of a second, with the optimum of the previous one as ``warm_start``. A solver that
+runs beside a controller gets such problems, and a warm start should help there.
 """
 
 import math
@@ -16,7 +16,7 @@ from bench.problems.simulation import SAMPLE_TIME, Experiment
 TIME_CONSTANT_S = 2.0
 DRIFT_PER_S = 0.005
 BUILD_S = 2.0
-"""Before the first problem, which has no predecessor and is not raced."""
+"""Time before the first problem, which has no predecessor and is not raced."""
 EVERY_S = 0.25
 COUNT = 32
 UNSEEN_S = 0.5
@@ -33,23 +33,23 @@ class Drift(ProblemSet):
         return COUNT
 
     def problems(self) -> Iterator[RaceProblem]:
-        """Drive on by a quarter of a second, take a snapshot, certify it."""
+        """Certify a snapshot every quarter of a second."""
         experiment = Experiment(
             "relay_preisach", "random_walk", build_s=BUILD_S, drift_per_s=DRIFT_PER_S, seed=self.seed
         )
         plant, x, y, basis = experiment.measured(
             BUILD_S + COUNT * EVERY_S + UNSEEN_S, math.exp(-SAMPLE_TIME / TIME_CONSTANT_S)
         )
-        first, step, ahead = (round(seconds / SAMPLE_TIME) for seconds in (BUILD_S, EVERY_S, UNSEEN_S))
+        first, step, unseen_samples = (round(seconds / SAMPLE_TIME) for seconds in (BUILD_S, EVERY_S, UNSEEN_S))
         basis.update(x[:first], y[:first])
         start = basis.problem()
-        before, earlier = certified(self.name, "start", start).optimal_weights, [start]
+        previous, neighbours = certified(self.name, "start", start).optimal_weights, [start]
         for end in range(first + step, first + COUNT * step + 1, step):
             basis.update(x[end - step : end], y[end - step : end])
-            unseen = slice(end, end + ahead)
+            unseen = slice(end, end + unseen_samples)
             validation = Validation(basis.structure, basis.state.copy(), x[unseen], y[unseen], plant.noise_um)
             now = basis.problem()
-            problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", now, validation, before, earlier[-3:])
-            before = problem.optimal_weights
-            earlier.append(now)
+            problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", now, validation, previous, neighbours[-3:])
+            previous = problem.optimal_weights
+            neighbours.append(now)
             yield problem

@@ -1,4 +1,4 @@
-"""Scaling of a program with general rows by powers of two, so that scaling rounds nothing.
+"""Scaling of a program with general rows by powers of two, which is free of rounding errors.
 
 With x = D z the cost is multiplied by κ and the rows by E:
 
@@ -6,8 +6,8 @@ With x = D z the cost is multiplied by κ and the rows by E:
 
 D and E bring the rows and columns of [P Cᵀ; C 0] near the largest element one (D. Ruiz, "A scaling algorithm to
 equilibrate both rows and columns norms in matrices", RAL-TR-2001-034), κ the cost, as OSQP does it (B. Stellato and
-others, Math. Program. Comput. 12, 2020, section 5.1). All are rounded to powers of two: the scaled program is the given
-one to the last bit, its optimum is the same, and a diagonal of P lies between about 1/4 and 4 rather than at one.
+others, Math. Program. Comput. 12, 2020, section 5.1). All are rounded to powers of two, so that the scaled program is
+exactly the given one and has the same optimum; its P has a diagonal between about 1/4 and 4 instead of ones.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from qpsolvers import Problem
-from scipy.sparse import csc_matrix, diags, vstack
+from scipy.sparse import bmat, csc_matrix, diags, vstack
 
 from solvers.arrays import Vector
 
@@ -24,7 +24,7 @@ PASSES = 10
 
 @dataclass(frozen=True)
 class Scaled:
-    """A scaled program; x = ``unit`` · z."""
+    """A scaled program in z, with x = ``unit`` · z."""
 
     qp: Problem
     unit: Vector
@@ -38,7 +38,7 @@ def equilibrated(qp: Problem) -> Scaled:
     Parameters
     ----------
     qp : qpsolvers.Problem
-        d variables; matrices dense or sparse, as they are in the answer.
+        Of d variables; matrices that are dense stay dense, and sparse ones stay sparse.
 
     Examples
     --------
@@ -48,14 +48,15 @@ def equilibrated(qp: Problem) -> Scaled:
     """
     d = qp.q.size
     P = abs(csc_matrix(qp.P))
-    C = abs(vstack([csc_matrix((0, d)), *(csc_matrix(M) for M in (qp.A, qp.G) if M is not None)], format="csc"))
-    D, E = np.ones(d), np.ones(C.shape[0])
+    C = abs(vstack([csc_matrix((0, d)), *(csc_matrix(M) for M in (qp.A, qp.G) if M is not None)]))
+    K, S = bmat([[P, C.T], [C, None]]), np.ones(d + C.shape[0])
     for _ in range(PASSES):
-        P_now, C_now = diags(D) @ P @ diags(D), diags(E) @ C @ diags(D)
-        D, E = D / _root(np.maximum(_largest(P_now, 0), _largest(C_now, 0))), E / _root(_largest(C_now, 1))
-    D, E = _power_of_two(D), _power_of_two(E)
-    size = max(float(np.mean(_largest(diags(D) @ P @ diags(D), 0))), float(np.max(np.abs(D * qp.q))))
-    cost = float(_power_of_two(np.array([1.0 / size if size > 0.0 else 1.0]))[0])
+        largest = _largest_by_column(K, S)
+        S = S / np.sqrt(np.where(largest > 0.0, largest, 1.0))
+    S = _power_of_two(S)
+    D, E = S[:d], S[d:]
+    size = max(float(np.mean(_largest_by_column(P, D))), float(np.max(np.abs(D * qp.q))))
+    cost = float(_power_of_two(1.0 / size if size > 0.0 else 1.0))
     split = 0 if qp.A is None else qp.A.shape[0]
     A, b = _rows(qp.A, qp.b, E[:split], D)
     G, h = _rows(qp.G, qp.h, E[split:], D)
@@ -63,23 +64,17 @@ def equilibrated(qp: Problem) -> Scaled:
     return Scaled(Problem(_times(cost * D, qp.P, D), cost * D * qp.q, G, h, A, b, lb, ub), D, cost)
 
 
-def _largest(M: Any, axis: int) -> Vector:
-    """Largest element of each column (axis 0) or row (axis 1) of a matrix without negative ones."""
-    if 0 in M.shape:
-        return np.zeros(M.shape[1 - axis])
-    return np.asarray(M.max(axis=axis).toarray(), dtype=np.float64).ravel()
+def _largest_by_column(M: Any, S: Vector) -> Vector:
+    """Largest element of each column of diag(S) M diag(S), for a non-negative matrix."""
+    return np.asarray((diags(S) @ M @ diags(S)).max(axis=0).toarray(), dtype=np.float64).ravel()
 
 
-def _root(norms: Vector) -> Vector:
-    return np.sqrt(np.where(norms > 0.0, norms, 1.0))
-
-
-def _power_of_two(values: Vector) -> Vector:
+def _power_of_two(values: Any) -> Any:
     return np.exp2(np.round(np.log2(values)))
 
 
 def _times(left: Vector, M: Any, right: Vector) -> Any:
-    """diag(left) M diag(right), sparse where M is."""
+    """diag(left) M diag(right), sparse if M is."""
     return left[:, None] * M * right if isinstance(M, np.ndarray) else csc_matrix(diags(left) @ M @ diags(right))
 
 

@@ -1,10 +1,9 @@
-"""What a poor drive does to the problem: condition numbers from 1e4 to 1e12, singular, and indefinite by rounding.
+"""Problems of poor excitation: condition numbers from 1e4 to 1e12, singular, and indefinite by rounding.
 
-The drive covers less and less of the input range, so that thresholds are reached by a little or not at all, and the
-building phase gets shorter. Without the proximal term the problem shows its own condition, that of P with unit
-diagonal; singular ones have no unique optimum and are certified by their optimal value, and where rounding leaves P a
-little indefinite the certificate says by how much it was shifted. The same problems with the proximal term are what is
-solved in practice.
+The drive covers less and less of the input range, so that some thresholds are barely reached or not at all, and the
+building phase gets shorter. Without the proximal term the condition number is that of P with unit diagonal. A singular
+problem has no unique optimum and is certified by its optimal value; if rounding makes P slightly indefinite, the
+certificate contains the shift. In practice the problems are solved with the proximal term.
 """
 
 from collections.abc import Mapping
@@ -29,13 +28,13 @@ CASES = (
 
 
 class Excitation(Simulated):
-    """The Preisach actuator under drives that reach less and less, without and with the proximal term."""
+    """The Preisach actuator under drives of decreasing range, without and with the proximal term."""
 
     name = "excitation"
     description = "drives that leave thresholds unexcited: condition from 1e4 to 1e12 and singular"
 
     def experiments(self) -> Mapping[str, Experiment]:
-        """Each case as the data give it, then with the proximal term."""
+        """Each case without and with the proximal term."""
         return {
             f"n{n}-m{m}-reach{reach:g}-{build_s:g}s-{'proximal' if proximal else 'bare'}": Experiment(
                 "relay_preisach", "multi_sine", n, m, build_s, reach, proximal=proximal, seed=self.seed

@@ -1,10 +1,11 @@
-"""Programs of others, from a folder of files: NPZ, MAT as the Maros–Mészáros set is converted to, QPS and MPS.
+"""Programs from elsewhere: files of a folder (NPZ, MAT of the Maros–Mészáros set, QPS, MPS) or a test set of
+qpbenchmark.
 
-They have equalities, general rows, ranges, free variables and sparse matrices, which stay sparse; what a solver cannot
-take is reported as unsupported. Raw is the file's program; scaled is equilibrated by powers of two (see
-`equilibration`). A program is raced only where its optimum is certified within ``work`` bit operations; the others are
-in ``left_out`` with the reason. Proofs are kept between races (see `proof_cache`). Problems that were saved here are
-recognised, and their own proofs are replayed.
+They have equalities, general rows, ranges, free variables and sparse matrices, which stay sparse; a solver that does
+not support them reports it. The raw form is the program as given, the scaled form is equilibrated by powers of two (see
+`equilibration`). A program is raced only if its optimum is certified within ``work`` bit operations; the others are in
+``left_out`` with the reason. Proofs are cached between races (see `proof_cache`). Problems saved by this package are
+recognised, and their proofs are verified.
 """
 
 from abc import abstractmethod
@@ -12,28 +13,34 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from qpsolvers import Problem
 from scipy.sparse import csc_matrix, diags, identity
 
 from bench.problem_files import READERS, ProblemFileError, ReadProgram, read
 from bench.problem_files.npz import opened
+from bench.problem_files.program import about, checked
+from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems import proof_cache
 from bench.problems.certifying import ProverLost, both_proofs, prove, proven, require_size
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
 from bench.processes.forked_child import ForkedChild
+from piezo_model.child_process import LateError, LostError
 from solvers.certificate import WORK, NotCertified, verify
 
 Source = Callable[[], ReadProgram | RaceProblem]
-"""Reads a program, or a problem that was saved with its proofs."""
+"""Reads a program, or a problem saved with its proofs."""
+TEST_SET_LIMIT_S = 600.0
+"""Time limit for making a test set; some download their programs."""
 
 
 class ForeignPrograms(ProblemSet):
-    """Programs that are not made here, in the order in which they come."""
+    """Programs from elsewhere, in the order of their source."""
 
     takes: ClassVar = {"work": f"bit operations for the proof of one program, {WORK:.0e} by default"}
 
@@ -42,7 +49,7 @@ class ForeignPrograms(ProblemSet):
         try:
             self.work = float(self.options.get("work", WORK))
         except ValueError:
-            raise ProblemSetError(f"work is {self.options['work']!r} and no number of bit operations") from None
+            raise ProblemSetError(f"work is {self.options['work']!r} and not a number of bit operations") from None
 
     def __len__(self) -> int:
         """Number of programs."""
@@ -50,20 +57,20 @@ class ForeignPrograms(ProblemSet):
 
     @abstractmethod
     def sources(self) -> Sequence[tuple[str, Source]]:
-        """Name of each program, and what reads it."""
+        """Name and reader of each program."""
 
     def problems(self) -> Iterator[RaceProblem]:
-        """Read, scale and certify, several at once; whatever fails is left out with the reason."""
+        """Read, scale and certify, several in parallel; failures are left out with the reason."""
         sources = self.sources()
         with closing(proven(self._made, sources)) as made:
-            for (name, _), found in zip(sources, made, strict=True):
-                if isinstance(found, str):
-                    self.left_out[name] = found
+            for (name, _), problem in zip(sources, made, strict=True):
+                if isinstance(problem, str):
+                    self.left_out[name] = problem
                 else:
-                    yield found
+                    yield problem
 
     def _made(self, child: ForkedChild, source: tuple[str, Source]) -> RaceProblem | str:
-        """The problem, or why there is none."""
+        """The problem, or the reason why there is none."""
         name, read = source
         try:
             given = read()
@@ -71,24 +78,16 @@ class ForeignPrograms(ProblemSet):
                 return self._certified(name, given, child)
             prove(child, replay, given)
             return replace(given, set_name=self.name, name=name)
-        except (ProblemFileError, NotCertified) as error:
+        except (ProblemFileError, NotCertified, ProverLost) as error:
             return str(error)
 
     def _certified(self, name: str, program: ReadProgram, child: ForkedChild) -> RaceProblem:
         require_size(program.qp)
         scaled = equilibrated(program.qp)
-        key = proof_cache.key([program.qp, scaled.qp], self.work)
-        proofs = proof_cache.load(key)
-        if proofs is None:
-            try:
-                proofs = list(prove(child, both_proofs, program.qp, scaled.qp, scaled.unit, self.work))
-            except ProverLost:
-                raise
-            except NotCertified as error:
-                proof_cache.save(key, [], str(error))
-                raise
-            proof_cache.save(key, proofs)
-        raw_proof, proof = proofs
+        raw_proof, proof = proof_cache.cached(
+            proof_cache.key([program.qp, scaled.qp], self.work),
+            partial(prove, child, both_proofs, program.qp, scaled.qp, scaled.unit, self.work),
+        )
         return RaceProblem(
             self.name,
             name,
@@ -112,7 +111,7 @@ class ForeignPrograms(ProblemSet):
 
 
 class Foreign(ForeignPrograms):
-    """Every file of a folder that holds a program, in the order of their names."""
+    """Every program file of a folder, by name."""
 
     name = "foreign"
     description = "programs of others from a folder: NPZ, MAT (Maros–Mészáros), QPS and MPS; rows, equalities, sparse"
@@ -128,22 +127,59 @@ class Foreign(ForeignPrograms):
             raise ProblemSetError(f"{folder}: holds no program; one is in a file {', '.join(READERS)}")
 
     def sources(self) -> Sequence[tuple[str, Source]]:
-        """The files."""
-        same = Counter(path.stem for path in self.files)
-        return [(path.stem if same[path.stem] == 1 else path.name, partial(_of_file, path)) for path in self.files]
+        """The files; the suffix is part of a name that is there twice."""
+        count = Counter(path.stem for path in self.files)
+        return [(path.stem if count[path.stem] == 1 else path.name, partial(_of_file, path)) for path in self.files]
+
+
+class QpbenchmarkTestSet(ForeignPrograms):
+    """Every problem of a test set, in its order."""
+
+    name = "test_set"
+    description = "programs of a test set of qpbenchmark, a Python file with its class"
+    needs: ClassVar = {"test_set": "a Python file with the class of a test set of qpbenchmark"}
+
+    def __init__(self, seed: int = 0, **options: str) -> None:
+        super().__init__(seed, **options)
+        self.path = Path(self.options["test_set"])
+        if not self.path.is_file():
+            raise ProblemSetError(f"{self.path}: is not a file")
+
+    @cached_property
+    def _programs(self) -> list[tuple[str, Problem]]:
+        with ForkedChild() as child:
+            try:
+                programs = child.call(TEST_SET_LIMIT_S, read_test_set, str(self.path.resolve()))
+            except LateError:
+                programs = f"was not read within {TEST_SET_LIMIT_S:g} s"
+            except LostError as error:
+                programs = f"ended the process that read it with {error}"
+        if isinstance(programs, str):
+            raise ProblemSetError(f"{self.path}: {programs}")
+        if not programs:
+            raise ProblemSetError(f"{self.path}: holds no problem")
+        return programs
+
+    def sources(self) -> Sequence[tuple[str, Source]]:
+        """The problems of the test set."""
+        return [(name, partial(_checked, f"{self.path}: {name}", qp)) for name, qp in self._programs]
+
+
+def _checked(where: str, qp: Problem) -> ReadProgram:
+    with about(where):
+        return ReadProgram(checked(qp))
 
 
 def _of_file(path: Path) -> ReadProgram | RaceProblem:
-    """The program of a file, or the problem that was saved in it."""
+    """The program of a file, or the problem saved in it."""
     if path.suffix.lower() == ".npz":
         with opened(path) as arrays:
-            saved = "meta" in arrays
-        if saved:
-            return RaceProblem.load(path)
+            if "meta" in arrays:
+                return RaceProblem.load(path)
     return read(path)
 
 
 def replay(problem: RaceProblem) -> None:
-    """Replay the proof of every form."""
+    """Verify the proof of every form."""
     for form in problem.forms.values():
         verify(form.qp, form.certificate)

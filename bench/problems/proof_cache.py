@@ -1,12 +1,12 @@
-"""Proofs of programs that come from anywhere, kept between races under a hash of the data that they are proofs of.
+"""Proofs of foreign programs, cached between races under a hash of the program's data.
 
-They lie in the user's cache, one JSON file a program. What could not be proven is kept too, with the reason and the
-work that was allowed, since neither depends on the machine.
+They are in the user's cache, one JSON file per program. A failed proof is cached too, with the reason and the allowed
+work; neither depends on the machine.
 """
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 
@@ -19,19 +19,19 @@ from solvers.certificate import Certificate, NotCertified
 from solvers.exact.problem import DoubleProblem
 
 VERSION = 1
-"""Of what a proof is: another number forgets those that were found."""
+"""Cache version; raise it when the format of a proof changes."""
 
 
 @dataclass(frozen=True)
 class CachedProof:
-    """What is in a file: the proofs in JSON, or why there is none."""
+    """Content of a file: the proofs in JSON, or the reason why there is none."""
 
     proofs: list[str]
     refusal: str
 
 
 def key(programs: Sequence[Problem], work: float) -> str:
-    """Name of the programs' data; NotCertified where they hold no numbers."""
+    """Cache key of the programs' data; NotCertified if they contain NaN or have a wrong shape."""
     try:
         data = [DoubleProblem.of(program).fingerprint for program in programs]
     except ValueError as error:
@@ -39,25 +39,25 @@ def key(programs: Sequence[Problem], work: float) -> str:
     return hashlib.sha256(json.dumps([VERSION, work, data]).encode()).hexdigest()
 
 
-def load(key: str) -> list[Certificate] | None:
-    """The certificates that are kept; None where there are none.
+def cached(key: str, find: Callable[[], Sequence[Certificate]]) -> list[Certificate]:
+    """The cached certificates; without any, those that ``find`` returns, which are then cached.
 
     Raises
     ------
     NotCertified
-        For the reason that is kept.
+        As ``find`` raised it, now or when the result was cached.
     """
+    path = user_cache.folder("proofs") / f"{key}.json"
     try:
-        found = json_file.read(user_cache.folder("proofs") / f"{key}.json", CachedProof)
-        proofs = [Certificate.from_json(text) for text in found.proofs]
-    except ValueError:  # not there, or damaged: it is found again
-        return None
-    if found.refusal:
-        raise NotCertified(found.refusal)
+        cached = json_file.read(path, CachedProof)
+        proofs = [Certificate.from_json(text) for text in cached.proofs]
+    except ValueError:  # no file, or a damaged one
+        try:
+            proofs, refusal = list(find()), ""
+        except NotCertified as error:
+            proofs, refusal = [], str(error)
+        cached = CachedProof([proof.to_json() for proof in proofs], refusal)
+        user_cache.keep(path, partial(write_text, text=json.dumps(asdict(cached))))
+    if cached.refusal:
+        raise NotCertified(cached.refusal)
     return proofs
-
-
-def save(key: str, proofs: Sequence[Certificate], refusal: str = "") -> None:
-    """Keep what was found."""
-    found = json.dumps(asdict(CachedProof([proof.to_json() for proof in proofs], refusal)))
-    user_cache.keep(user_cache.folder("proofs") / f"{key}.json", partial(write_text, text=found))

@@ -1,4 +1,4 @@
-"""A problem that owns its certified optimum, in each scaling in which it is raced."""
+"""A problem with its certified optimum in each scaling, and the interface of a problem set."""
 
 import json
 import math
@@ -26,12 +26,12 @@ SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
 
 
 class ProblemSetError(ValueError):
-    """What a problem set needs and does not have; the message is one sentence."""
+    """A problem set cannot be made; the message is one sentence."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """Another program of the same variables and constraints, of a neighbouring window of the same data."""
+    """The cost of a program with the same constraints, from a neighbouring window of the same data."""
 
     P: Matrix
     q: Vector
@@ -50,17 +50,16 @@ class CertifiedForm:
     """Shape (d, d)."""
     certificate: Certificate
     warm_start: Vector | None = None
-    """The optimum of the problem before this one, in the variables z of this one, where problems follow each other.
-    Shape (d,)."""
+    """In a sequence of problems, the optimum of the previous one in the variables z of this one. Shape (d,)."""
     cost_unit: float = 0.0
-    """One unit of the raw program's cost, for programs of others, whose constant means nothing; 0 where V + c is a sum
-    of squares."""
+    """Unit of the raw program's cost, for a foreign program, whose constant has no meaning; 0 if V + c is a sum of
+    squares."""
     windows: tuple[Window, ...] = ()
-    """Of which data are mixed that change from call to call."""
+    """Neighbouring windows; mixtures with them give data that change from call to call."""
 
     @cached_property
     def yardstick(self) -> float:
-        """What a cost gap is divided by: V* + c, a sum of squares; for a program of others max(½ x*ᵀP x*, |qᵀx*|), or
+        """The divisor of relative cost gaps: V* + c, a sum of squares; for a foreign program max(½ x*ᵀP x*, |qᵀx*|), or
         ``cost_unit`` if that is 0."""
         x = np.array(self.certificate.x)
         if self.cost_unit == 0.0:
@@ -69,39 +68,47 @@ class CertifiedForm:
 
     @property
     def unit(self) -> float:
-        """The cost that tolerances are multiples of, known from the data alone."""
+        """The unit of absolute tolerances, known from the data alone."""
         return self.c if self.cost_unit == 0.0 else max(abs(self.c), self.cost_unit)
 
     @property
     def size(self) -> float:
-        """‖x*‖∞, to which a violation is relative; 1 where it is 0."""
+        """The divisor of relative violations: ‖x*‖∞, or 1 if that is 0."""
         return max((abs(entry) for entry in self.certificate.x), default=0.0) or 1.0
 
     @property
     def optimum_is_unique(self) -> bool:
-        """Whether the data themselves single out one optimum; a shift that made them convex does not count."""
+        """Whether the data have one optimum without a convexity shift."""
         return self.certificate.unique and self.certificate.convexity_shift == 0.0
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of P; infinite if the smallest eigenvalue is below the rounding errors."""
+        P = self.qp.P if isinstance(self.qp.P, np.ndarray) else self.qp.P.toarray()
+        values = np.linalg.eigvalsh(P)
+        definite = values[0] > len(P) * np.finfo(float).eps * values[-1]
+        return float(values[-1] / values[0]) if definite else math.inf
 
 
 @dataclass(frozen=True)
 class Validation:
-    """Data that the fit has not seen: they follow the fitted data on the same actuator, whose states are handed on."""
+    """Unseen data: they follow the fitted data on the same actuator, and start from its operator states."""
 
     structure: ModelStructure
     state: OperatorState
     x: Vector
     y: Vector
     noise_um: float = float("nan")
-    """Standard deviation of the sensor's noise; what the stage notices is known where it is above zero."""
+    """Standard deviation of the sensor's noise; 0 or NaN if it is unknown."""
 
     def error_percent(self, w: Vector) -> float:
-        """RMS error of the model with weights w, as a share of the output's range; NaN where w is not a valid model."""
+        """RMS error of the model with weights w, in percent of the output's range; NaN if w is not a valid model."""
         try:
             model = HysteresisCreepModel.from_weights(self.structure, w)
         except ValueError:
             return float("nan")
         error = model.simulate(self.x, self.state.copy()) - self.y
-        return float(100.0 * np.sqrt(np.mean(error**2)) / np.ptp(self.y))
+        return float(100.0 * np.sqrt(np.mean(error**2)) / self.span_um)
 
     @property
     def span_um(self) -> float:
@@ -111,14 +118,14 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class RaceProblem:
-    """A problem as it is raced."""
+    """A problem of a race."""
 
     set_name: str
     name: str
     forms: dict[Scaling, CertifiedForm]
     """By scaling, "scaled" and "raw"."""
     validation: Validation | None = None
-    """Unseen data, for problems that come from an actuator."""
+    """Unseen data, for the problem of an actuator."""
 
     @property
     def d(self) -> int:
@@ -133,35 +140,28 @@ class RaceProblem:
 
     @cached_property
     def optimum_error_percent(self) -> float:
-        """Error of the model of the optimum on the unseen data, NaN where there are none."""
+        """Error of the optimal model on the unseen data, NaN without any."""
         return math.nan if self.validation is None else self.validation.error_percent(self.optimal_weights)
 
-    @cached_property
-    def condition(self) -> float:
-        """Condition number of the first form's P; infinite where rounding hides the smallest eigenvalue."""
-        P = next(iter(self.forms.values())).qp.P
-        values = np.linalg.eigvalsh(P if isinstance(P, np.ndarray) else P.toarray())
-        hidden = values[0] <= self.d * np.finfo(float).eps * values[-1]
-        return float("inf") if hidden else float(values[-1] / values[0])
-
     def save(self, path: Path, proven: bool = True) -> None:
-        """Write everything as NPZ, whole or not at all; on request without the proofs, which are then made again on
+        """Write the problem as NPZ, atomically; without ``proven`` the proofs are left out and found again on
         loading."""
         arrays: dict[str, Any] = {}
-        meta: dict[str, Any] = {"set": self.set_name, "name": self.name, "certificates": {}, "c": {}, "cost_unit": {}}
+        meta: dict[str, Any] = {
+            "set": self.set_name,
+            "name": self.name,
+            "certificates": {s: form.certificate.to_json() if proven else "" for s, form in self.forms.items()},
+            "c": {s: form.c for s, form in self.forms.items()},
+            "cost_unit": {s: form.cost_unit for s, form in self.forms.items()},
+        }
         for scaling, form in self.forms.items():
             arrays |= packed_program(form.qp, f"{scaling}/")
             arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(
                 f"{scaling}/warm_start", form.warm_start
             )
             if form.windows:
-                arrays |= {
-                    f"{scaling}/windows/P": np.array([window.P for window in form.windows]),
-                    f"{scaling}/windows/q": np.array([window.q for window in form.windows]),
-                    f"{scaling}/windows/c": np.array([window.c for window in form.windows]),
-                }
-            meta["certificates"][scaling] = form.certificate.to_json() if proven else ""
-            meta["c"][scaling], meta["cost_unit"][scaling] = form.c, form.cost_unit
+                parts = ((name, [getattr(window, name) for window in form.windows]) for name in "Pqc")
+                arrays |= {f"{scaling}/windows/{name}": np.array(values) for name, values in parts}
         if self.validation is not None:
             v = self.validation
             meta |= {"structure": v.structure.to_dict(), **({} if math.isnan(v.noise_um) else {"noise_um": v.noise_um})}
@@ -176,7 +176,7 @@ class RaceProblem:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what :meth:`save` wrote; ProblemFileError says what is wrong with the file."""
+        """Read a file of :meth:`save`; ProblemFileError for an invalid file."""
         with opened(path) as data:
             meta = decoded(str(data["meta"]), Meta)
             forms: dict[Scaling, CertifiedForm] = {}
@@ -210,7 +210,7 @@ def _windows(data: Any, prefix: str) -> tuple[Window, ...]:
 
 
 def starting_point(qp: Problem) -> Vector:
-    """An answer (d,) from which a proof starts, or zeros."""
+    """An approximate answer (d,) from which a proof starts, or zeros."""
     dense = qp.G is None and qp.A is None and isinstance(qp.P, np.ndarray)
     start = qpsolvers.solve_problem(qp, solver="daqp").x if dense else None
     return np.zeros(qp.q.size) if start is None else start
@@ -224,12 +224,10 @@ def certified(
     before: Vector | None = None,
     neighbours: Sequence[IdentificationProblem] = (),
 ) -> RaceProblem:
-    """Prove the optimum of an identification in both scalings, in slope coordinates.
+    """Certify the optimum of an identification in both scalings, in slope coordinates.
 
-    The ``neighbours`` are those of other windows of the same data.
-
-    Where the optimal weights ``before`` (d,) of the problem before this one are given, both forms carry them as a start
-    in their own variables, feasible to the last bit.
+    ``neighbours`` are the problems of other windows of the same data. ``before`` (d,), the optimal weights of the
+    previous problem, becomes the warm start of both forms, in their own variables and exactly feasible.
     """
     forms: dict[Scaling, CertifiedForm] = {}
     for scaling in SCALINGS:
@@ -247,7 +245,7 @@ def certified(
 
 
 class Meta(TypedDict):
-    """What :meth:`RaceProblem.save` keeps beside the arrays."""
+    """Metadata that :meth:`RaceProblem.save` writes beside the arrays."""
 
     set: FileName
     name: FileName
@@ -259,35 +257,35 @@ class Meta(TypedDict):
 
 
 class ProblemSet(ABC):
-    """A family of problems; one class a file of this folder, whose name is the set's.
+    """A family of problems.
 
     Parameters
     ----------
     seed : int
-        Everything random in the set follows from it.
+        Seed of everything random in the set.
     **options
-        Text under the names of ``needs`` and ``takes``.
+        Texts by the names of ``needs`` and ``takes``.
 
     Attributes
     ----------
     left_out : dict of str to str
-        Problems that are not raced and why, by name; complete once :meth:`problems` has come to its end.
+        Problems that are not raced, with the reason; complete when :meth:`problems` is exhausted.
 
     Raises
     ------
     ProblemSetError
-        An option is missing, or does not make a set.
+        An option is missing or invalid.
     """
 
     name: ClassVar[str]
     description: ClassVar[str]
-    """One sentence that says what the set is for."""
+    """Purpose of the set, one sentence."""
     needs: ClassVar[Mapping[str, str]] = {}
-    """Options that the set cannot be made without: what each is, by name."""
+    """Required options: name and description."""
     takes: ClassVar[Mapping[str, str]] = {}
-    """Options that may be left out."""
+    """Optional options: name and description."""
     origin: ClassVar[Literal["simulated", "measured elsewhere", "a recording of yours"]] = "simulated"
-    """Where the data of its problems come from."""
+    """Source of the data."""
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         for option, what in self.needs.items():
@@ -306,8 +304,8 @@ class ProblemSet(ABC):
         """Make the problems one by one, each with its certified optimum."""
 
     def model(self) -> tuple[HysteresisCreepModel, float] | None:
-        """Of a set that is one recording, what ``identify`` makes of the part that is fitted, and its error on the rest
-        in per cent.
+        """For a set made of one recording, the model that ``identify`` fits, and its error on the unseen rest in
+        percent.
 
         Raises
         ------

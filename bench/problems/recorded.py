@@ -1,13 +1,12 @@
-"""Anybody's recording, seen by models of several orders over several windows.
+"""Problems of a user's recording, for models of several orders over several windows.
 
-The last fifth of the recording is kept back to judge with. The rest is driven through the operators from its first
-sample on, from the states and with the sign that `piezo_model.identification.preprocessing` finds, and counted from the
-end of a switch-on transient or the start of the window, whichever is later. A recording has an unknown constant, so
-every model has an offset, a variable without bounds.
+The last fifth of the recording is unseen data for validation. The operators follow the rest from its first sample on,
+with the initial states and the sign that `piezo_model.identification.preprocessing` finds; samples count from the end
+of a switch-on transient or the start of the window, whichever is later. A recording has an unknown constant, so every
+model has an offset, a variable without bounds.
 
-Beside the problems stands the model that `identify` makes of the fitted part, of the orders and rates of the first
-problem, so that the times of the race are those of its size. Its error, and that of any other model, is what
-``HysteresisCreepModel.validate`` finds on the part that is kept back.
+The set also has a model: the one that `identify` fits to the same part, with the orders and rates of the first problem,
+so that the race's times apply to its size. Its error on the unseen part is that of ``HysteresisCreepModel.validate``.
 """
 
 from collections.abc import Iterator
@@ -25,10 +24,10 @@ from piezo_model.identification.preprocessing import Preprocessed, preprocess
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 """(n, m), for d = 19, 9, 27, 39, 61 with the offset."""
 WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
-"""Share of the fitted part that is counted, up to its end."""
+"""Share of the fitted part that a window covers, up to its end."""
 KEPT_BACK = 0.2
 LONGEST_VALIDATION = 200_000
-"""Samples; every problem carries its own copy."""
+"""Largest number of unseen samples; every problem has its own copy."""
 READING = {
     "sample_time": float,
     "header_row": int,
@@ -38,12 +37,12 @@ READING = {
     "input_unit": str,
     "output_unit": str,
 }
-"""Options of ``Recording.open`` for what a file does not say, and how each is read from its text."""
+"""Options of ``Recording.open``, with their types."""
 SOLVER, PROXIMAL = "box_active_set", 1e-10
 
 
 class Recorded(ProblemSet):
-    """One recording, orders by windows."""
+    """Every order over every window of one recording."""
 
     name = "recorded"
     origin = "a recording of yours"
@@ -59,7 +58,7 @@ class Recorded(ProblemSet):
     }
 
     def __len__(self) -> int:
-        """Orders times windows."""
+        """Number of orders times number of windows."""
         return len(ORDERS) * len(WINDOWS)
 
     @cached_property
@@ -72,12 +71,12 @@ class Recorded(ProblemSet):
 
     @cached_property
     def _parts(self) -> tuple[Recording, Recording]:
-        """What is fitted and what is kept back."""
+        """The fitted part and the unseen part."""
         fitted = round((1.0 - KEPT_BACK) * self._whole.length)
         return part(self._whole, slice(fitted)), part(self._whole, slice(fitted, fitted + LONGEST_VALIDATION))
 
     def model(self) -> tuple[HysteresisCreepModel, float]:
-        """The model of the fitted part, and its error on the rest."""
+        """The model of the fitted part, and its error on the unseen part."""
         fitted, unseen = self._parts
         model = identify(
             fitted,
@@ -88,19 +87,19 @@ class Recorded(ProblemSet):
         return model, model.validate(unseen).fit.rms_percent
 
     def problems(self) -> Iterator[RaceProblem]:
-        """Accumulate each window at each order and certify it; windows that are too short are left out."""
+        """Accumulate and certify each window at each order; windows that are too short are left out."""
         recording, unseen = self._parts
         (x, y), (x_unseen, y_unseen), fitted = recording.arrays(), unseen.arrays(), recording.length
         noise = sensor_noise(self._whole.arrays()[1])
         for n, m in ORDERS:
-            found = counted(recording, n, m)
-            s = found.structure
+            fitted_part = preprocessed(recording, n, m)
+            s = fitted_part.structure
             for window, share in WINDOWS.items():
-                name, start = f"n{n}-m{m}-{window}", max(found.skip, round((1.0 - share) * fitted))
+                name, start = f"n{n}-m{m}-{window}", max(fitted_part.skip, round((1.0 - share) * fitted))
                 if fitted - start <= s.d:
                     self.left_out[name] = f"{fitted - start} samples are too few for {s.d} weights"
                     continue
-                basis = DataBasis(s, found.state)
+                basis = DataBasis(s, fitted_part.state)
                 basis.update(x[:start], y[:start], count=False)
                 middle = (start + fitted) // 2
                 basis.update(x[start:middle], y[start:middle])
@@ -111,7 +110,7 @@ class Recorded(ProblemSet):
 
 
 def kept_back(problem: RaceProblem) -> Recording:
-    """What was kept back of the recording that a problem of this set is made of; every problem carries it."""
+    """The unseen part of the recording, from any problem of this set."""
     v = problem.validation
     assert v is not None
     return Recording.from_arrays(
@@ -125,11 +124,11 @@ def kept_back(problem: RaceProblem) -> Recording:
 
 
 def sensor_noise(y: NDArray[np.float64]) -> float:
-    """Standard deviation of the white part of an output (N,), from its third differences, in which what is slow
+    """Standard deviation of the white noise of an output (N,), from its third differences, in which the slow part
     cancels.
 
-    White noise of deviation σ has third differences of deviation √20 σ (weights 1, −3, 3, −1). Their median takes no
-    notice of the corners of a drive. 0 where most neighbouring samples are equal.
+    White noise of deviation σ has third differences of deviation √20 σ (weights 1, −3, 3, −1). Their median ignores the
+    corners of a drive. The result is 0 if most neighbouring samples are equal.
 
     Examples
     --------
@@ -141,7 +140,7 @@ def sensor_noise(y: NDArray[np.float64]) -> float:
 
 
 def part(whole: Recording, samples: slice) -> Recording:
-    """Some samples of a recording, checked like a recording of their own."""
+    """A slice of a recording, as a recording of its own."""
     x, y = whole.arrays()
     return Recording.from_arrays(
         x[samples],
@@ -153,6 +152,6 @@ def part(whole: Recording, samples: slice) -> Recording:
     )
 
 
-def counted(recording: Recording, n: int, m: int) -> Preprocessed:
-    """A structure over the ranges of the counted part, the first sample of it, and the states at the start."""
+def preprocessed(recording: Recording, n: int, m: int) -> Preprocessed:
+    """Model structure with the ranges after the transient, length of the transient, and initial states."""
     return preprocess(recording, structure_of(recording, n, m), SOLVER, PROXIMAL, None, fit_range=True)

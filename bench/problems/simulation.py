@@ -1,7 +1,7 @@
-"""From a simulated actuator under a drive to a certified problem: what most problem sets are made of.
+"""Certified problems of a simulated actuator under a drive; most problem sets consist of them.
 
-No actuator is in the class of the model. Each starts at the low end of its major loop, is driven for the building phase
-and measured with noise and quantisation; what follows, under another drive, is kept back to judge the model with.
+No actuator is in the model class. Each starts at the low end of its major loop, is driven for the building phase and
+measured with noise and quantisation; the unseen data for validation follow, under another drive.
 """
 
 from abc import abstractmethod
@@ -19,8 +19,9 @@ SAMPLE_TIME = 125e-6
 VALIDATION_S = 2.0
 CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
 NEIGHBOURS = (0.25, 0.5, 0.75)
-"""Shares of the building phase that make windows beside the whole."""
+"""Shares of the building phase that are its neighbouring windows."""
 SEEDED = ("multi_sine", "random_walk")
+"""Signals with a random seed."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +39,18 @@ class Experiment:
     reach: float = 1.0
     """Share of the input range that the drive covers, from the low end up."""
     noise: float = 2e-4
-    """Standard deviation of the sensor's noise as a share of the output's range; the quantum is half of it."""
+    """Standard deviation of the sensor's noise relative to the output range; the quantum is half of it."""
     drift_per_s: float = 0.0
     """Relative change of the actuator's gain per second."""
     proximal: float = 1e-10
-    """As of ``IdentificationProblem``."""
+    """As in ``IdentificationProblem``."""
     seed: int = 0
 
     def measured(self, duration_s: float, forgetting: float = 1.0) -> tuple[plants.Sensor, Vector, Vector, DataBasis]:
-        """Actuator with its sensor, input and output after so long under the drive from rest, and a data basis, still
-        empty, for a structure with thresholds spread over the full input range and the output of the building phase."""
+        """Actuator with its sensor, input and output over a duration from rest, and an empty data basis.
+
+        The thresholds cover the full input range and the output range of the building phase.
+        """
         actuator = plants.get(self.plant, sample_time=SAMPLE_TIME)
         (low, high), noise_um = actuator.x_range, self.noise * (actuator.y_range[1] - actuator.y_range[0])
         plant = plants.Sensor(
@@ -77,11 +80,11 @@ class Experiment:
 
 
 class Simulated(ProblemSet):
-    """A problem set that is made of experiments."""
+    """A problem set of experiments."""
 
     @abstractmethod
     def experiments(self) -> Mapping[str, Experiment]:
-        """Each problem's by name."""
+        """The experiment of each problem by name."""
 
     def __len__(self) -> int:
         """Number of experiments."""
@@ -94,10 +97,10 @@ class Simulated(ProblemSet):
 
 
 def centred_range(x: Vector, y: Vector, reach: float = 1.0) -> tuple[float, float]:
-    """Range of y about the middle of its loop, where rising and falling branch pass the middle of x.
+    """Range of y about the centre of its loop, halfway between both branches at the middle of x.
 
-    The paper's model has no constant term, so zero must lie where its hysteresis is point-symmetric. Where the drive
-    covers only a share of its range, the range of y is stretched by as much.
+    The paper's model has no constant term, so zero must be the centre of its point-symmetric hysteresis. If the drive
+    covers only a share of its range, the range of y is stretched accordingly.
     """
     middle = np.abs(x - 0.5 * (x.min() + x.max())) < 0.02 * np.ptp(x)
     centre = 0.5 * (y[middle].min() + y[middle].max())

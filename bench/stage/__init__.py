@@ -1,2 +1,2 @@
-"""The simulated two-axis stage with its reference and its learners, and what it does along a line or while it
-learns."""
+"""The simulated two-axis stage with its reference and learners, and its runs along a straight line or with
+learning."""

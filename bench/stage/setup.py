@@ -1,8 +1,8 @@
-"""The set-up of the experiment: a two-axis stage, its reference, and what is known before anything is learned.
+"""The set-up of the experiment: a two-axis stage, its reference, and the knowledge before learning.
 
-The stage stands for the one of the paper's Fig. 3: an actuator an axis or two in push-pull, guided by elastic joints.
-It is given the staircase of Fig. 4 on both axes, a quarter of a period apart, so that neither moves as the other does.
-A step of the staircase takes ``step_s``: a jump would ring the structure, which is not what is looked at here.
+The stage represents that of the paper's Fig. 3: per axis one actuator, or two in push-pull, guided by elastic joints.
+Its reference is the staircase of Fig. 4 on both axes, a quarter of a period apart, so that the axes move differently. A
+step of the staircase takes ``step_s``, since a jump would excite the structure's resonance.
 
 Errors are those of the measured platform, in µm or in percent of the reference's range.
 """
@@ -18,7 +18,7 @@ from piezo_model.signals import decaying_triangle, random_walk, smoothed, stairc
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
 from piezo_model.stage.stage import Stage
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Matrix
 
 AXES = ("x", "y")
 LEVELS = 9
@@ -27,12 +27,12 @@ RANGE_UM = 2.0 * AMPLITUDE_UM
 CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
 COUPLING = ((1.0, 0.06), (-0.04, 1.0))
 WANDER_S = 10.0
-"""Length of the recording that the decoupling is estimated from."""
+"""Length of the recording from which the decoupling is estimated."""
 
 
 @dataclass(frozen=True)
 class Actuators:
-    """What drives an axis: a plant by name with its options."""
+    """The actuator of an axis: a plant by name with its options."""
 
     plant: str
     options: tuple[tuple[str, float], ...] = ()
@@ -41,7 +41,7 @@ class Actuators:
 
 @dataclass(frozen=True)
 class StageSetup:
-    """A stage with its phases, its reference and the orders of the model; all times in s.
+    """A stage with its learning phases, its reference and the orders of the model; all times in s.
 
     The defaults are the paper's: n = 5, m = 3, reset 0.1 s, building 8 s, learning 1.9 s, a sample every 125 µs.
     """
@@ -53,8 +53,8 @@ class StageSetup:
     solver: str = "projected_difference"
     lane: str | None = None
     setting: str | None = None
-    """Of the solver's ladder, as of ``solvers.protocol.setting_text``; the tightest that it says it reaches by
-    default."""
+    """A setting of the solver's ladder, from ``solvers.protocol.setting_text``; by default the tightest that it claims
+    to reach."""
     reset_s: float = 0.1
     build_s: float = 8.0
     learn_s: float = 1.9
@@ -67,14 +67,14 @@ class StageSetup:
     quantum_um: float = 0.001
     gain_drift_per_s: float = 0.0
     samples: int | None = None
-    """Length of the staircases; ``cycles`` of the machine by default."""
+    """Length of the staircases; by default ``cycles`` of the learning machine."""
     samples_to_solve: int = 1
-    """Samples that a solver has which is not one of steps."""
+    """Samples for a solver that does not count steps."""
     seed: int = 0
 
     @classmethod
     def quick(cls, **options: Any) -> Self:
-        """A setup with short phases, for a look in a few seconds."""
+        """A setup with short phases, which runs in a few seconds."""
         short: dict[str, Any] = {
             "reset_s": 0.05,
             "build_s": 2.0,
@@ -88,16 +88,16 @@ class StageSetup:
 
     @property
     def cycle(self) -> int:
-        """Samples of one cycle of the paper's machine."""
+        """Samples of one cycle of the paper's learning machine."""
         return sum(round(seconds / self.sample_time) for seconds in (self.reset_s, self.build_s, self.learn_s))
 
     @property
     def period(self) -> int:
-        """Samples of the staircase up and down."""
+        """Samples of one period of the staircase."""
         return 2 * (LEVELS - 1) * round(self.hold_s / self.sample_time)
 
     def stage(self, number: int = 0) -> Stage:
-        """Make the stage, at rest, with noise of its own for every number."""
+        """Make the stage, at rest; every number has other noise."""
 
         def axis(actuators: Actuators) -> Axis:
             made = tuple(
@@ -117,14 +117,16 @@ class StageSetup:
 
     @property
     def decoupling(self) -> Matrix:
-        """D, estimated from a recording in which both axes wander about, before the experiment and any drift."""
+        """D, estimated from a recording of random walks on both axes, before the experiment and any drift.
+
+        Setups that differ in nothing else share it.
+        """
         return estimated(
             StageSetup(
                 self.actuators,
                 self.push_pull,
                 sample_time=self.sample_time,
                 noise_um=self.noise_um,
-                # once for all rigs that differ in nothing else
                 quantum_um=self.quantum_um,
                 seed=self.seed,
             )
@@ -132,7 +134,7 @@ class StageSetup:
 
     @cached_property
     def structures(self) -> tuple[ModelStructure, ModelStructure]:
-        """The model structure of each axis; its ranges make it the straight line of an uncompensated drive."""
+        """The model structure of each axis; before learning the model is the straight line through its ranges."""
         first, second = (
             ModelStructure.equidistant(
                 self.n, self.m, axis.x_range, axis.y_range, CREEP_RATES, self.sample_time, offset=True
@@ -142,7 +144,7 @@ class StageSetup:
         return first, second
 
     def learner(self, structure: ModelStructure) -> SelfLearningCompensator:
-        """A learner for one axis, which stands at the low end of its drive."""
+        """A learner for one axis, which starts at the low end of its drive."""
         limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         return SelfLearningCompensator(
             structure,
@@ -178,8 +180,7 @@ class StageSetup:
 
     @cached_property
     def loop_ref(self) -> Matrix:
-        """Triangles of falling amplitude for hysteresis loops, shape (N, 2), µm; they begin where the staircases
-        end."""
+        """Triangles of decreasing amplitude for hysteresis loops, shape (N, 2), µm; they continue the staircases."""
         loops = []
         for i, cycles in enumerate((3.5, 4.5)):
             triangle = decaying_triangle(
@@ -214,15 +215,10 @@ def estimated(setup: StageSetup) -> Matrix:
 
 
 def at_low_end(structure: ModelStructure) -> OperatorState:
-    """Operator states of an axis at the low end of its drive, where it came from the high end."""
+    """Operator states of an axis at the low end of its drive, coming from the high end."""
     return OperatorState.at_rest(structure, -1.0, 1.0)
 
 
 def percent(error_um: Matrix) -> Matrix:
-    """Errors in µm in percent of the reference's range."""
+    """Errors in µm as percent of the reference's range."""
     return 100.0 / RANGE_UM * error_um
-
-
-def rms(error: Matrix) -> Vector:
-    """Root of the mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

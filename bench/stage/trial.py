@@ -1,14 +1,14 @@
-"""Runs of the setup: along a straight line, along the best straight line with hindsight, and with self-learning
+"""Runs of the setup: along a straight line, along the best straight line in hindsight, and with self-learning
 compensation.
 
-All of them stand behind the same decoupling matrix and start from the same rest.
+All use the same decoupling matrix and start from the same rest.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from bench.stage.setup import AXES, StageSetup, percent, rms
+from bench.stage.setup import AXES, StageSetup, percent
 from piezo_model import Compensator, SelfLearningCompensator
 from piezo_model.stage.learning import SelfLearningStage
 from piezo_model.stage.stage import Stage
@@ -19,36 +19,35 @@ HINDSIGHT_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What a stage did."""
+    """The record of a run."""
 
     setup: StageSetup
     x: Matrix
     y: Matrix
     """Drives in V and measured platform in µm along ``setup.y_ref``. Shape (N, 2)."""
     loop: Matrix
-    """Measured platform along ``setup.loop_ref``, without learning, directly afterwards. Shape (M, 2)."""
+    """Measured platform along ``setup.loop_ref`` directly afterwards, without learning. Shape (M, 2)."""
     learners: tuple[SelfLearningCompensator, ...] = ()
-    """As they are in the end; empty without learning."""
+    """The learners in their final state; empty without learning."""
 
     @property
     def error_um(self) -> Matrix:
-        """Deviation from the reference, (N, 2)."""
+        """Tracking error, (N, 2)."""
         return self.y - self.setup.y_ref
 
     def cycle_error_um(self, cycle: int) -> Matrix:
-        """Deviation in one cycle; −1 is the last."""
+        """Tracking error in one cycle; −1 is the last."""
         count = self.setup.cycle
         start = cycle * count if cycle >= 0 else len(self.y) + cycle * count
         return self.error_um[start : start + count]
 
     def rms_percent(self, cycle: int = -1) -> Vector:
-        """RMS error of both axes in one cycle, percent of the reference's range."""
-        return rms(percent(self.cycle_error_um(cycle)))
+        """RMS error of each axis in one cycle, percent of the reference's range."""
+        return np.asarray(np.sqrt(np.mean(percent(self.cycle_error_um(cycle)) ** 2, axis=0)))
 
 
 def straight(setup: StageSetup, slope: Vector | None = None, offset_V: Vector | None = None) -> Trial:
-    """Drive along straight lines: through the corners of the ranges, unless slopes (V/µm) and offsets are given,
-    (2,)."""
+    """Drive along straight lines with the given slopes (V/µm) and offsets (2,); by default those of the ranges."""
     stage = setup.stage()
     if slope is None or offset_V is None:
         slope, offset_V = lines(setup)
@@ -59,7 +58,7 @@ def straight(setup: StageSetup, slope: Vector | None = None, offset_V: Vector | 
 
 
 def lines(setup: StageSetup) -> tuple[Vector, Vector]:
-    """Slopes and offsets (2,) of the lines through the corners of the ranges."""
+    """Slopes and offsets (2,) of the straight lines through the corners of the ranges."""
     slope = np.array([s.x_scale / s.y_scale for s in setup.structures])
     return slope, np.array([s.x_centre for s in setup.structures]) - slope * np.array(
         [s.y_centre for s in setup.structures]
@@ -67,8 +66,7 @@ def lines(setup: StageSetup) -> tuple[Vector, Vector]:
 
 
 def best_straight(setup: StageSetup) -> Trial:
-    """The straight lines that nobody can know beforehand: nearest to the reference over the last cycle in the mean
-    square.
+    """Drive along the straight lines with the least mean square error over the last cycle, found in hindsight.
 
     Gauss-Newton on slope and offset of the drive; to first order q follows them as (q_r, 1) times the inverse slope.
     """
@@ -86,8 +84,8 @@ def best_straight(setup: StageSetup) -> Trial:
 def learned(setup: StageSetup, cycles: int | None = None) -> Trial:
     """Follow the reference while learning, then the triangles with the last model.
 
-    With ``cycles`` it learns for so many and keeps that model from then on, as a compensator does that is made before
-    the start-up.
+    With ``cycles`` learning stops after that many, and the model is kept, as in a compensator that is made before
+    start-up.
     """
     stage = setup.stage()
     loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
@@ -105,7 +103,7 @@ def learned(setup: StageSetup, cycles: int | None = None) -> Trial:
 
 
 def follow(stage: Stage, compensators: list[Compensator], setup: StageSetup, y_ref: Matrix) -> tuple[Matrix, Matrix]:
-    """Follow a reference with fixed models from where everything stands; drives and measured platform."""
+    """Follow a reference with fixed models from the current state; drives and measured platform."""
     wanted = y_ref @ setup.decoupling.T
     x = np.column_stack([compensator.run(wanted[:, i]) for i, compensator in enumerate(compensators)])
     return x, stage.run(x)

@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.problems.measured import FOLDER
 from bench.problems.protocol import Validation
-from bench.problems.recorded import KEPT_BACK, counted, part, sensor_noise
+from bench.problems.recorded import KEPT_BACK, part, preprocessed, sensor_noise
 from piezo_model import DataBasis, IdentificationProblem, Recording
 
 ORDERS = (5, 3)
@@ -32,7 +32,7 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     whole = in_micrometres(Recording.open(source).in_memory())
     fitted = round((1.0 - KEPT_BACK) * whole.length)
     recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + UNSEEN))
-    found = counted(recording, *ORDERS)
+    found = preprocessed(recording, *ORDERS)
     (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
     ends = {found.skip + round(share * (x.size - found.skip)) for share in WINDOWS}
     programs: list[list[IdentificationProblem]] = []

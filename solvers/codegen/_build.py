@@ -1,7 +1,7 @@
-"""Embedded C of many authors built by one compiler with one set of flags, and loaded.
+"""Builds embedded C of many authors with one compiler and one set of flags, and loads it.
 
-A library is built once for each generator, version and shape of problem and kept in a folder for temporary files. Every
-load takes a copy of its own, since embedded solvers keep their problem in static memory.
+A library is built once for each generator, version and shape of problem and cached in the folder of temporary files.
+Each load takes its own copy, since embedded solvers keep their problem in static memory.
 """
 
 import ctypes
@@ -18,24 +18,23 @@ from typing import NamedTuple
 
 HERE = Path(__file__).parent
 CORE = HERE.parent / "core"
-TIMED = (HERE / "timed_loop.c", CORE / "clock.c")
-"""The C that times what is built."""
+KERNEL = HERE.parent / "kernel"
 
 _found = shutil.which("gcc") or shutil.which("clang")
 if _found is None:
     raise ImportError("there is no C compiler on this machine; apt-get install gcc brings one on Debian")
 COMPILER = _found
 FLAGS = ("-O3", "-march=native", "-ffp-contract=fast")
-"""What users of generated code are told to use, plus the machine's own instructions, for all alike."""
+"""The flags that authors of generators recommend, with all instructions of this processor."""
 _LINK = ("-shared", "-fPIC", "-w", "-Wl,-Bsymbolic", "-Wl,-z,defs")
 
 
 class BuildError(RuntimeError):
-    """Generated C does not build here; the message is one sentence."""
+    """Generated C does not compile; the message is one sentence."""
 
 
 class Sources(NamedTuple):
-    """What a generator wrote: C files, and the options -I and -D that they want."""
+    """What a generator wrote: C files, and the options -I and -D that they need."""
 
     files: tuple[Path, ...]
     options: tuple[str, ...] = ()
@@ -51,7 +50,7 @@ def built_with() -> str:
 
 
 def library(key: Iterable[bytes], generate: Callable[[Path], Sources]) -> ctypes.CDLL:
-    """Load what ``generate`` writes into a folder, built before for the same key or now.
+    """Load the library of the sources that ``generate`` writes; it is built once for each key.
 
     Raises
     ------
@@ -72,7 +71,7 @@ def library(key: Iterable[bytes], generate: Callable[[Path], Sources]) -> ctypes
 
 
 def run(command: Iterable[str | Path], folder: Path) -> None:
-    """Run a program that builds; BuildError says how it failed."""
+    """Run a compiler or build tool; BuildError has its first error."""
     words = [str(word) for word in command]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
@@ -90,8 +89,10 @@ def _compile(sources: Sources, folder: Path, target: Path) -> None:
             f"-I{folder}",
             f"-I{HERE}",
             *sources.options,
+            f"-I{KERNEL}",
+            f"-I{CORE}",
             *sources.files,
-            *TIMED,
+            HERE / "timed_functions.c",
             "-o",
             target,
             "-lm",
@@ -101,7 +102,7 @@ def _compile(sources: Sources, folder: Path, target: Path) -> None:
 
 
 def _cache() -> Path:
-    """The folder of built libraries, which nobody else can put a library into."""
+    """The folder of built libraries, to which no other user can write."""
     folder = Path(tempfile.gettempdir()) / f"piezobench-codegen-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     found = folder.lstat()

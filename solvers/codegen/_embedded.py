@@ -2,33 +2,31 @@
 
     minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
 
-Timed inside C, as in the lane kernel: ``update`` brings P and q into the solver's memory, ``solve`` is the call that
-its users make, and the copy of its answer. ``setup`` generates and builds on the first problem of a shape (some
-seconds, see :mod:`solvers.codegen._build`) and loads on all others.
+Timed by the loop of the lane kernel: ``update`` copies P and q into the solver's memory, ``solve`` is the call that its
+users make and the copy of its answer. ``setup`` generates and builds on the first problem of a shape (some seconds, see
+:mod:`solvers.codegen._build`) and loads the library for all later ones.
 """
 
 import ctypes
 import importlib.metadata
-import inspect
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack
+from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.backend import Backend, absolute
-from solvers.codegen._build import CORE, HERE, TIMED, Sources, built_with, library
-from solvers.protocol import Lane, Matrix, Timings, Unsupported, Vector
-from solvers.timed_calls import time_calls
+from solvers.codegen._build import CORE, HERE, KERNEL, Sources, built_with, library
+from solvers.kernel._library import CompiledLibrary, Loop
+from solvers.protocol import Lane, Matrix, Unsupported, Vector
 
 
 class Shape(NamedTuple):
-    """What of a problem is compiled in: d, and which variables have a finite lower and upper bound."""
+    """The part of a problem that is compiled in: d, and the variables with a finite lower or upper bound."""
 
     d: int
     below: tuple[int, ...]
@@ -62,28 +60,28 @@ class Shape(NamedTuple):
 
 
 def generator(algorithm: str, licence: str, distribution: str) -> Backend:
-    """The entry of a library whose C has one tolerance c · 10⁻ᵏ, absolute and relative alike."""
+    """The entry of a library whose C has one tolerance c · 10⁻ᵏ, used as absolute and as relative one."""
     return Backend(algorithm, licence, distribution, {"tolerance": absolute}, (4, 6, 8, 10, 12, 13))
 
 
-class Embedded(LibrarySolver):
-    """A solver behind ``embedded.h``; a file of one says how its C is written."""
+class Embedded(CompiledLibrary):
+    """A solver behind ``embedded.h``; a subclass generates its C."""
 
     lane = Lane.CODEGEN
     built_with = built_with()
     bounds_only = True
     refuses_crossing = True
     parameters: ClassVar[Mapping[str, float]] = MappingProxyType({"tolerance": -1.0})
-    """Its settings, in the order in which C takes them, with their defaults; a negative tolerance is the library's
-    own."""
+    """The settings in the order of the C function, with their defaults; a negative tolerance stands for the library's
+    default."""
     compiled_in: ClassVar[tuple[str, ...]] = ()
-    """Those of them that ``generate`` writes into the C."""
+    """The settings that ``generate`` writes into the C."""
     glue: ClassVar[tuple[str, ...]] = ()
-    """C files of this folder that it needs beside <name>.c, which puts what is generated behind ``embedded.h``."""
+    """Further C files of this folder that it needs; <name>.c implements ``embedded.h`` by the generated C."""
 
     @abstractmethod
     def generate(self, shape: Shape, folder: Path) -> Sources:
-        """Write the C of this solver for problems of this shape; ``problem.h`` is there already."""
+        """Write the C of this solver for problems of this shape into the folder, which has ``problem.h``."""
 
     def build(self, p: Program, rows: Stack) -> None:
         if unknown := sorted(set(self.settings) - set(self.parameters)):
@@ -93,78 +91,51 @@ class Embedded(LibrarySolver):
         shape = Shape.of(p.lb, p.ub)
         if not shape.bounded:
             raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
-        self._x, self._z = np.empty(p.d), np.empty(p.d)
+        self._z = np.empty(p.d)
         self._library = library(self._key(shape), lambda folder: self.sources(shape, folder))
         self._library.embedded_status.restype = ctypes.c_char_p
         values = np.array([float({**self.parameters, **self.settings}[name]) for name in self.parameters])
         self._library.embedded_setup(address(p.lb), address(p.ub), address(values))
-        self.update(p.P, p.q)
+        self.bind(loop=Loop.in_dll(self._library, "library_embedded"))
+        self.pass_data(p.P, p.q)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         p = self.program
-        p.take(P, q)
         if not (np.isfinite(p.P).all() and np.isfinite(p.q).all()):
             raise ValueError(f"{self.name}: P and q must be finite")
-        self._library.embedded_update(address(p.P), address(p.q))
-
-    def solve(self, warm_start: Vector | None = None) -> Vector:
-        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        self.found = self._library.embedded_solve(None if start is None else address(start)) == 0
-        self._library.embedded_answer(address(self._x))
-        return self._x if self.found else self.program.no_answer()
-
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Update and solve inside C, each timed."""
-        _, timings = time_calls(self._loop, P, q, warm_start, most_ns)
-        last = timings[0].size - 1
-        self.program.take(P[last], q[last])
-        self._x[:] = timings[2][last]
-        self.found = bool(np.isfinite(self._x).all())
-        return timings
-
-    def _loop(self, q: Matrix, P: Matrix, start: Vector | None, most_ns: int, *outputs: NDArray[Any]) -> int:
-        where = (None if start is None else address(start), ctypes.c_int64(most_ns), *map(address, outputs))
-        status: int = self._library.embedded_time(ctypes.c_int64(len(q)), address(P), address(q), *where)
-        return status
+        super().pass_data(P, q)
 
     def answer(self) -> Answer:
         self._library.embedded_multipliers(address(self._z))
         status = self._library.embedded_status().decode()
-        return Answer(self._x, self._z, status, int(self._library.embedded_iterations()))
+        return Answer(self.x, self._z, status, int(self._library.embedded_iterations()))
 
     def _key(self, shape: Shape) -> list[bytes]:
-        """What the built library depends on: all texts that it is made of and the version that makes it."""
-        files = {
-            Path(inspect.getfile(cls)) for cls in type(self).__mro__ if cls.__module__.startswith("solvers.codegen")
-        }
-        files |= set(CORE.glob("*.[ch]")) if issubclass(type(self), OurOwn) else set()
-        files |= {CORE / "timed_calls.h", *TIMED, *HERE.glob("*.[ch]")}
-        texts = [path.read_bytes() for path in sorted(files)]
+        """What the built library depends on: the version of the generator and all sources that may be part of it."""
+        files = [*HERE.glob("*.py"), *HERE.glob("*.[ch]"), *CORE.glob("*.[ch]"), KERNEL / "library.h"]
         settings = {name: self.settings.get(name) for name in self.compiled_in}
         words = self.name, importlib.metadata.version(self.distribution), repr(shape), repr(settings)
-        return [*(word.encode() for word in words), *texts]
+        return [*(word.encode() for word in words), *(path.read_bytes() for path in sorted(files))]
 
     def sources(self, shape: Shape, folder: Path) -> Sources:
-        """All C of this solver for problems of this shape, what is generated in ``folder``."""
+        """All C of this solver for problems of this shape; what is generated is written into ``folder``."""
         (folder / "problem.h").write_text(shape.header(), encoding="utf-8")
         written = self.generate(shape, folder)
-        return Sources((*written.files, *(HERE / name for name in (f"{self.name}.c", *self.glue))), written.options)
+        files = (HERE / name for name in (f"{self.name}.c", *self.glue))
+        return Sources((*written.files, *files), written.options)
 
 
 class OurOwn(Embedded):
-    """A solver of this project: the files of ``solvers/core`` that it needs."""
+    """A solver of this project, from the files of ``solvers/core`` that it needs."""
 
     core: ClassVar[tuple[str, ...]]
     """Names of C files."""
-
-    @abstractmethod
-    def memory(self, d: int) -> int:
-        """Bytes of the state of a problem of d variables."""
+    state_bytes: ClassVar[Callable[[int], int]]
+    """Size of the state of a problem of d variables."""
 
     def generate(self, shape: Shape, folder: Path) -> Sources:
         options = (
-            f"-I{CORE}",
-            f"-DMEMORY_BYTES={self.memory(shape.d)}",
+            f"-DMEMORY_BYTES={type(self).state_bytes(shape.d)}",
             f"-DCORE_VARIABLES={shape.d}",
             "-ffp-contract=off",
             "-fno-math-errno",

@@ -1,4 +1,4 @@
-/* solvers/core/box.h in static memory, with the functions of embedded.h. */
+/* The functions of embedded.h by solvers/core/box.h, in static memory. */
 #include "box.h"
 #include "embedded.h"
 
@@ -16,11 +16,7 @@ void embedded_setup(const double *lb, const double *ub, const double *settings)
     solver = box_at(&memory);
 }
 
-void embedded_update(const double *P, const double *q)
-{
-    status = box_set_hessian(&solver, P);
-    status = status == OK ? box_set_linear(&solver, q) : status;
-}
+void embedded_update(const double *P, const double *q) { status = box_set_data(&solver, P, q); }
 
 int embedded_solve(const double *start)
 {

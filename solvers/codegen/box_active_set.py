@@ -1,4 +1,4 @@
-"""Our exact box solver in C99, cold or warm, in static memory: the files that Python races, ``solvers/core/box.h``.
+"""Our exact box solver in C99, cold or warm, in static memory: the sources of the lane kernel, ``solvers/core/box.h``.
 
     minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
 
@@ -20,6 +20,4 @@ class BoxActiveSet(OurOwn):
     warm_startable = True
     parameters = MappingProxyType({})
     core = ("box_data", "box_inverse", "box_dual", "box_proximal")
-
-    def memory(self, d: int) -> int:
-        return int(bindings.box_bytes(d))
+    state_bytes = bindings.box_bytes

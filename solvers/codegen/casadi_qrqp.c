@@ -1,8 +1,8 @@
-/* The function qp that CasADi writes, with the functions of embedded.h; places.h has where its arguments stand. */
+/* The functions of embedded.h by the function qp that CasADi writes; indices.h has the indices of its arguments. */
 #include <string.h>
 #include "qp.h"
 #include "qp.c"
-#include "places.h"
+#include "indices.h"
 #include "embedded.h"
 
 static double hessian[D * D], linear[D], low[D], high[D], answer[D], multipliers[D];
@@ -25,7 +25,7 @@ void embedded_update(const double *P, const double *q)
 
 int embedded_solve(const double *start)
 {
-    /* The function moves these pointers on. */
+    /* The function overwrites these pointers. */
     memset(arguments, 0, sizeof arguments);
     memset(results, 0, sizeof results);
     arguments[AT_H] = hessian;

@@ -39,8 +39,8 @@ class CasadiQrqp(Embedded):
         writer = casadi.CodeGenerator("qp.c", {"with_header": True})
         writer.add(function)
         writer.generate(f"{folder}/")
-        places = {name: function.index_in(name) for name in ("h", "g", "lbx", "ubx")}
-        places |= {name: function.index_out(name) for name in ("x", "lam_x")}
-        text = "enum { " + ", ".join(f"AT_{name.upper()} = {place}" for name, place in places.items()) + " };\n"
-        (folder / "places.h").write_text(text, encoding="utf-8")
+        indices = {name: function.index_in(name) for name in ("h", "g", "lbx", "ubx")}
+        indices |= {name: function.index_out(name) for name in ("x", "lam_x")}
+        text = "enum { " + ", ".join(f"AT_{name.upper()} = {index}" for name, index in indices.items()) + " };\n"
+        (folder / "indices.h").write_text(text, encoding="utf-8")
         return Sources(())

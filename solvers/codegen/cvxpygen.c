@@ -1,11 +1,11 @@
-/* What CVXPYgen writes for any solver, with the functions of embedded.h; a file of one solver has the rest. */
+/* The functions of embedded.h by the C that CVXPYgen writes for every solver; cvxpygen_<solver>.c has the others. */
 #include "cvxpygen.h"
 
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-/* S with S'S = P, upper triangular; a row of zeros where P has no more to give. */
+/* S with S'S = P, upper triangular; its row is zero where the pivot of P is zero to rounding. */
 static void square_root(const double *P, double S[D][D])
 {
     for (int i = 0; i < D; ++i) {

@@ -1,15 +1,15 @@
-/* What differs between the solvers behind CVXPYgen, beside embedded_status. */
+/* The functions that differ between the solvers behind CVXPYgen, besides embedded_status. */
 #ifndef CVXPYGEN_H
 #define CVXPYGEN_H
 
 #include "cpg_solve.h"
 #include "embedded.h"
 
-/* Ask for a tolerance, absolute and relative alike. */
+/* Set the absolute and the relative tolerance. */
 void choose_tolerance(double tolerance);
-/* Let the next solve be a cold one. */
+/* Make the next solve a cold one. */
 void forget(void);
-/* Whether the solver itself says solved. */
+/* Whether the solver reports success. */
 int found(void);
 
 #endif

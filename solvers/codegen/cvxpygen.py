@@ -5,11 +5,10 @@
 Source: M. Schaller, G. Banjac, S. Diamond, A. Agrawal, B. Stellato, S. Boyd, "Embedded code generation with CVXPY",
 IEEE Control Systems Letters 6 (2022), pages 2653 to 2658.
 
-``quad_form(x, P)`` with a parameter P is against the rules of disciplined parametrised programming, so users hand over
-S with SᵀS = P, here the upper Cholesky factor; the solver sees d more variables S x and d more equations, and ECOS a
-cone. Timed: ``update`` factorises P into S and sets the parameters; ``solve`` is ``cpg_solve``, which fills them into
-the solver's data, has the solver factorise and solves, always cold. SCS makes a new workspace for new data, for which
-its C allocates memory.
+``quad_form(x, P)`` with a parameter P violates the rules of disciplined parametrised programming, so the parameter is S
+with SᵀS = P, here the upper Cholesky factor; the solver gets d more variables S x and d more equations, ECOS a cone.
+Timed: ``update`` factorises P into S and sets the parameters; ``solve`` is ``cpg_solve``, which inserts them into the
+solver's data, factorises and solves, always cold. SCS allocates a new workspace for new data.
 """
 
 import contextlib
@@ -37,19 +36,19 @@ SOLVERS = {
     name: generator(known.algorithm, known.licence, "cvxpygen")
     for name, known in {"ecos": ECOS, "osqp": OSQP, "qoco": QOCO, "scs": SCS}.items()
 }
-"""cvxpygen_<solver>.c has the ways of each in C."""
+"""cvxpygen_<solver>.c has the C that differs between them."""
 
 
 class Cvxpygen(Embedded):
-    """One solver behind ``cvxpygen.cpg.generate_code``; :func:`make` says which."""
+    """One solver behind ``cvxpygen.cpg.generate_code``, a subclass made by :func:`make`."""
 
     glue = ("cvxpygen.c",)
 
     def generate(self, shape: Shape, folder: Path) -> Sources:
         written = folder / "cpg"
         with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-            warnings.simplefilter("ignore")  # of cvxpy and CVXPYgen about each other
-            from cvxpygen import cpg  # brings cvxpy, which takes seconds to load
+            warnings.simplefilter("ignore")  # cvxpy and CVXPYgen warn about each other
+            from cvxpygen import cpg  # imports cvxpy, which takes seconds
 
             cpg.generate_code(
                 _problem(shape),
@@ -83,7 +82,7 @@ def _problem(shape: Shape) -> Any:
 
 
 def _sources(folder: Path) -> Sources:
-    """The files and options of CVXPYgen's own CMake project, which fills templates in as it is configured."""
+    """The files and options of CVXPYgen's CMake project, whose configuration also fills in templates."""
     beside = shutil.which("cmake", path=str(Path(sys.executable).parent)) or "cmake"
     run(
         [
@@ -100,7 +99,7 @@ def _sources(folder: Path) -> Sources:
         folder,
     )
     compiled = json.loads((folder / "build" / "compile_commands.json").read_text(encoding="utf-8"))
-    # Beside the library there are examples, and the solver's own targets with the same files once more.
+    # The project also has examples, and targets of the solver itself with the same files.
     wanted = [each for each in compiled if "/cpg.dir/" in each["command"] or "/solver_code/lib/" in each["file"]]
     words = [word for each in wanted for word in shlex.split(each["command"]) if word.startswith(("-I", "-D"))]
     return Sources(tuple(dict.fromkeys(Path(each["file"]) for each in wanted)), tuple(dict.fromkeys(words)))

@@ -10,7 +10,7 @@ void choose_tolerance(double tolerance)
     cpg_set_solver_max_iters(1000000);
 }
 
-/* cpg_solve makes a new workspace for new data and would never give the old one back. */
+/* cpg_solve allocates a new workspace for new data and does not free the old one. */
 void forget(void)
 {
     cpg_set_solver_warm_start(0);

@@ -1,4 +1,4 @@
-/* What the timed loop and Python ask of an embedded solver, which keeps its problem in memory of its own:
+/* The functions of an embedded solver, which keeps its problem in static memory:
  *
  *     minimise 1/2 x'P x + q'x   subject to   lb <= x <= ub
  *
@@ -14,13 +14,13 @@
 void embedded_setup(const double *lb, const double *ub, const double *settings);
 /* Take P (D x D, row by row, symmetric) and q (D). */
 void embedded_update(const double *P, const double *q);
-/* Solve, from `start` (D) or cold where that is NULL; 0 where the solver itself says solved. */
+/* Solve, from `start` (D) or cold if that is NULL; 0 if the solver reports success. */
 int embedded_solve(const double *start);
 /* Copy the last answer x (D). */
 void embedded_answer(double *x);
 /* Copy its multipliers z (D) of the bounds, P x + q + z = 0. */
 void embedded_multipliers(double *z);
-/* The last solve in the solver's own words. */
+/* The status of the last solve in the solver's own words. */
 const char *embedded_status(void);
 int embedded_iterations(void);
 

@@ -1,4 +1,4 @@
-/* The files that OSQP writes (workspace.h has its solver), with the functions of embedded.h. */
+/* The functions of embedded.h by the files that OSQP writes; workspace.h has its solver. */
 #include <math.h>
 #include <string.h>
 #include "osqp.h"

@@ -3,8 +3,8 @@
 Source: G. Banjac, B. Stellato, N. Moehle, P. Goulart, A. Bemporad, S. Boyd, "Embedded code generation using the OSQP
 solver", IEEE Conference on Decision and Control (2017).
 
-Timed: ``update`` brings in the upper triangle of P and q, scales and factorises; ``solve`` iterates, cold from zero.
-The penalty ρ that a solve has adapted stays for the next, as the library means it. Its adaptation is counted in steps.
+Timed: ``update`` copies the upper triangle of P and q, scales and factorises; ``solve`` iterates, cold from zero. The
+adapted penalty ρ is kept for the next solve, as the library intends. The interval of adaptation is counted in steps.
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ class Osqp(Embedded):
     warm_startable = True
 
     def generate(self, shape: Shape, folder: Path) -> Sources:
-        # Only the pattern of the numbers matters, all of them are replaced; the rows are those of bounded variables.
+        # Only the sparsity pattern matters, the numbers are replaced; the rows are those of bounded variables.
         d, rows = shape.d, list(shape.bounded)
         P = Triangle(d).matrix(np.eye(d) + 1e-3)
         solver = osqp.OSQP()

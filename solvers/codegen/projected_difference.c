@@ -1,4 +1,4 @@
-/* solvers/core/descent.h in static memory, with the functions of embedded.h. */
+/* The functions of embedded.h by solvers/core/descent.h, in static memory. */
 #include "descent.h"
 #include "embedded.h"
 #include "product.h"

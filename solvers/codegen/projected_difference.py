@@ -2,8 +2,8 @@
 
     w(k+1) = Proj(w(k) − η (P w(k) + q)),    η = step_ratio · 2/λ_max(P)
 
-The files that Python races, ``solvers/core/descent.h``, in static memory: λ_max, which is part of ``update``, comes
-from the same lines. Timed in ``solve``: ``steps`` steps from 0, or from ``warm_start``.
+The sources of the lane kernel, ``solvers/core/descent.h``, in static memory. Timed: ``update`` computes λ_max,
+``solve`` runs ``steps`` steps from 0 or from ``warm_start``.
 """
 
 from types import MappingProxyType
@@ -24,6 +24,4 @@ class ProjectedDifference(OurOwn):
     parameters = MappingProxyType({"steps": 15200.0, "step_ratio": 0.5})
     ladder = kernel.ProjectedDifference.ladder
     core = ("descent", "eigenvalue")
-
-    def memory(self, d: int) -> int:
-        return int(bindings.descent_bytes(d))
+    state_bytes = bindings.descent_bytes

@@ -1,4 +1,4 @@
-/* The files that QOCOGEN writes, with the functions of embedded.h. */
+/* The functions of embedded.h by the files that QOCOGEN writes. */
 #include <string.h>
 #include "qoco_custom.h"
 #include "embedded.h"

@@ -26,7 +26,7 @@ class Qocogen(Embedded):
     library = generator("interior point", "BSD-3-Clause", "qocogen")
 
     def generate(self, shape: Shape, folder: Path) -> Sources:
-        # Only the pattern of the numbers matters: P, q and h are replaced.
+        # Only the sparsity pattern matters: P, q and h are replaced.
         d, rows = shape.d, len(shape.below) + len(shape.above)
         G = csc_matrix(np.vstack([-np.eye(d)[list(shape.below)], np.eye(d)[list(shape.above)]]))
         with contextlib.redirect_stdout(io.StringIO()):

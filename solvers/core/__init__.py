@@ -1,11 +1,10 @@
 """The solvers' arithmetic in C99, and the extension module through which Python calls it.
 
-The headers of this folder say what each function does, README.md how the whole is built and extended. ``bindings`` is
-the extension module for the best instruction set that this processor has; PIEZOBENCH_ISA=v2 (v3, v4) asks for another,
-for tests and figures.
+The headers of this folder document the functions, README.md how the core is built and extended. ``bindings`` is the
+extension module for the best instruction set of this processor; PIEZOBENCH_ISA=v2 (v3, v4) selects another, for tests
+and measurements.
 """
 
-import importlib.machinery
 import importlib.util
 import os
 from collections.abc import Mapping
@@ -30,7 +29,7 @@ REASONS = {
     BREAKDOWN: "P is too close to indefinite even with the proximal term",
     CAPPED: "the limit of exchanges was met before the optimum",
 }
-"""The statuses of status.h that are not OK, as sentences."""
+"""Sentences for the statuses of status.h other than OK."""
 
 
 def load(package: Path, level: int | None = None) -> ModuleType:
@@ -41,25 +40,24 @@ def load(package: Path, level: int | None = None) -> ModuleType:
     package : Path
         Folder of the package.
     level : int, optional
-        Level of x86-64 that the processor has; by default the module itself is asked.
+        x86-64 level of the processor; by default the module itself determines it.
 
     Raises
     ------
     ImportError
-        It is not built, it is built from other sources than those beside it, or PIEZOBENCH_ISA asks for what is not
-        here.
+        It is not built, it was built from other sources, or PIEZOBENCH_ISA selects an instruction set that is missing.
     """
     best = instruction_sets()[0]
     module = _open(package, best)
     if level is None:
         level = module.processor_level()
     if best != "native":
-        asked = os.environ.get("PIEZOBENCH_ISA") or f"v{level}"
-        if asked not in instruction_sets() or level < int(asked[1:]):
+        selected = os.environ.get("PIEZOBENCH_ISA") or f"v{level}"
+        if selected not in instruction_sets() or level < int(selected[1:]):
             raise ImportError(
-                f"the instruction set {asked} is not one of {', '.join(instruction_sets())} that this processor has"
+                f"the instruction set {selected} is not one of {', '.join(instruction_sets())} that this processor has"
             )
-        module = module if asked == best else _open(package, asked)
+        module = module if selected == best else _open(package, selected)
     if module.sources != digest(package):
         raise ImportError(
             f"the C sources in {package.name}/core have changed since their library was built: run make core"
@@ -71,12 +69,11 @@ def _open(package: Path, instructions: str) -> ModuleType:
     path = library(package, instructions)
     if not path.exists():
         raise ImportError(f"the C core of {package.name} is not built: run make core")
-    name = f"{package.name}.core._core"
-    loader = importlib.machinery.ExtensionFileLoader(name, str(path))
-    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    spec = importlib.util.spec_from_file_location(f"{package.name}.core._core", path)
     assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    loader.exec_module(module)
+    spec.loader.exec_module(module)
     return module
 
 
@@ -86,18 +83,17 @@ def padded(size: int) -> int:
 
 
 def block(size: int) -> NDArray[np.uint8]:
-    """So many zero bytes from a cache line on: the memory of a state, whose bytes are all there is to save and
-    restore."""
+    """Zero bytes that begin on a cache line: the memory of a state, which is saved and restored by its bytes."""
     raw = np.zeros(size + 64, dtype=np.uint8)
     skip = -raw.ctypes.data % 64
     return raw[skip : skip + size]
 
 
 def parts(state: NDArray[np.uint8], places: Mapping[str, tuple[int, int]]) -> dict[str, NDArray[np.float64]]:
-    """Views of the parts of a state by name: where each begins, in bytes, and its length in numbers of eight bytes."""
+    """Views of the parts of a state by name; ``places`` has the offset of each in bytes and its length in doubles."""
     return {name: state[at : at + 8 * length].view(np.float64) for name, (at, length) in places.items()}
 
 
 bindings: Any = load(Path(__file__).parents[1])
 BUILT_WITH = f"{bindings.compiler}, {bindings.instructions}"
-"""Compiler and instruction set, which figures depend on and answers do not."""
+"""Compiler and instruction set; times depend on them, answers do not."""

@@ -3,18 +3,16 @@
  *     w(k+1) = clip(y(k) - eta (P y(k) + q)),    y(k+1) = w(k+1) + beta(k) (w(k+1) - w(k)),    eta = 1/lambda_max(P),
  *     beta(k) = (t(k) - 1)/t(k+1),    t(k+1) = (1 + sqrt(1 + 4 t(k)^2))/2,    t(0) = 1
  *
- * (Nesterov, Soviet Math. Dokl. 27 (1983) 372; Beck & Teboulle, SIAM J. Imaging Sci. 2 (2009) 183). The momentum is
- * right for a problem of unknown convexity only at the start; later it overshoots. So t goes back to 1 and y to w
- * whenever momentum and gradient disagree, (y(k) - w(k+1))'(w(k+1) - w(k)) > 0 (O'Donoghue & Candes, Found. Comput.
- * Math. 15 (2015) 715), and the rate becomes linear with the root of the condition number of P_FF instead of the
- * condition number: with a unit diagonal of P some hundred steps to a relative cost gap of 1e-9 where the plain
- * recursion takes thousands.
+ * (Nesterov, Soviet Math. Dokl. 27 (1983) 372; Beck & Teboulle, SIAM J. Imaging Sci. 2 (2009) 183). This momentum
+ * ignores the strong convexity of the problem and later overshoots. So t is reset to 1 and y to w whenever momentum and
+ * gradient disagree, (y(k) - w(k+1))'(w(k+1) - w(k)) > 0 (O'Donoghue & Candes, Found. Comput. Math. 15 (2015) 715), and
+ * the rate becomes linear with the root of the condition number of P_FF instead of the condition number: with a unit
+ * diagonal of P some hundred steps to a relative cost gap of 1e-9 where the plain recursion takes thousands.
  */
 #include "descent.h"
 #include "product.h"
 
-/* It ends where the projected gradient (y - w)/eta is no longer than tolerance times max(|q|, |P w(0) + q|), 2-norms.
- */
+/* It ends when the projected gradient (y - w)/eta is at most tolerance max(|q|, |P w(0) + q|), 2-norms. */
 int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;

@@ -1,23 +1,22 @@
-/* One block of memory divided into vectors and matrices, the same way every time: a state is its bytes and has no
- * pointers.
+/* A block of memory divided into vectors and matrices: a state, which consists of its bytes and has no pointers.
  *
- * A struct of the core is a set of names for the parts of such a block. It is made on the stack by the functions that
- * end in _at, which do a few additions, none where d is a constant.
+ * A struct of the core names the parts of such a block. The functions that end in _at make it on the stack by a few
+ * additions, by none if d is a constant.
  */
 #ifndef CORE_ARENA_H
 #define CORE_ARENA_H
 
 #include "vec8.h"
 
-enum { HEAD_BYTES = 128 }; /* what a state begins with; vectors are on cache lines where the state is */
+enum { HEAD_BYTES = 128 }; /* size of the head of a state; vectors begin on cache lines if the state does */
 
-/* Every state begins so: what it is, its number of variables and its size in bytes. */
+/* The beginning of every head: kind of the state, number of variables and size in bytes. */
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
 } StateHead;
 
-/* Make a block such a state, of zeros. */
+/* Make a block a state of this kind, all zeros. */
 CORE_INLINE void new_state(void *memory, int32_t kind, int d, int64_t bytes)
 {
     const StateHead head = {kind, d, bytes};
@@ -38,7 +37,7 @@ CORE_INLINE real *reals(Arena *arena, int rows, int columns)
     return first;
 }
 
-/* A vector or matrix of a state: what is to point at it, and how many numbers it has. */
+/* A vector or matrix of a state: the pointer to set, and the number of entries. */
 typedef struct {
     real **first;
     int count;
@@ -53,10 +52,10 @@ CORE_INLINE void lay_out(Arena *arena, const Extent *extents, size_t count)
     }
 }
 
-/* What so many bytes take where the next part begins on a cache line. */
+/* Bytes rounded up to whole cache lines. */
 CORE_INLINE int64_t arena_bytes(int64_t bytes) { return (bytes + 63) / 64 * 64; }
 
-/* Whole numbers, as many bytes as so many reals, so that what follows stays on its cache line. */
+/* Integers, padded so that the next part begins on a cache line. */
 CORE_INLINE int32_t *integers(Arena *arena, int count)
 {
     int32_t *const first = (int32_t *)(void *)arena->at;

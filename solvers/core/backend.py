@@ -1,5 +1,4 @@
-"""The PEP 517 backend: setuptools with the C cores, and with the package ziglang where the machine has no C
-compiler."""
+"""The PEP 517 backend: setuptools with the C cores, and with the package ziglang on a machine without a C compiler."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ class BuildCore(build_ext):
     """``build_ext`` that compiles the cores, in place for an editable install."""
 
     def run(self) -> None:
-        """Compile what is not up to date."""
+        """Compile the cores that are not up to date."""
         for package in compile_core.PACKAGES:
             if not compile_core.up_to_date(package):
                 compile_core.build(package, package / "core")
@@ -53,7 +52,7 @@ def _compiler() -> list[str]:
 
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """What setuptools wants, and a compiler where there is none."""
+    """The requirements of setuptools, and a compiler if there is none."""
     return [*build_meta.get_requires_for_build_wheel(config_settings), *_compiler()]
 
 

@@ -5,7 +5,7 @@
 /* Set Python's error. */
 #define FAIL(a, exception, ...) (a)->failed = PyErr_Format(exception, __VA_ARGS__) == NULL
 
-/* A size as the signature has it, which *at then stands behind; -1 where a letter has met nothing yet. */
+/* Parse a size of the signature and move *at behind it; -1 if a letter has no value yet. */
 static int64_t size_in(const Arguments *a, const char **at)
 {
     int64_t size = **at >= 'a';
@@ -50,7 +50,7 @@ static const char *take_whole(Arguments *a, PyObject *given, Value *value, const
     return at;
 }
 
-/* The buffer of an argument, if it holds one of `types` in so many bytes each. */
+/* The buffer of an argument, whose entries must have one of `types` and this size. */
 static const Py_buffer *take_buffer(Arguments *a, PyObject *given, int flags, const char *types, Py_ssize_t itemsize)
 {
     Py_buffer *const view = &a->views[a->taken - 1];

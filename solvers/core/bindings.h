@@ -1,11 +1,10 @@
-/* A function that Python calls, and its arguments: a line of a table says what they are, and one function takes them
- * all.
+/* Functions that Python calls: a line of a table declares the arguments of each, and one function parses them all.
  *
  * BINDINGS(F) lists the functions of a file, each as
  *
- *     F(name, "arguments", "what help() says of it", whether it lasts, call)
+ *     F(name, "arguments", "text of help()", whether it takes long, call)
  *
- * and MAKE_BINDINGS(file) makes them of it. Arguments are names, separated by ", ", with what each has to be:
+ * and MAKE_BINDINGS(file) defines them. Arguments are names, separated by ", ", each with its type:
  *
  *     name           a number
  *     name#0:9       a whole number from 0 to 9; either bound may be missing
@@ -14,11 +13,11 @@
  *     name[n]=       one to write to, name[n]? one or None
  *     name@BOX1      a state of the kind 'BOX1'; name@ any block of bytes
  *
- * A size is a number or a letter, dd a product, d+1 a sum. A letter stands for what it met first; a state of a kind
- * gives those of `measure_state` their values, and NEED_SIZE checks what only C can tell. The first argument that does
- * not fit sets Python's error. The call refers to the arguments by their number, the first is 0, and what it puts into
- * WHOLE_RESULT or NUMBER_RESULT is returned, else 0; a Python object may be OBJECT_RESULT. Where the expression `lasts`
- * is not 0, the interpreter may run other threads meanwhile: for what takes longer than some microseconds.
+ * A size is a number or a letter, dd a product, d+1 a sum. The first array with a letter determines its value; a state
+ * of a kind sets those of `measure_state`, and NEED_SIZE checks sizes that depend on other data. The first argument
+ * that does not fit sets Python's error. The call refers to the arguments by number, from 0, and returns WHOLE_RESULT,
+ * NUMBER_RESULT or the Python object OBJECT_RESULT; 0 if it sets none. If the expression `lasts` is not 0, other
+ * threads of the interpreter may run meanwhile: for calls that take longer than some microseconds.
  */
 #ifndef CORE_BINDINGS_H
 #define CORE_BINDINGS_H
@@ -47,26 +46,26 @@ typedef struct {
     Py_buffer views[MOST_ARGUMENTS];
 } Arguments;
 
-/* A part of a state that Python has a view of: where it begins and how many numbers of eight bytes it has. */
+/* A part of a state that Python views: its beginning, and its length in numbers of eight bytes. */
 typedef struct {
     const char *name;
     const void *first;
     Py_ssize_t length;
 } Part;
 
-/* The signature is name(arguments), of which the arguments begin at a place. */
+/* Parse the arguments by the signature name(arguments), which begin at `place`; whether all fit. */
 int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count);
-/* Set the sizes that a state gives; each package has its own (module.c). */
+/* Set the sizes that a state determines; each package has its own (module.c). */
 void measure_state(Arguments *a, const void *state);
-/* Fail for a reason that the function itself finds; only where `lasts` is 0, since it sets Python's error. */
+/* Fail for a reason that the function itself finds; only if `lasts` is 0, since it sets Python's error. */
 void refuse(Arguments *a, const char *why);
-/* Fail where a block has fewer bytes; whether it does. */
+/* Fail if a block has fewer bytes; whether it does. */
 int need_bytes(Arguments *a, int argument, int64_t bytes);
-/* Fail where a size is not what it should be; whether it is not. */
+/* Fail if a size is wrong; whether it is. */
 int need_size(Arguments *a, int64_t size, int64_t wanted);
-/* Return a dictionary of where each part of a state stands, in bytes from its beginning, and its length. */
+/* Return a dictionary of the parts of a state: offset in bytes, and length. */
 void return_parts(Arguments *a, const void *state, const Part *parts, size_t count);
-/* Give the arrays back; the result, or NULL with Python's error where an argument did not fit. */
+/* Release the arrays; the result, or NULL with Python's error if an argument did not fit. */
 PyObject *finish(Arguments *a);
 
 #define NUMBER(i) a.values[i].number

@@ -3,11 +3,11 @@
 #include "clock.h"
 #include "bindings_timed.h"
 
-enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than giving the interpreter away and back */
+enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than releasing the interpreter's lock */
 
 #define BOX ((Box[]){box_at(MEMORY(0))})
 
-/* Where what Python looks at begins; three counts begin at the exchanges. */
+/* The parts that Python reads; three counters begin at the exchanges. */
 static void places(Arguments *a, const Box *s)
 {
     const Part parts[] = {{"answer", s->answer, s->d},
@@ -23,11 +23,7 @@ static void places(Arguments *a, const Box *s)
     RETURN_PARTS(s->head, parts);
 }
 
-static int update(void *solver, const double *P, const double *q)
-{
-    const int status = P != NULL ? box_set_hessian(solver, P) : OK;
-    return status == OK && q != NULL ? box_set_linear(solver, q) : status;
-}
+static int update(void *solver, const double *P, const double *q) { return box_set_data(solver, P, q); }
 
 static int solve_from(Box *s, const double *start, double *x, int warm)
 {
@@ -43,7 +39,7 @@ static int solve_from(Box *s, const double *start, double *x, int warm)
 static int solve_cold(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 0); }
 static int solve_warm(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 1); }
 
-/* B programs of d variables, and from each its minimiser and how it ended. */
+/* B programs of d variables, their minimisers and statuses. */
 typedef struct {
     int d;
     const double *P, *q, *lb, *ub;
@@ -73,7 +69,7 @@ static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, c
     }
 }
 
-/* Steps that wait for the clock: what they take longer than they last is the machine's. */
+/* Steps that wait for the clock; their excess over `lasting` is due to the machine. */
 static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
 {
     for (int64_t k = 0; k < steps; ++k) {
@@ -86,11 +82,11 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
 
 #define BINDINGS(F)                                                                                                    \
     F(box_bytes, "d#0:10000", "size of the state of the exact solver.", 0, WHOLE_RESULT = box_bytes(INT(0)))           \
-    F(box_places, "state@BOX1", "where its vectors and counts stand.", 0, places(&a, BOX))                             \
+    F(box_places, "state@BOX1", "offsets of its vectors and counters.", 0, places(&a, BOX))                            \
     F(box_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, box_bytes(SIZE(d))),         \
       WHOLE_RESULT = box_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                                \
-    F(box_set_data, "state@BOX1, P[d,d]?, q[d]?", "new data, None for what stays; a status.", SIZE(d) >= LONG_FROM,    \
-      WHOLE_RESULT = update(BOX, REALS(1), REALS(2)))                                                                  \
+    F(box_set_data, "state@BOX1, P[d,d]?, q[d]?", "new data, None for data that stay; a status.",                      \
+      SIZE(d) >= LONG_FROM, WHOLE_RESULT = box_set_data(BOX, REALS(1), REALS(2)))                                      \
     F(box_start, "state@BOX1, x[d]", "begin a warm solve at x; a status.", 0, WHOLE_RESULT = box_start(BOX, REALS(1))) \
     F(box_solve, "state@BOX1, warm#0:1", "solve; a status.", SIZE(d) >= LONG_FROM,                                     \
       WHOLE_RESULT = box_solve(BOX, INT(1)))                                                                           \

@@ -13,7 +13,7 @@ typedef struct {
     int scaled;
     int64_t steps;
     double tolerance;
-    int goes_on; /* from where the last steps ended, or from the point that is given */
+    int goes_on; /* whether to continue from the last iterate instead of the given start */
 } TimedProjectedGradient;
 
 static int update(void *solver, const double *P, const double *q)
@@ -36,31 +36,35 @@ static int solve(void *solver, const double *start, double *x)
     return OK;
 }
 
-/* Where the vectors that Python looks at begin. */
+/* Where the parts that Python reads begin. */
 static void places(Arguments *a, const ProjectedGradient *s)
 {
-    const Part parts[] = {{"w", s->w, s->d}, {"D", s->D, s->d}, {"answer", s->answer, s->d}};
+    const Part parts[] = {{"answer", s->answer, s->d},
+                          {"eta", &s->head->eta, 1},
+                          {"taken", &s->head->taken, 1},
+                          {"met", &s->head->met, 1}};
     RETURN_PARTS(s->head, parts);
 }
 
 #define TIMED_METHOD "state@DSC1, ratio, scaled#0:1, steps#0:, tolerance, " TIMED
 #define BINDINGS(F)                                                                                                    \
     F(descent_bytes, "d#0:10000", "size of the state of a gradient method.", 0, WHOLE_RESULT = descent_bytes(INT(0)))  \
-    F(descent_places, "state@DSC1", "where its vectors stand.", 0, places(&a, DESCENT))                                \
+    F(descent_places, "state@DSC1", "offsets of its parts.", 0, places(&a, DESCENT))                                   \
     F(descent_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, descent_bytes(SIZE(d))), \
       WHOLE_RESULT = descent_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                            \
-    F(descent_set_data, "state@DSC1, P[d,d]?, q[d]?, ratio, scaled#0:1", "new data, None for what stays; a status.",   \
-      0, WHOLE_RESULT = descent_set_data(DESCENT, REALS(1), REALS(2), NUMBER(3), INT(4)))                              \
+    F(descent_set_data, "state@DSC1, P[d,d]?, q[d]?, ratio, scaled#0:1",                                               \
+      "new data, None for data that stay; a status.", 0,                                                               \
+      WHOLE_RESULT = descent_set_data(DESCENT, REALS(1), REALS(2), NUMBER(3), INT(4)))                                 \
     F(descent_start, "state@DSC1, x[d]?", "begin at x, at 0 for None.", 0, descent_start(DESCENT, REALS(1)))           \
     F(descent_answer, "state@DSC1", "write the answer.", 0, descent_answer(DESCENT))                                   \
-    F(projected_steps, "state@DSC1, steps#0:, tolerance", "how many were taken.", WHOLE(1) > 100,                      \
+    F(projected_steps, "state@DSC1, steps#0:, tolerance", "take steps; their number.", WHOLE(1) > 100,                 \
       WHOLE_RESULT = projected_steps(DESCENT, WHOLE(1), NUMBER(2)))                                                    \
-    F(accelerated_steps, "state@DSC1, steps#0:, tolerance", "how many were taken.", WHOLE(1) > 100,                    \
+    F(accelerated_steps, "state@DSC1, steps#0:, tolerance", "take steps; their number.", WHOLE(1) > 100,               \
       WHOLE_RESULT = accelerated_steps(DESCENT, WHOLE(1), NUMBER(2)))                                                  \
     F(time_projected, TIMED_METHOD, "as time_box.", 1,                                                                 \
       WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(projected_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4), 0)))           \
     F(time_accelerated, TIMED_METHOD, "as time_box.", 1,                                                               \
       WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(accelerated_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4), 0)))         \
-    F(projected_follow, "state@DSC1, ratio, steps#0:, " FOLLOWED, "so many steps after each row, as box_follow.", 1,   \
+    F(projected_follow, "state@DSC1, ratio, steps#0:, " FOLLOWED, "run the steps after each row, as box_follow.", 1,   \
       WHOLE_RESULT = FOLLOWED_BY(3, TIMED_DESCENT(projected_steps, NUMBER(1), 0, WHOLE(2), -1, 1), NULL))
 MAKE_BINDINGS(descent)

@@ -5,7 +5,7 @@
 
 #define RECURSIVE ((Recursive[]){recursive_at(MEMORY(0))})
 
-/* Where the parts that Python looks at begin; three counts begin at the exchanges. */
+/* The parts that Python reads; three counters begin at the exchanges. */
 static void places(Arguments *a, const Recursive *s)
 {
     const Part parts[] = {{"answer", s->answer, s->d},
@@ -23,7 +23,7 @@ static void places(Arguments *a, const Recursive *s)
     RETURN_PARTS(s->head, parts);
 }
 
-/* A status, with the answer written. */
+/* The status, after the answer is written. */
 static int answered(Recursive *s, int status)
 {
     recursive_answer(s);
@@ -52,7 +52,7 @@ static int take_rows(Recursive *s, int64_t count, const double *rows, double *an
     return status;
 }
 
-/* It starts anew from P and q, which includes finding the optimum, so that all of it is the solve. */
+/* It starts again from P and q, which includes finding the optimum, so all of it is timed as the solve. */
 typedef struct {
     Recursive *s;
     const double *P, *q;
@@ -80,7 +80,7 @@ static int solve(void *solver, const double *start, double *x)
 #define BINDINGS(F)                                                                                                    \
     F(recursive_bytes, "d#0:10000", "size of the state of the recursive solver.", 0,                                   \
       WHOLE_RESULT = recursive_bytes(INT(0)))                                                                          \
-    F(recursive_places, "state@SWP1", "where its vectors stand.", 0, places(&a, RECURSIVE))                            \
+    F(recursive_places, "state@SWP1", "offsets of its parts.", 0, places(&a, RECURSIVE))                               \
     F(recursive_setup, "state@, lb[d], ub[d], forgetting, row_weight, proximal", "make a block a state; a status.",    \
       NEED_BYTES(0, recursive_bytes(SIZE(d))),                                                                         \
       WHOLE_RESULT = recursive_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2), NUMBER(3), NUMBER(4), NUMBER(5)))         \
@@ -89,13 +89,12 @@ static int solve(void *solver, const double *start, double *x)
     F(recursive_append, "state@SWP1, row[d+1]", "take a row (xi, x) and answer; a status.", 0,                         \
       Recursive *const s = RECURSIVE;                                                                                  \
       WHOLE_RESULT = answered(s, recursive_append(s, REALS(1))))                                                       \
-    F(recursive_append_rows,                                                                                           \
-      "state@SWP1, rows[n,d+1], answers[n,d]=, nanoseconds[n]q=", "take rows and recover where it must be; a status.", \
-      LENGTH(n) > 1, WHOLE_RESULT = take_rows(RECURSIVE, LENGTH(n), REALS(1), REALS(2), WHOLES(3)))                    \
-    F(recursive_recover, "state@SWP1", "begin anew from the data so far; a status.", 0,                                \
-      Recursive *const s = RECURSIVE;                                                                                  \
+    F(recursive_append_rows, "state@SWP1, rows[n,d+1], answers[n,d]=, nanoseconds[n]q=",                               \
+      "append rows; solve from scratch after a breakdown. A status.", LENGTH(n) > 1,                                   \
+      WHOLE_RESULT = take_rows(RECURSIVE, LENGTH(n), REALS(1), REALS(2), WHOLES(3)))                                   \
+    F(recursive_recover, "state@SWP1", "start again from all data; a status.", 0, Recursive *const s = RECURSIVE;      \
       WHOLE_RESULT = answered(s, recursive_recover(s)))                                                                \
-    F(recursive_refresh, "state@SWP1", "make the swept matrix anew; a status.", 0, Recursive *const s = RECURSIVE;     \
+    F(recursive_refresh, "state@SWP1", "recompute the swept matrix; a status.", 0, Recursive *const s = RECURSIVE;     \
       WHOLE_RESULT = answered(s, recursive_refresh(s)))                                                                \
     F(recursive_error, "state@SWP1", "largest violation of the optimality conditions.", 0,                             \
       NUMBER_RESULT = recursive_error(RECURSIVE))                                                                      \

@@ -1,4 +1,4 @@
-/* The arguments of the timed loops, which are the last ones of every function that times a solver. */
+/* The timed loops and their arguments, which are the last ones of every function that times a solver. */
 #ifndef CORE_BINDINGS_TIMED_H
 #define CORE_BINDINGS_TIMED_H
 
@@ -8,19 +8,19 @@
 
 #include <string.h>
 
-/* time_calls on a solver of d variables with these arguments, the first of which has number i; the last status. */
+/* time_calls on a solver of d variables with these arguments, which begin at number i; the last status. */
 #define TIMED "q[n,d], P[n,dd], start[d]?, most_ns#0:, updates[n]q=, solves[n]q=, answers[n,d]=, made[1]q="
 #define TIMED_BY(i, solver)                                                                                            \
     time_calls(solver, LENGTH(n), REALS(i + 1), REALS(i), REALS(i + 2), WHOLE(i + 3), WHOLES(i + 4), WHOLES(i + 5),    \
                REALS(i + 6), WHOLES(i + 7))
-/* follow_rows in the same way; `last` as it takes it. */
+/* follow_rows in the same way. */
 #define FOLLOWED "P[d,d]=, q[d]=, rows[n,d+1], forgetting, answers[n,d]=, nanoseconds[n]q="
 #define FOLLOWED_BY(i, solver, last)                                                                                   \
     follow_rows(solver, LENGTH(n), REALS(i), REALS(i + 1), REALS(i + 2), NUMBER(i + 3), REALS(i + 4), WHOLES(i + 5),   \
                 last)
 
-/* Absorb rows (xi, x) into P and q, with a call after each; timed is all but the row. A solve starts where the solver
- * stands, or from `last` (d), which becomes its answer, where that is not NULL. The last status. */
+/* Absorb rows (xi, x) into P and q, update and solve after each; only update and solve are timed. A solve continues
+ * from the solver's state, or starts from `last` (d), the last answer, if that is not NULL. The last status. */
 static inline int follow_rows(const TimedSolver *solver, int64_t count, double *P, double *q, const double *rows,
                               double forgetting, double *answers, int64_t *nanoseconds, double *last)
 {
@@ -36,7 +36,7 @@ static inline int follow_rows(const TimedSolver *solver, int64_t count, double *
             status = solver->solve(solver->solver, last, answer);
         }
         nanoseconds[k] = monotonic_ns() - begin;
-        if (last != NULL && answer[0] == answer[0]) { /* NaN is no answer */
+        if (last != NULL && answer[0] == answer[0]) { /* NaN: no answer */
             memcpy(last, answer, (size_t)d * sizeof(double));
         }
     }

@@ -3,8 +3,8 @@
  * box_data.c takes the data, scaled: x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2). That is
  * exact, so lb, ub and the answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling
  * within a factor of two of unit diagonal is within a factor of two (and d) of the best condition number a diagonal can
- * give (van der Sluis, Numer. Math. 14 (1969) 14). box_inverse.c inverts them, box_dual.c is the dual active set method
- * on the inverse, and box_proximal.c the rule for a singular P. A cold answer is a function of the data alone.
+ * give (van der Sluis, Numer. Math. 14 (1969) 14). box_inverse.c inverts the scaled P, box_dual.c is the dual active
+ * set method on the inverse, and box_proximal.c treats singular P. A cold answer depends on the data alone.
  */
 #ifndef CORE_BOX_H
 #define CORE_BOX_H
@@ -13,7 +13,7 @@
 #include "status.h"
 
 enum { BOX_KIND = 0x424f5831 };
-enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* where a variable is */
+enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* sides of a variable */
 
 /* Head of the state. */
 typedef struct {
@@ -24,23 +24,23 @@ typedef struct {
     int32_t exchanges, refinements, proximal_steps; /* of the last solve */
 } BoxHead;
 
-/* Names for the parts of the state; vectors have ld numbers, zero from d on. */
+/* The parts of the state; vectors have ld entries, zero from d on. */
 typedef struct {
     BoxHead *head;
     int d, ld;
     real *answer, *scale, *q, *lo, *hi; /* answer in x, the rest in z */
-    real *raw_q, *lb, *ub;              /* as the caller gave them */
+    real *raw_q, *lb, *ub;              /* unscaled */
     real *x, *g;                        /* z and its gradient q + P z */
-    /* Of box_dual.c: the basic quantity of each variable and the interval in which it is feasible; the bound of what is
-     * held and 0 elsewhere; 1 where free and 0 elsewhere; 1 or the unit of a multiplier; W_jj, 1/|W_jj| and the gain of
-     * an exchange. */
+    /* Of box_dual.c: the basic quantity of each variable and its feasible interval; the bound of a held variable, else
+     * 0; 1 for a free variable, else 0; the unit of a multiplier, else 1; W_jj, 1/|W_jj| and the gain of an exchange.
+     */
     real *basic, *low, *high, *held, *is_free, *unit, *diagonal, *weight, *gain;
     real *multiplier;       /* on the way to the next dual feasible set */
     real *factor, *share;   /* 2 ld numbers, one an exchange: 1/p, and the part of a column in a product */
     real *residual, *step;  /* g_F and P_FF^-1 g_F of a refinement */
     real *inverse_diagonal; /* of M */
     real *linear, *centre;  /* q - delta c and c of box_proximal.c */
-    real *zero, *v, *w;     /* zeros; two irregular vectors, by which symmetry is seen */
+    real *zero, *v, *w;     /* zeros; two irregular vectors, by which symmetry is checked */
     real *pair;             /* 5 rows of a pass of sweeps */
     int32_t *side;
     real *P, *M, *U; /* S P S by rows; -P^-1, or P swept on some; 2 ld columns of exchanged variables */
@@ -51,48 +51,45 @@ CORE_API Box box_at(void *memory);
 
 /* Make a block of box_bytes(d) bytes a state of d variables with the bounds lb, ub (d); OK, NOT_FINITE or CROSSED. */
 CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
-/* Take other bounds, before other data; OK, NOT_FINITE or CROSSED. */
-CORE_API int box_set_bounds(Box *s, const real *lb, const real *ub);
-/* Take P (d, d) or q (d); OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
-CORE_API int box_set_hessian(Box *s, const real *P);
-CORE_API int box_set_linear(Box *s, const real *q);
-/* Begin a warm solve at x (d): at a bound what touches it, else free; OK or NOT_FINITE. */
+/* Set P (d, d) and q (d), NULL for what stays; OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
+CORE_API int box_set_data(Box *s, const real *P, const real *q);
+/* Begin a warm solve at x (d): variables that touch a bound are held there; OK or NOT_FINITE. */
 CORE_API int box_start(Box *s, const real *x);
-/* Solve, cold from "all free", warm from the last sides or those of box_start; the answer stands in s->answer. */
+/* Solve into s->answer: cold from "all free", warm from the last sides or those of box_start. */
 CORE_API int box_solve(Box *s, int warm);
-/* Make a block a state and solve one program warm from x (d). */
+/* Make a block a state and solve one program, warm from x (d). */
 CORE_API int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub,
                             const real *x);
-/* Solve another program cold, with nothing in its answer of the one before. */
+/* Solve another program cold; the answer does not depend on the program before. */
 CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub);
 
-/* What the files of this solver ask of each other. */
+/* Functions that the files of this solver share. */
 
 /* Coefficient of the proximal term where P is singular, relative to a diagonal of P of about one. */
 #define BOX_PROXIMAL ((real)1e-11)
-/* Take P, its scale and a scaled copy, or the copy as it stands where P is NULL, and M = -P^-1; 0 where P is not
- * finite, not symmetric to rounding or not safely positive definite. */
+/* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not finite, not symmetric to
+ * rounding or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
-/* Leave the problem to box_proximal.c; OK, or INDEFINITE where P has a pivot <= 0 with the proximal term. */
+/* Switch to box_proximal.c; OK, or INDEFINITE if P has a pivot <= 0 with the proximal term. */
 CORE_API int box_regularise(Box *s);
-/* M = P with the proximal term, swept on the free variables alone, and U empty; 0 where a pivot is not positive. */
+/* M = P with the proximal term, swept on the free variables, and U empty; 0 if a pivot is not positive. */
 CORE_API int box_sweep_free(const Box *s);
 
-/* How far a solve is. */
+/* The state of a solve. */
 typedef struct {
     const real *linear; /* q, or q - delta c */
     int count;          /* columns of U */
     int exchanges;      /* since the start */
     int precise;        /* whether g needs twice the precision */
-    real slack;         /* of a multiplier whose sign is right, where W may be large */
+    real slack;         /* tolerance on the sign of a multiplier, if W may be large */
     real broken, wrong; /* the largest gain of holding a free variable, and of freeing one whose multiplier is wrong */
     real rounding;      /* eps max(|q|, |x|) */
-    real negligible, tolerated; /* gains that are none: the square of that; the same, or 0 where W may be large */
+    real negligible, tolerated; /* gains to ignore: the square of `rounding`; the same, or 0 if W may be large */
 } Search;
 
-/* Begin on -P^-1 at "all free" or, warm, at the sides as they are. */
+/* Begin on -P^-1 at "all free" or, warm, at the present sides. */
 CORE_API void box_begin(const Box *s, Search *search, int warm);
-/* Go on to the optimum for search->linear; OK, CAPPED, BREAKDOWN or ENDLESS, with x and g. */
+/* Continue to the optimum for search->linear; OK, CAPPED, BREAKDOWN or ENDLESS, with x and g. */
 CORE_API int box_dual_active_set(const Box *s, Search *search);
 /* The same for a singular P, from the start. */
 CORE_API int box_proximal_point(const Box *s, Search *search, int warm);

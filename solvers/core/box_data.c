@@ -44,6 +44,21 @@ Box box_at(void *memory)
     return s;
 }
 
+static int set_bounds(const Box *s, const real *lb, const real *ub)
+{
+    for (int j = 0; j < s->d; ++j) {
+        if (!(lb[j] == lb[j] && ub[j] == ub[j])) {
+            return NOT_FINITE;
+        }
+        if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
+            return CROSSED;
+        }
+        s->lb[j] = lb[j];
+        s->ub[j] = ub[j];
+    }
+    return OK;
+}
+
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
     real v = (real)0.618033988749895;
@@ -68,22 +83,7 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
         memset(last, 0, (size_t)s.ld * sizeof(real));
         last[d] = 1;
     }
-    return box_set_bounds(&s, lb, ub);
-}
-
-int box_set_bounds(Box *s, const real *lb, const real *ub)
-{
-    for (int j = 0; j < s->d; ++j) {
-        if (!(lb[j] == lb[j] && ub[j] == ub[j])) {
-            return NOT_FINITE;
-        }
-        if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
-            return CROSSED;
-        }
-        s->lb[j] = lb[j];
-        s->ub[j] = ub[j];
-    }
-    return OK;
+    return set_bounds(&s, lb, ub);
 }
 
 /* q and the bounds in the scaled variables. */
@@ -110,7 +110,7 @@ static real exact_root_scale(real v)
     return factor * lanes[0];
 }
 
-/* The symmetric part of S P S for a P of which nothing is known. */
+/* The symmetric part of S P S for an unchecked P. */
 static int copy_checked(Box *s, const real *P)
 {
     for (int j = 0; j < s->d; ++j) {
@@ -120,7 +120,7 @@ static int copy_checked(Box *s, const real *P)
     return scaled_symmetric(P, s->d, s->ld, s->scale, s->P);
 }
 
-int box_set_hessian(Box *s, const real *P)
+static int set_hessian(Box *s, const real *P)
 {
     int status = OK;
     s->head->singular = 0;
@@ -134,7 +134,7 @@ int box_set_hessian(Box *s, const real *P)
     return status;
 }
 
-int box_set_linear(Box *s, const real *q)
+static int set_linear(const Box *s, const real *q)
 {
     vec8 nothing = zeros();
     memcpy(s->raw_q, q, (size_t)s->d * sizeof(real));
@@ -144,6 +144,12 @@ int box_set_linear(Box *s, const real *q)
         store(s->q + j, mul(raw, load(s->scale + j)));
     }
     return sum8(nothing) == 0 ? OK : NOT_FINITE;
+}
+
+int box_set_data(Box *s, const real *P, const real *q)
+{
+    const int status = P != NULL ? set_hessian(s, P) : OK;
+    return status == OK && q != NULL ? set_linear(s, q) : status;
 }
 
 int box_start(Box *s, const real *x)
@@ -191,16 +197,14 @@ int box_solve_from(void *memory, int d, const real *P, const real *q, const real
 {
     int status = box_setup(memory, d, lb, ub);
     Box s = box_at(memory);
-    status = status == OK ? box_set_hessian(&s, P) : status;
-    status = status == OK ? box_set_linear(&s, q) : status;
+    status = status == OK ? box_set_data(&s, P, q) : status;
     status = status == OK ? box_start(&s, x) : status;
     return status == OK ? box_solve(&s, 1) : status;
 }
 
 int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)
 {
-    int status = box_set_bounds(s, lb, ub);
-    status = status == OK ? box_set_hessian(s, P) : status;
-    status = status == OK ? box_set_linear(s, q) : status;
+    int status = set_bounds(s, lb, ub);
+    status = status == OK ? box_set_data(s, P, q) : status;
     return status == OK ? box_solve(s, 0) : status;
 }

@@ -43,9 +43,9 @@
 
 #include "product.h"
 
-enum { RENEWED_AFTER = 4 }; /* columns of U after which W is made anew where it may be large */
-enum { MOST_ROUNDS = 12 };  /* of exchanges and a refinement, within which the answer must meet the conditions */
-/* |x|/|q| from which g needs twice the precision: a plain one leaves d eps^2 (|x|/|q|)^2. */
+enum { RENEWED_AFTER = 4 }; /* columns of U after which W is recomputed if it may be large */
+enum { MOST_ROUNDS = 12 };  /* limit of rounds of exchanges and a refinement */
+/* Smallest |x|/|q| for which g needs twice the precision: otherwise an error of d eps^2 (|x|/|q|)^2 remains. */
 #define LARGE ((real)1e7)
 
 #ifdef CORE_FLOAT
@@ -54,7 +54,7 @@ enum { MOST_ROUNDS = 12 };  /* of exchanges and a refinement, within which the a
 #define SPLITTER 134217729.0
 #endif
 
-/* Keep the gain of an exchange of each of eight variables, zero where it is in its interval. */
+/* Store the gain of an exchange of each of eight variables, zero if it is in its interval. */
 CORE_INLINE void keep_gains(const Box *s, int b, vec8 basic, vec8 weight, vec8 *broken, vec8 *wrong)
 {
     const vec8 above = sub(basic, load(s->high + b)), below = sub(load(s->low + b), basic);
@@ -75,7 +75,7 @@ CORE_INLINE real largest(const real *a, int ld)
     return largest8(most);
 }
 
-/* What counts as rounding at x; whether x is so large that g needs twice the precision. */
+/* The size of rounding errors at x; whether x is so large that g needs twice the precision. */
 static int measure_rounding(const Box *s, Search *search)
 {
     const real x = largest(s->x, s->ld), q = largest(search->linear, s->ld);
@@ -109,7 +109,7 @@ static void free_all(const Box *s, Search *search)
     measure_rounding(s, search);
 }
 
-/* The variable with this gain: of the last block that has one the first. */
+/* The variable with this gain: the first in the last block that has one. */
 static int with_gain(const Box *s, real gain)
 {
     int chosen = 0;
@@ -120,7 +120,7 @@ static int with_gain(const Box *s, real gain)
     return chosen;
 }
 
-/* The interval of a variable on its side, with this slack of a multiplier. */
+/* Set the feasible interval of a variable on its side, with this tolerance on a multiplier. */
 CORE_INLINE void set_interval(const Box *s, int j, real slack)
 {
     const int side = s->side[j], is_fixed = s->lo[j] == s->hi[j];
@@ -162,7 +162,7 @@ static Exchange release(const Box *s, int j)
     return e;
 }
 
-/* Up to three blocks from b on of column j of W, and what follows from it. */
+/* Up to three blocks of column j of W, from b on, and the update of all quantities that depend on it. */
 CORE_INLINE void exchange_blocks(const Box *s, const Exchange *e, int count, int b, int blocks, vec8 *broken,
                                  vec8 *wrong)
 {
@@ -196,7 +196,7 @@ CORE_INLINE void exchange_blocks(const Box *s, const Exchange *e, int count, int
     }
 }
 
-/* Bring variable j to a side that it is not on. */
+/* Move variable j to another side. */
 static void exchange(const Box *s, Search *search, int j, int side)
 {
     const Exchange e = side == FREE ? release(s, j) : hold(s, j, side, search->slack);
@@ -234,8 +234,8 @@ void box_begin(const Box *s, Search *search, int warm)
     search->exchanges = exchanges;
 }
 
-/* The bound whose multiplier vanishes first on the way from `multiplier` to the one that it has now, and in `length`
- * where. */
+/* The bound whose multiplier vanishes first on the way from `multiplier` to its present value, and in `length` the part
+ * of the way. */
 static int first_to_vanish(const Box *s, const Search *search, real *length)
 {
     int first = -1;
@@ -251,10 +251,10 @@ static int first_to_vanish(const Box *s, const Search *search, real *length)
     return first;
 }
 
-/* The bound that is broken by the free variable j. */
+/* The bound that the free variable j violates. */
 static int broken_bound(const Box *s, int j) { return s->basic[j] > s->high[j] ? LOWER : UPPER; }
 
-/* Take the free variable j to its bound, and let bounds go until every multiplier is feasible. */
+/* Move the free variable j to its bound, and release bounds until every multiplier is feasible. */
 static void push(const Box *s, Search *search, int j)
 {
     const int column = search->count, side = broken_bound(s, j);
@@ -278,8 +278,8 @@ static void push(const Box *s, Search *search, int j)
 }
 
 /* g = q + P x to about twice the precision, then rounded once (Ogita, Rump & Oishi, SIAM J. Sci. Comput. 26 (2005)
- * 1955). What rounding takes from a product is found from the halves of its factors (Dekker, Numer. Math. 18 (1971)
- * 224). */
+ * 1955). The rounding error of a product follows from the halves of its factors (Dekker, Numer. Math. 18 (1971) 224).
+ */
 static void compensated_gradient(const Box *s, const real *linear)
 {
     const vec8 splitter = splat(SPLITTER);
@@ -337,7 +337,7 @@ static void newton_step(const Box *s, int count)
     }
 }
 
-/* Refine x, renew g and `basic` from it and the gains from these; whether g_F is zero to rounding. */
+/* Refine x, recompute g, `basic` and the gains; whether g_F is zero to rounding. */
 static int refine(const Box *s, Search *search)
 {
     const int ld = s->ld, precise = search->precise;

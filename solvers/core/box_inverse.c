@@ -8,21 +8,21 @@
  *
  *     M_NN <- M_NN - M_NK H M_KN,    M_KN <- H M_KN,    M_KK <- -H.
  *
- * On every variable, M = -P^-1. P is positive definite iff every H on the way is, and 1/lambda_min(P) <= trace P^-1,
- * which a triangular factor does not show; a P that is not safely inside both is left to box_data.c. Two pivots a pass
- * halve the loads and stores of M.
+ * Swept on all variables, M = -P^-1. P is positive definite iff every H on the way is, and 1/lambda_min(P) <= trace
+ * P^-1, which a triangular factor does not give; box_data.c treats a P that does not safely pass both tests. Two pivots
+ * per pass halve the loads and stores of M.
  *
  * Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H.
  * Goodnight, "A tutorial on the SWEEP operator", American Statistician 33 (1979) 149.
  */
 #include "box.h"
 
-enum { FEW = 24 }; /* length of a row up to which it may be a constant */
-/* Diagonal entry of P^-1, at unit diagonal of P, up to which two steps of refinement make an answer exact. */
+enum { FEW = 24 }; /* longest row whose length is a compile-time constant */
+/* Largest diagonal entry of P^-1, at unit diagonal of P, for which two steps of refinement make an answer exact. */
 #define LARGEST_INVERSE ((real)1e9)
 
-/* Scale, and S P S by rows; v'(S P S)w - w'(S P S)v. For irregular v and w that is zero to rounding where P is
- * symmetric, and NaN where a number is not finite. */
+/* Scale P and copy S P S by rows; v'(S P S)w - w'(S P S)v, which for irregular v and w is zero to rounding if P is
+ * symmetric, and NaN if an entry is not finite. */
 CORE_INLINE real copy_scaled(Box *s, const real *P, int ld)
 {
     const int d = s->d, last = ld - LANES;
@@ -49,8 +49,8 @@ CORE_INLINE real copy_scaled(Box *s, const real *P, int ld)
     return sum8(skew);
 }
 
-/* Where the part of row i begins that is swept. Of long rows that is the block of the diagonal, and what is before it
- * follows from symmetry; rows of few blocks take less time whole. */
+/* Beginning of the part of row i that is swept: the diagonal block of long rows, since the part before it follows from
+ * symmetry; short rows are faster as a whole. */
 CORE_INLINE int swept_from(int i, int ld) { return ld <= FEW ? 0 : i / LANES * LANES; }
 
 /* M_N <- M_N - M_Nk u - M'_Nm v, for two rows i, i + 1 of N; the columns M_Nk and M'_Nm are the rows x and y. */
@@ -146,7 +146,7 @@ CORE_INLINE int invert_scaled(Box *s, const real *P, int ld)
     return positive && largest8(longest) <= LARGEST_INVERSE;
 }
 
-/* The rows of few variables have a constant length. */
+/* For few variables, the length of the rows is a compile-time constant. */
 int box_invert(Box *s, const real *P)
 {
     return s->ld == 8 ? invert_scaled(s, P, 8) : s->ld == FEW ? invert_scaled(s, P, FEW) : invert_scaled(s, P, s->ld);

@@ -1,9 +1,9 @@
-/* The box problem whose P is singular, or so nearly that its inverse has no digits.
+/* Box problems whose P is singular or nearly so.
  *
- * The problem solved has the term delta |z - c|^2 / 2 more, in the scaled variables z (delta = BOX_PROXIMAL), and c
- * moves to its answer until the term is below the rounding of g. c starts at 0, or at the warm start: along directions
- * that P does not see, x stays where it was. P that has a pivot <= 0 even so is refused as indefinite; an x that walks
- * on at constant pace is taken to the next bound in its way, and where there is none the problem is unbounded.
+ * The proximal term delta |z - c|^2 / 2 is added, in the scaled variables z (delta = BOX_PROXIMAL), and c is moved to
+ * the answer until the term is below the rounding error of g. c starts at 0, or at the warm start: along directions in
+ * the null space of P, x stays where it was. If P has a pivot <= 0 even with the term, it is refused as indefinite; if
+ * x advances by constant steps, it is moved to the next bound on its way, and without one the problem is unbounded.
  *
  * Source: R. T. Rockafellar, "Monotone operators and the proximal point algorithm", SIAM J. Control Optim. 14 (1976)
  * 877.
@@ -46,7 +46,7 @@ int box_regularise(Box *s)
     return box_sweep_free(s) ? OK : INDEFINITE;
 }
 
-/* How many times the last step fits before it meets a bound. */
+/* The number of steps like the last one until x meets a bound. */
 static real steps_to_bound(const Box *s, real negligible)
 {
     real steps = REAL_INFINITY;
@@ -90,8 +90,7 @@ int box_proximal_point(const Box *s, Search *search, int warm)
             const real moved = MAGNITUDE(s->x[j] - s->centre[j]);
             length = moved > length ? moved : length;
         }
-        if (BOX_PROXIMAL * length
-            <= (real)s->d * search->rounding / 2) { /* the residual that is asked of g_F everywhere */
+        if (BOX_PROXIMAL * length <= (real)s->d * search->rounding / 2) { /* the tolerance on g_F of box_dual.c */
             return OK;
         }
         if ((real)0.99 * last < length && length < (real)1.01 * last

@@ -14,7 +14,7 @@ int64_t monotonic_ns(void)
 #include <windows.h>
 #include "clock.h"
 
-/* In steps of 100 ns on most machines, so that single short solves are rounded to that. */
+/* Its resolution is 100 ns on most machines. */
 int64_t monotonic_ns(void)
 {
     LARGE_INTEGER now, frequency;

@@ -19,13 +19,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 CORES = ("solvers", "piezo_model")
-"""Packages with a folder ``core`` of C; each may call the C of those before it."""
+"""Packages with a folder ``core`` of C; each may call the C of the packages before it."""
 BESIDE = {"solvers": ("kernel",), "piezo_model": ("plants", "stage")}
-"""Folders of a package with C beside their Python, which goes into its library too."""
+"""Other folders of a package whose C is part of its library."""
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = tuple(ROOT / name for name in CORES)
 ZIGLANG = "ziglang==0.17.1"
-"""What a machine without a C compiler is given."""
+"""The compiler of the build on a machine without one."""
 FLAGS = (
     "-std=c99",
     "-O3",
@@ -35,7 +35,7 @@ FLAGS = (
     "-fPIC",
     "-fvisibility=hidden",
 )
-"""No -ffast-math and no fused products: the bits of an answer depend on the sources alone."""
+"""Without -ffast-math and fused products, the bits of an answer depend on the sources alone."""
 SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 PROBE = """typedef double four __attribute__((vector_size(32)));
 #include <math.h>
@@ -50,25 +50,25 @@ class NoCompiler(RuntimeError):
 
 
 def instruction_sets() -> tuple[str, ...]:
-    """What is built on this kind of machine: levels of x86-64, or the one that every 64-bit processor of another kind
-    has."""
+    """The instruction sets to build on this kind of machine: levels of x86-64, or the base set of another
+    processor."""
     return ("v2", "v3", "v4") if platform.machine().lower() in ("x86_64", "amd64") else ("native",)
 
 
 def library(package: Path, instructions: str) -> Path:
-    """Where the extension module of one package and instruction set stands."""
+    """Path of the extension module of a package for an instruction set."""
     suffix = ".pyd" if sys.platform == "win32" else ".abi3.so"
     return package / "core" / f"_core_{instructions}{suffix}"
 
 
 def folders(package: Path) -> list[Path]:
-    """The folders of C that a package is built from: its own, and those of the packages below it."""
+    """The folders of C from which a package is built: its own, and the cores of the packages below it."""
     cores = [package.parent / name / "core" for name in CORES[: CORES.index(package.name) + 1]]
     return cores + [package / name for name in BESIDE.get(package.name, ())]
 
 
 def digest(package: Path) -> str:
-    """A hash of the sources of a package's core; it is in the library, and Python compares it at import."""
+    """A hash of the sources of a package's core, which is compiled into the library and compared at import."""
     total = hashlib.sha256()
     for folder in folders(package):
         for file in sorted((*folder.glob("*.[ch]"), *folder.glob("compile_core.py"))):
@@ -84,7 +84,7 @@ def compiler() -> list[str]:
     NoCompiler
         There is none.
     """
-    candidates = [shlex.split(os.environ[name]) for name in ("CC",) if os.environ.get(name)]
+    candidates = [shlex.split(os.environ["CC"])] if os.environ.get("CC") else []
     candidates += [[found] for name in ("cc", "gcc", "clang") if (found := shutil.which(name))]
     if importlib.util.find_spec("ziglang"):
         candidates.append([sys.executable, "-m", "ziglang", "cc"])
@@ -99,7 +99,7 @@ def compiler() -> list[str]:
 
 
 def build(package: Path, target: Path, *, debug: bool = False) -> list[Path]:
-    """Compile the core of a package for every instruction set into the folder ``target``; the libraries.
+    """Compile the core of a package for every instruction set into the folder ``target``; returns the libraries.
 
     Raises
     ------
@@ -116,8 +116,8 @@ def build(package: Path, target: Path, *, debug: bool = False) -> list[Path]:
 
 
 def _compile(package: Path, target: Path, command: list[str], instructions: str, debug: bool) -> Path:
-    """All sources in one call of the compiler but ``module.c``, which says what the processor has and must run on
-    all."""
+    """Compile and link the library for an instruction set; ``module.c``, which detects that of the processor, is
+    compiled for all processors."""
     made = target / library(package, instructions).name
     zig = "ziglang" in command
     name = instructions.replace("v", "x86_64_v" if zig else "x86-64-v")
@@ -131,9 +131,9 @@ def _compile(package: Path, target: Path, command: list[str], instructions: str,
     with tempfile.TemporaryDirectory() as scratch:
         objects = [str(Path(scratch, f"{file.stem}.o")) for file in sources]
         for target_file, (file, options) in zip(objects, sources.items(), strict=True):
-            _run([*command, *flags, *options, "-c", str(file), "-o", target_file])
+            subprocess.run([*command, *flags, *options, "-c", str(file), "-o", target_file], check=True)
         linked = Path(scratch, made.name)
-        _run([*command, "-shared", *flags, *objects, "-o", str(linked), *_libraries()])
+        subprocess.run([*command, "-shared", *flags, *objects, "-o", str(linked), *_libraries()], check=True)
         shutil.copyfile(linked, made.with_suffix(".new"))
     made.with_suffix(".new").replace(made)  # in one step: another process may have the old one open
     return made
@@ -146,28 +146,21 @@ def _libraries() -> list[str]:
 
 
 def _version(command: list[str]) -> str:
-    said = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True).stdout
-    return said.splitlines()[0].replace('"', "")
-
-
-def _run(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        sys.stderr.write(done.stderr)
-        raise subprocess.CalledProcessError(done.returncode, command)
+    text = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True).stdout
+    return text.splitlines()[0].replace('"', "")
 
 
 def up_to_date(package: Path) -> bool:
-    """Whether every library of a package is there and made from the sources as they are."""
+    """Whether every library of a package exists and was built from the present sources."""
     made, stamp = [library(package, each) for each in instruction_sets()], digest(package).encode()
     return all(path.exists() and stamp in path.read_bytes() for path in made)
 
 
 def main() -> None:
-    """Build what is not up to date, in place."""
+    """Build the libraries that are not up to date, in place."""
     arguments = argparse.ArgumentParser(description="Compile the C cores in place.")
     arguments.add_argument("--debug", action="store_true", help="with sanitizers")
-    arguments.add_argument("--fresh", action="store_true", help="what is up to date too")
+    arguments.add_argument("--fresh", action="store_true", help="also if they are up to date")
     chosen = arguments.parse_args()
     for package in PACKAGES:
         if chosen.debug or chosen.fresh or not up_to_date(package):

@@ -16,7 +16,7 @@
 #include "symmetric.h"
 
 enum { VECTORS = 12, LOOK_EVERY = 16 };
-#define INDEFINITE_SHARE ((real)1e-9) /* of the largest eigenvalue, what rounding may leave below zero */
+#define INDEFINITE_SHARE ((real)1e-9) /* largest |negative eigenvalue| due to rounding, relative to lambda_max */
 
 int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS + 2 * d) * (int64_t)sizeof(real); }
 
@@ -96,7 +96,7 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
     return OK;
 }
 
-/* Move to the projection of the next point, which may be projected already. */
+/* Move to the projection of the next point. */
 static void go_to_next(ProjectedGradient *s)
 {
     for (int j = 0; j < s->ld; j += LANES) {
@@ -118,13 +118,13 @@ void descent_answer(ProjectedGradient *s)
 {
     for (int j = 0; j < s->d; ++j) {
         const real x = s->w[j] * s->D[j], up = x > s->lb[j] ? x : s->lb[j], inside = up < s->ub[j] ? up : s->ub[j];
-        /* A bound divided by D and multiplied by it may be its neighbour, which is at no bound. */
+        /* A bound divided and multiplied by D may differ in the last bit. */
         s->answer[j] = s->w[j] >= s->upper[j] ? s->ub[j] : s->w[j] <= s->lower[j] ? s->lb[j] : inside;
     }
 }
 
-/* Where tolerance >= 0, it ends at a step, of every sixteenth, whose projected gradient, (w(k) - w(k+1))/eta, is no
- * longer than that times |q| (2-norms). */
+/* If tolerance >= 0, every sixteenth step tests whether the projected gradient (w(k) - w(k+1))/eta is at most tolerance
+ * |q| (2-norms), and ends the run if it is. */
 int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;

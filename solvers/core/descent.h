@@ -11,7 +11,7 @@
 
 enum { DESCENT_KIND = 0x44534331 };
 
-/* What stands at the head of the state. */
+/* Head of the state. */
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
@@ -23,12 +23,12 @@ typedef struct {
 typedef struct {
     ProjectedGradientHead *head;
     int d, ld;                      /* number of variables, and rounded up to a multiple of eight */
-    real *w, *next;                 /* where it stands, and the point to project; both by D */
-    real *shift, *carry;            /* -eta D q, and w (or the point with momentum) plus that */
-    real *lower, *upper, *momentum; /* bounds by D; w with its momentum, of the accelerated steps */
+    real *w, *next;                 /* the iterate, and the point to project; both divided by D */
+    real *shift, *carry;            /* -eta D q, and that plus w (or the point with momentum) */
+    real *lower, *upper, *momentum; /* bounds divided by D; the point with momentum of the accelerated steps */
     real *D, *lb, *ub, *q, *answer; /* in the variables x */
     real *columns;                  /* of -eta D P D, d of ld numbers */
-    real *copy;                     /* of D P D, room for the eigenvalue */
+    real *copy;                     /* of D P D, overwritten by the eigenvalue routine */
 } ProjectedGradient;
 
 CORE_API int64_t descent_bytes(int d);
@@ -36,15 +36,15 @@ CORE_API ProjectedGradient descent_at(void *memory);
 /* Make a block of descent_bytes(d) bytes a state of d variables with the bounds lb, ub (d), at x = 0 with P = 0 and q =
  * 0. */
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
-/* Take P (d, d), and q (d); NULL for what stays. Scale to unit diagonal where `scaled`. OK, NOT_FINITE, ASYMMETRIC or
+/* Set P (d, d) and q (d), NULL for data that stay; scale to unit diagonal if `scaled`. OK, NOT_FINITE, ASYMMETRIC or
  * INDEFINITE. */
 CORE_API int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
-/* Begin at the projection of x (d), of 0 for NULL. */
+/* Begin at the projection of x (d), or of 0 for NULL. */
 CORE_API void descent_start(ProjectedGradient *s, const real *x);
-/* Up to `steps` steps; those taken. See descent.c and acceleration.c for the rule that ends them early. */
+/* Take up to `steps` steps; their number. See descent.c and acceleration.c for the tests that end them early. */
 CORE_API int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance);
 CORE_API int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance);
-/* x (d) for w, at a bound to the last bit where w is at it; in s->answer. */
+/* Write x (d) for w to s->answer, exactly at a bound if w is. */
 CORE_API void descent_answer(ProjectedGradient *s);
 
 /* |a - b|^2 over ld entries. */

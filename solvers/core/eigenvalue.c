@@ -1,5 +1,4 @@
-/* The largest eigenvalue of a symmetric matrix: Householder reflections make it tridiagonal, bisection on Sturm counts
- * does the rest.
+/* The largest eigenvalue of a symmetric matrix by Householder tridiagonalisation and bisection on Sturm counts.
  *
  * A reflection H = I - u u'/h with u = row i of A left of the diagonal, its last entry lengthened by s = -sign |u|,
  * gives A <- A - w u' - u w', w = p - (u'p / 2h) u, p = A u / h. With T tridiagonal, diagonal a and beside it b, the
@@ -7,8 +6,8 @@
  *
  *     t_1 = a_1 - x,    t_i = a_i - x - b_i^2 / t_(i-1),
  *
- * have as many negatives among them as T has eigenvalues below x. Bisection from Gershgorin's bound halves the interval
- * until its ends are neighbours: the same bits everywhere, and no iteration that may not converge.
+ * include as many negatives as T has eigenvalues below x. Bisection from Gershgorin's bound halves the interval until
+ * its ends are neighbouring numbers: the same bits everywhere, and certain convergence.
  *
  * Sources: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., sections 8.3.1 and 8.4.1.
  */
@@ -44,8 +43,6 @@ static void tridiagonal(real *A, int ld, int d, real *diagonal, real *beside)
         half = half / (h + h);
         for (int j = 0; j < i; ++j) {
             diagonal[j] -= half * u[j];
-        }
-        for (int j = 0; j < i; ++j) {
             for (int k = 0; k <= j; ++k) {
                 A[(size_t)j * (size_t)ld + (size_t)k] -= diagonal[j] * u[k] + u[j] * diagonal[k];
             }
@@ -55,7 +52,7 @@ static void tridiagonal(real *A, int ld, int d, real *diagonal, real *beside)
     beside[0] = 0;
 }
 
-/* How many eigenvalues lie below x. */
+/* Number of eigenvalues below x. */
 static int count_below(const real *diagonal, const real *beside, int d, real x, real tiny)
 {
     int count = 0;
@@ -68,7 +65,7 @@ static int count_below(const real *diagonal, const real *beside, int d, real x, 
     return count;
 }
 
-/* Divide A by the power of two below its largest entry, so that no square leaves the range of numbers; the power. */
+/* Divide A by the power of two below its largest entry, so that no square overflows or underflows; the power. */
 static real normalise(real *A, int ld, int d)
 {
     real largest = 0, power;

@@ -1,12 +1,11 @@
-/* The extension module solvers.core._core. This file is compiled without the instructions of an instruction set, so
- * that it can say what the processor has before anything else of the library runs. */
+/* The extension module solvers.core._core. This file is compiled for any x86-64 processor, so that it can detect the
+ * instruction set before other functions of the library run. */
 #include "module.h"
 
 #if defined(__x86_64__) || defined(_M_X64)
 #include <cpuid.h>
 
-/* 2, 3 or 4: the level of the x86-64 psABI that processor and operating system offer; 1 where they do not offer
- * level 2. */
+/* The x86-64 level that processor and operating system support: 2, 3 or 4; 1 if they do not support level 2. */
 static int processor_level(void)
 {
     unsigned a, b, c, d, basic, extended = 0, low, high;
@@ -16,7 +15,7 @@ static int processor_level(void)
     if ((basic & bit_OSXSAVE) == 0 || !__get_cpuid_count(7, 0, &a, &extended, &c, &d)) {
         return 2;
     }
-    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* which registers the operating system saves */
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* the registers that the operating system saves */
     if ((low & 0x06) != 0x06 || (basic & bit_AVX) == 0 || (extended & bit_AVX2) == 0 || (extended & bit_BMI2) == 0
         || (basic & bit_FMA) == 0) {
         return 2;

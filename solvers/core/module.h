@@ -1,6 +1,6 @@
-/* What begins both extension modules: their functions, and what their library was built from.
+/* Creation of both extension modules, with their functions and the properties of their build.
  *
- * It is here and inline, since module.c alone is compiled for every processor.
+ * It is inline, since only module.c is compiled for every processor.
  */
 #ifndef CORE_MODULE_H
 #define CORE_MODULE_H

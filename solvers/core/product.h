@@ -1,14 +1,14 @@
-/* out = c + M x, the product on which every method here spends its time. */
+/* out = c + M x, the product that dominates the time of every method here. */
 #ifndef CORE_PRODUCT_H
 #define CORE_PRODUCT_H
 
 #include "vec8.h"
 
-/* Blocks of eight rows that stay in registers while the columns pass by. */
+/* Blocks of eight rows that stay in registers during the loop over the columns. */
 enum { PRODUCT_BLOCKS = PARTS == 1 ? 3 : PARTS == 2 ? 2 : 1 };
 
-/* Rows b ... b + 8 blocks - 1 of the product: even and odd columns are summed apart, so that no sum waits for the one
- * before. */
+/* Some blocks of rows of the product; even and odd columns have separate sums, which shortens the chain of additions.
+ */
 CORE_INLINE void affine_blocks(const real *columns, int ld, int d, const real *x, const real *c, real *out, int blocks)
 {
     vec8 even[PRODUCT_BLOCKS], odd[PRODUCT_BLOCKS];

@@ -12,7 +12,7 @@
  * where there is one.
  *
  * recursive_start.c begins from a cold solve, recursive_rows.c takes the rows, recursive_exchange.c sweeps until z is
- * optimal, and recursive_renewal.c makes M anew from time to time.
+ * optimal, and recursive_renewal.c recomputes M from time to time.
  *
  * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle,
  * "Principal pivoting method of quadratic programming", 1968.
@@ -23,15 +23,16 @@
 #include "box.h"
 
 enum { RECURSIVE_KIND = 0x53575031 };
-/* Beside the statuses of status.h: a pivot is no good; the exchanges do not end. Both end in recursive_refresh or in
- * recursive_recover. */
+/* Further statuses: a pivot is too small; the exchanges do not end. recursive_refresh or recursive_recover handles
+ * both.
+ */
 enum { SINGULAR = 101, CYCLING = 102 };
-enum { RECURSIVE_REFRESH = 256 }; /* rows after which M is made anew */
+enum { RECURSIVE_REFRESH = 256 }; /* rows after which M is recomputed */
 
 #ifdef CORE_FLOAT
-/* Bounds from here on are none. */
+/* Magnitude from which a bound counts as infinite. */
 #define NO_BOUND 1e15F
-/* Size from which a number of a row is refused, since sums of squares have to be finite. */
+/* Magnitude from which an entry of a row is refused, since sums of squares must be finite. */
 #define LARGEST_ENTRY 1e15F
 #else
 #define NO_BOUND 1e100
@@ -43,26 +44,26 @@ typedef struct {
     int64_t bytes;
     int32_t since_refresh;
     int32_t cap;                                /* exchanges of one row after which it ends with CAPPED; 0 for none */
-    uint32_t exchanges, refreshes, cold_starts; /* so far; after years they begin again at 0 */
+    uint32_t exchanges, refreshes, cold_starts; /* totals, which wrap around after years */
     double forgetting, root_growth;             /* lambda, and lambda^(-1/2) */
-    double row_weight, root_weight;             /* of a new row, and the root of what the coming row enters with */
-    double proximal;                            /* share of the diagonal that the proximal term has */
-    double growth;                              /* the product of sigma since M was made */
+    double row_weight, root_weight;             /* weight of a new row; root of the weight of the next row in G */
+    double proximal;                            /* coefficient of the proximal term relative to the diagonal */
+    double growth;                              /* product of sigma since the last refresh */
 } RecursiveHead;
 
 /* Vectors have ld numbers, d + 1 rounded up to whole blocks of eight. */
 typedef struct {
     RecursiveHead *head;
     int d, ld;
-    real *answer, *origin, *sign, *width, *lb, *ub; /* v and what takes z to it; NO_BOUND for no other bound */
+    real *answer, *origin, *sign, *width, *lb, *ub; /* v, and the map from z to it; NO_BOUND without another bound */
     real *side; /* the sign with which the last row of M must not be negative: -1 free, +1 at the bound, 0 unbounded or
                    fixed */
     real *row;  /* the weighted row */
-    real *g, *u, *share; /* the gradient; a row of M or z; what the rows of M take part with in a sum */
+    real *g, *u, *share; /* the gradient; a row of M, or z; the coefficients of the rows of M in a sum */
     real *is_free;       /* 1 at F and 0 at A */
     real *rho, *centre;  /* of the proximal term */
     real *M, *G;         /* ld rows; a row of data is added to G from the diagonal blocks on only */
-    real *P, *q;         /* room for the data of a cold start */
+    real *P, *q;         /* the data of a cold start */
     Box cold;
 } Recursive;
 
@@ -74,25 +75,24 @@ CORE_API int recursive_setup(void *memory, int d, const real *lb, const real *ub
 /* Start from P (d, d), q (d) and twice the constant of the cost, at the optimum that the cold solver finds, from the
  * present answer where `warm`. OK or a status of box_set_data and box_solve, and then nothing has changed. */
 CORE_API int recursive_begin(Recursive *s, const real *P, const real *q, real constant, int warm);
-/* Take one row (xi, x) of d + 1 numbers and restore optimality; OK or CAPPED, or SINGULAR or CYCLING where only
- * recursive_recover helps; the row is in G then. NOT_FINITE, and nothing changed, for a row that cannot be taken. */
+/* Append one row (xi, x) of d + 1 numbers and restore optimality; OK, CAPPED, or SINGULAR or CYCLING if only
+ * recursive_recover helps, with the row in G. NOT_FINITE, and nothing changed, for a row that is refused. */
 CORE_API int recursive_append(Recursive *s, const real *row);
-/* Make M anew at once with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or
- * CYCLING. */
+/* Recompute M with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or CYCLING. */
 CORE_API int recursive_refresh(Recursive *s);
-/* Begin anew from the data that G holds. */
+/* Start again from the data in G. */
 CORE_API int recursive_recover(Recursive *s);
-/* v (d) for z, inside its box to the last bit. */
+/* Write v (d) for z, exactly inside its box. */
 CORE_API void recursive_answer(Recursive *s);
 /* The largest violation of the optimality conditions at the answer, relative to max(|q|, |G z|) by rows. */
 CORE_API real recursive_error(Recursive *s);
 
-/* What the files of this solver ask of each other. */
+/* Functions that the files of this solver share. */
 CORE_API int recursive_violated(const Recursive *s);
 CORE_API int recursive_exchange(Recursive *s);
-/* Free variable j or take it to its bound; 0 and nothing changed where its pivot is not above its rounding. */
+/* Free variable j or move it to its bound; 0 and nothing changed if its pivot is not above its rounding error. */
 CORE_API int recursive_sweep(const Recursive *s, int j);
-/* Fill in what is below the diagonal blocks of G. */
+/* Copy the upper part of G below its diagonal blocks. */
 CORE_API void recursive_complete(const Recursive *s);
 /* g <- q + (G + diag rho) z - diag(rho) c. */
 CORE_API void recursive_residual(const Recursive *s);

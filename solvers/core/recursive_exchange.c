@@ -13,15 +13,15 @@
 
 #include "sweep.h"
 
-enum { LIMIT = 20 }; /* a row of a stream takes none or one */
-/* Share of the optimal cost below which what an exchange would gain is left alone, and with a free variable, which is
- * clipped then, what clipping it costs. */
+enum { LIMIT = 20 }; /* limit of exchanges besides d; a row of a stream mostly takes none or one */
+/* Largest gain of an exchange that is ignored, relative to the optimal cost; for a free variable, which is then
+ * clipped, also the cost of clipping it. */
 #define NEGLIGIBLE ((real)1e-15)
 
 int recursive_sweep(const Recursive *s, int j)
 {
     const real p = row_of(s, s->M, j)[j];
-    /* p of a variable at its bound is what the variables in F do not explain of this: */
+    /* p of a variable at its bound is the Schur complement of F in this diagonal entry: */
     const real diagonal = row_of(s, s->G, j)[j] + s->rho[j];
     if (!(s->is_free[j] > 0 ? p < 0 : p > 5 * (real)s->d * REAL_EPSILON * diagonal)) {
         return 0;

@@ -1,18 +1,19 @@
-/* The swept Gram matrix (recursive.h) made anew.
+/* Refresh of the swept Gram matrix (recursive.h).
  *
- * Rounding errors of M grow with the rows added to it (recursive_rows.c says when they are not let grow further). G, to
- * which rows are added and nothing else, has errors of its last bits only. So
+ * Rounding errors of M grow with the rows added to it, up to a refresh by the rule in recursive_rows.c. G is only a sum
+ * of rows and has errors of the last bits. So
  *
- *     G + diag(rho),    rho_j (z_j - c_j)^2/2 the proximal term about c, the z of now,
+ *     G + diag(rho),    with the proximal term rho_j (z_j - c_j)^2/2 about the present z = c,
  *
- * is swept on the free variables, and its last row m, which is z and the gradient, takes steps of iterative refinement
- * from where it was:
+ * is swept on the free variables, and its last row m, which is z and the gradient, is improved by steps of iterative
+ * refinement from its present value:
  *
  *     m_A <- g_A,    m <- m - sum over j in F of g_j M[j, :],    g = q + (G + diag rho) z - diag(rho) c.
  *
- * What the data do not determine thus stays where it is. rho_j is `proximal` times G_jj, at most the mean diagonal of
- * G, and that where G_jj = 0: a variable on a large scale must not hold those on a small one. Where a pivot is no good
- * even so, z cannot be refined or the exchanges afterwards do not end, rho_j is at least FLOOR G_jj.
+ * Directions that the data do not determine thus keep their values. rho_j is `proximal` times G_jj or the mean diagonal
+ * of G, whichever is less (the mean if G_jj = 0), so that variables on a large scale do not hold those on a small one.
+ * If a pivot is still too small, z cannot be refined or the exchanges do not end, rho_j is raised to at least FLOOR
+ * G_jj.
  *
  * Sources: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, chapter 12 (iterative refinement); R. T.
  * Rockafellar, SIAM J. Control Optim. 14 (1976) 877 (proximal point).
@@ -21,15 +22,15 @@
 
 #include "product.h"
 
-enum { REFINED = 4 };       /* steps of refinement at most */
-#define FLOOR ((real)1e-11) /* of rho_j/G_jj where G_FF is singular */
-#define SPENT 1e5           /* what `growth` begins with there: the inverse has few digits to lose */
-/* Shares of the cost, or of 1e-4 of what z = 0 costs: z is refined until a step gains less than RESOLVED, and G_FF
- * counts as singular where the last one gains more than TOLERATED. */
+enum { REFINED = 4 };       /* limit of refinement steps */
+#define FLOOR ((real)1e-11) /* smallest rho_j/G_jj if G_FF is singular */
+#define SPENT 1e5           /* initial `growth` in that case: the inverse has few digits to lose */
+/* Relative to the cost, or to 1e-4 times the cost of z = 0: z is refined until a step gains less than RESOLVED, and
+ * G_FF counts as singular if the last step gains more than TOLERATED. */
 #define RESOLVED ((real)1e-24)
 #define TOLERATED ((real)1e-14)
 #ifdef CORE_FLOAT
-#define UNSEEN 1e-30F /* rho_j where the data say nothing on variable j, whatever their scale */
+#define UNSEEN 1e-30F /* rho_j of a variable that is zero in all data */
 #else
 #define UNSEEN 1e-200
 #endif
@@ -43,7 +44,7 @@ void recursive_complete(const Recursive *s)
     }
 }
 
-/* The blocks of G from the diagonal on are read, each for its transpose, too. */
+/* Only the blocks of G from the diagonal on are read, each also as its transpose. */
 void recursive_residual(const Recursive *s)
 {
     real *const z = s->u;
@@ -67,7 +68,7 @@ void recursive_residual(const Recursive *s)
     }
 }
 
-/* One step of refinement; twice what it lowers the cost by. */
+/* One step of refinement; twice the decrease of the cost. */
 static real refine_once(const Recursive *s)
 {
     real *const last = last_row(s), gain = 0;

@@ -1,19 +1,18 @@
-/* The optimum of a box problem after every row (recursive.h): the row in, the swept matrix moved by rank one, the
- * optimum out.
+/* The optimum of a box problem after every row (recursive.h), by an update of the swept matrix of rank one.
  *
- * One more row xi changes G by xi xi', and M by a matrix of rank one as well (Sherman-Morrison on each block):
+ * A new row xi changes G by xi xi', and M by a matrix of rank one too (Sherman-Morrison on each block):
  *
  *     u = xi_A - M[:, F] xi_F,    sigma = 1 + xi_F'u_F,    M <- M + u u' / sigma.
  *
- * So a sample costs 2 (d + 1)^2 multiplications and no square root or division but one, a change of the active set half
- * of that, and the exact optimum is there after every sample. Forgetting is in the weights: row k enters with
- * lambda^(-k/2); the clock k is put back where the weights have grown to RESCALED^2.
+ * So a sample costs 2 (d + 1)^2 multiplications and one division, a change of the active set half of that, and the
+ * exact optimum is known after every sample. Forgetting is part of the weights: row k is added with weight
+ * lambda^(-k/2); all weights are rescaled when they have grown to RESCALED^2.
  *
- * Refresh rule. M is made anew (recursive_renewal.c) after RECURSIVE_REFRESH rows, and at the row that would bring the
- * product of the sigma since then, det G_FF after over before, to MOST_GROWTH. A row that says what the data left open
- * has a large sigma, and adding it to M cancels log10 sigma digits of the entries; so between two refreshes M loses six
- * digits and RECURSIVE_REFRESH roundings at most, and the cost errs to second order in that. A sigma below one, which
- * takes a lost positive definiteness, and exchanges that do not end are answered at once, too.
+ * Refresh rule. M is recomputed (recursive_renewal.c) after RECURSIVE_REFRESH rows, and at the row at which the product
+ * of the sigma since then, which is the growth of det G_FF, would reach MOST_GROWTH. A row in a direction that the data
+ * did not determine has a large sigma, and adding it to M cancels log10 sigma digits of the entries; so between two
+ * refreshes M loses at most six digits and RECURSIVE_REFRESH roundings, and the error of the cost is of second order in
+ * that. A sigma below one (lost positive definiteness) and exchanges that do not end cause a refresh at once.
  *
  * Source: L. Ljung, System Identification, 1999, chapter 11 (recursive least squares).
  */
@@ -24,7 +23,7 @@
 #define RESCALED ((real)8192) /* 2^13 */
 #define MOST_GROWTH 1e6
 
-/* Move M by the weighted row; 0 where it is left as it was, for its sigma. */
+/* Update M by the weighted row; 0 if sigma does not permit it and M is unchanged. */
 static int move(const Recursive *s)
 {
     const int ld = s->ld;
@@ -40,7 +39,7 @@ static int move(const Recursive *s)
     }
     const real sigma = 1 + sum8(dot), inverse = 1 / sigma;
     s->head->growth *= (double)sigma;
-    if (!(sigma > (real)0.999 && s->head->growth < MOST_GROWTH)) { /* NaN does not fit */
+    if (!(sigma > (real)0.999 && s->head->growth < MOST_GROWTH)) { /* also if it is NaN */
         return 0;
     }
     for (int i = 0; i <= s->d; ++i) {
@@ -66,8 +65,7 @@ static void add_row(Recursive *s)
     }
 }
 
-/* Divide all weights by RESCALED^2, a power of two, so that nothing is rounded: G shrinks, and with it M_AA, but M_FF
- * grows. */
+/* Divide all weights by RESCALED^2, a power of two, so without rounding: G and M_AA shrink, M_FF grows. */
 static void rescale(Recursive *s)
 {
     const vec8 shrink = splat(1 / (RESCALED * RESCALED));

@@ -1,8 +1,8 @@
-/* The state of the recursive solver (recursive.h), where it starts from, and how far it is from the optimum.
+/* The state of the recursive solver (recursive.h), its start, and its distance from the optimum.
  *
- * Every start is a cold exact solve, which knows when a problem is unbounded; M is made with the row that comes next.
- * recursive_recover starts so from P and q, read back from G, where the exchanges on M do not end. What is left as an
- * error is a problem that has no minimum: unbounded, or P indefinite.
+ * Every start is a cold exact solve, which detects unbounded problems; M is computed with the next row. If the
+ * exchanges on M do not end, recursive_recover starts again from P and q, which it computes from G. Errors remain only
+ * for problems without a minimum: unbounded, or P indefinite.
  */
 #include "recursive.h"
 
@@ -49,7 +49,7 @@ int recursive_setup(void *memory, int d, const real *lb, const real *ub, double 
     return status;
 }
 
-/* Where the cold solver put variable j: the bound that z is measured from, and z if j is free. */
+/* Set variable j as the cold solver left it: the bound from which z is measured, and z if j is free. */
 static void place_variable(const Recursive *s, int j)
 {
     const real lb = s->lb[j], ub = s->ub[j];
@@ -63,11 +63,10 @@ static void place_variable(const Recursive *s, int j)
     last_row(s)[j] = is_free ? s->sign[j] * (s->origin[j] - s->cold.answer[j]) : 0;
 }
 
-/* The solution of a problem by the cold solver. */
+/* Solve a problem by the cold solver. */
 static int solve_cold(Recursive *s, const real *P, const real *q, int warm)
 {
-    int status = box_set_hessian(&s->cold, P);
-    status = status != OK ? status : box_set_linear(&s->cold, q);
+    const int status = box_set_data(&s->cold, P, q);
     if (status == OK && warm && box_start(&s->cold, s->answer) == OK && box_solve(&s->cold, 1) == OK) {
         return OK;
     }
@@ -99,14 +98,14 @@ int recursive_begin(Recursive *s, const real *P, const real *q, real constant, i
         last_row(s)[j] = s->is_free[j] > 0 ? last_row(s)[j] : s->g[j];
     }
     s->head->root_weight = sqrt(s->head->row_weight);
-    s->head->since_refresh = RECURSIVE_REFRESH; /* so that the next row makes M */
+    s->head->since_refresh = RECURSIVE_REFRESH; /* the next row computes M */
     return OK;
 }
 
 int recursive_recover(Recursive *s)
 {
     const int d = s->d;
-    /* so that the coming row enters with its own weight */
+    /* the next row enters with its own weight */
     const real decay = (real)(s->head->row_weight / (s->head->root_weight * s->head->root_weight));
     real constant = decay * row_of(s, s->G, d)[d];
     recursive_complete(s);
@@ -129,7 +128,7 @@ real recursive_error(Recursive *s)
     const real *const last = last_row(s), *const q = row_of(s, s->G, s->d);
     real worst = 0;
     recursive_complete(s);
-    /* z inside its box, as it is answered; it has a bound at zero where `side` is not */
+    /* z clipped as in the answer; it has a bound at zero unless `side` is zero */
     for (int j = 0; j < s->d; ++j) {
         const real z = -s->is_free[j] * last[j], up = z < 0 && (s->side[j] != 0 || s->width[j] < NO_BOUND) ? 0 : z;
         s->u[j] = up > s->width[j] ? s->width[j] : up;
@@ -144,7 +143,7 @@ real recursive_error(Recursive *s)
         }
         const int held = s->width[i] == 0 || (z == 0 && s->side[i] != 0 && g > 0) || (z == s->width[i] && g < 0);
         const real wrong = held ? g - g : MAGNITUDE(g);
-        worst = wrong <= worst * size ? worst : wrong / size; /* NaN is wrong */
+        worst = wrong <= worst * size ? worst : wrong / size; /* also for NaN */
     }
     return worst;
 }

@@ -1,8 +1,8 @@
-/* Updates and solves of one solver, each timed from inside: no call from Python is in a figure, and one reading of the
- * clock is.
+/* Updates and solves of a solver, timed inside C: a measured time includes one reading of the clock and no call from
+ * Python.
  *
- * Every solver of the compiled lanes is timed by these lines, ours and those of other libraries. What it is called with
- * it has not seen before: each call has a P and a q of its own, which go to `update` as they were handed over.
+ * Every solver of the compiled lanes, ours and those of other libraries, is timed by this loop. Each call has new data:
+ * a P and a q of its own.
  */
 #ifndef CORE_TIMED_CALLS_H
 #define CORE_TIMED_CALLS_H
@@ -15,15 +15,16 @@
 typedef struct {
     void *solver;
     int d;
-    /* Take P (d, d) and q (d), which stay where they are until the next update. */
+    /* Take P (d, d) and q (d), which remain in memory until the next update. */
     int (*update)(void *solver, const double *P, const double *q);
-    /* Solve, from `start` (d) or cold where that is NULL, and copy the answer to x (d), which is left alone where there
-     * is none. */
+    /* Solve, from `start` (d) or cold if that is NULL, and copy the answer to x (d); without an answer x is not
+     * written.
+     */
     int (*solve)(void *solver, const double *start, double *x);
 } TimedSolver;
 
-/* One call for each of P (count, d, d) and q (count, d); how many were `made`. None begins once most_ns are spent, or
- * after one whose status is neither OK nor CAPPED. The status of the last. */
+/* One call for each of P (count, d, d) and q (count, d); `made` is their number. No call begins once most_ns are spent,
+ * or after one whose status is neither OK nor CAPPED. The status of the last. */
 static inline int time_calls(const TimedSolver *s, int64_t count, const double *P, const double *q, const double *start,
                              int64_t most_ns, int64_t *update_ns, int64_t *solve_ns, double *answers, int64_t *made)
 {

@@ -1,15 +1,15 @@
-/* Eight numbers at a time, with the same bits on every instruction set and compiler.
+/* Vectors of eight numbers, with the same bits on every instruction set and compiler.
  *
  * A vec8 is eight lanes in as many registers as the machine needs: one of AVX-512, two of AVX, four of SSE2 or NEON, or
- * eight plain numbers where the compiler has no vector types. Every function works lane by lane with one rounding an
- * operation; no product is fused with a sum (compile with -ffp-contract=off). The only sum across lanes is sum8, halves
- * onto halves:
+ * eight plain numbers if the compiler has no vector types. Every function works lane by lane with one rounding per
+ * operation; no product is fused with a sum (compile with -ffp-contract=off). The only sum across lanes is sum8, which
+ * adds halves:
  *
  *     ((l0 + l4) + (l2 + l6)) + ((l1 + l5) + (l3 + l7)).
  *
  * Comparisons with NaN are false: maximum(a, b) = a > b ? a : b, so a NaN on either side gives b.
  *
- * `real` is double, or float with -DCORE_FLOAT; -DCORE_PLAIN chooses the plain numbers.
+ * `real` is double, or float with -DCORE_FLOAT; -DCORE_PLAIN selects plain numbers.
  */
 #ifndef CORE_VEC8_H
 #define CORE_VEC8_H
@@ -44,14 +44,14 @@ typedef int64_t whole;
 #define CORE_INLINE static inline
 #endif
 
-/* An exported folder makes one unit of all files and their functions its own: -DCORE_API="static ...". */
+/* An exported folder compiles all files as one unit with static functions: -DCORE_API="static ...". */
 #ifndef CORE_API
 #define CORE_API
 #endif
 
 enum { LANES = 8 };
 
-/* A part is one register. PARTS is a macro, since the preprocessor has to choose by it. */
+/* A part is one register. PARTS is a macro, since the preprocessor tests it. */
 #if !defined(__GNUC__) || defined(CORE_PLAIN)
 #define PARTS 8
 typedef real part;
@@ -170,7 +170,7 @@ CORE_INLINE part minimum_part(part a, part b)
 #endif
 }
 
-/* 2^-floor(e / 2) for v = m 2^e with m in [1/2, 1); nonsense where v is not a positive normal number. */
+/* 2^-floor(e / 2) for v = m 2^e with m in [1/2, 1); undefined unless v is a positive normal number. */
 CORE_INLINE part root_scale_part(part v)
 {
     const part_bits exponent = (bits_of(v) >> MANTISSA_BITS) - splat_bits(EXPONENT_BIAS - 1);
@@ -206,13 +206,13 @@ CORE_INLINE vec8 maximum(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 CORE_INLINE vec8 minimum(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) CHOOSE(a.p < b.p, x.p, y.p)
-/* Lane by lane x where a < b, else y; y where either is NaN. */
+/* Lane by lane x if a < b, else y; y if either is NaN. */
 CORE_INLINE vec8 where_less(vec8 a, vec8 b, vec8 x, vec8 y) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) root_scale_part(a.p)
 CORE_INLINE vec8 root_scale(vec8 a) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
-/* a with `number` in lane `place`, as it was where there is no such lane. */
+/* a with `number` in lane `place`; a if there is no such lane. */
 #define ONE_OF(p, i) CHOOSE(numbers_from((i) * PART_LANES) == at, number_everywhere, a.p)
 CORE_INLINE vec8 with_lane(vec8 a, int place, real number)
 {
@@ -230,7 +230,7 @@ CORE_INLINE void store(real *target, vec8 a)
 }
 #undef ONE_OF
 
-/* The first `count` (1 to 8) numbers and zeros in the other lanes, whose memory is not read. */
+/* The first `count` (1 to 8) numbers, and zeros in the other lanes; memory beyond `count` is not read. */
 CORE_INLINE vec8 load_first(const real *source, int count)
 {
 #if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
@@ -251,7 +251,7 @@ CORE_INLINE vec8 sub_mul(vec8 c, vec8 a, vec8 b) { return sub(c, mul(a, b)); }
 CORE_INLINE vec8 magnitude(vec8 a) { return maximum(a, sub(zeros(), a)); }
 CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return minimum(maximum(a, lower), upper); }
 
-/* Two numbers left of eight: l0, l2, l4, l6 under `onto` in the first, the odd ones in the second. */
+/* Reduce eight lanes to two by the operation `onto`: even lanes to the first, odd lanes to the second. */
 #if PARTS == 1 && !defined(CORE_FLOAT)
 #define FOLD(onto4, onto2, onto_part)                                                                                  \
     const __m256d half = onto4(_mm512_castpd512_pd256((__m512d)a.p0), _mm512_extractf64x4_pd((__m512d)a.p0, 1));       \
@@ -291,7 +291,7 @@ CORE_INLINE real largest8(vec8 a)
 #undef LARGER
 #undef FOLD
 
-/* The first lane that equals `number`; 8 where none does. */
+/* The first lane that equals `number`, or 8. */
 CORE_INLINE int first_equal8(vec8 a, real number)
 {
 #if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
@@ -307,8 +307,8 @@ CORE_INLINE int first_equal8(vec8 a, real number)
 #endif
 }
 
-/* Have so much memory on its way to the first-level cache, where the compiler knows how; what is computed stays the
- * same. A function that does nothing else has to be inline, or gcc takes a call of it for one without effect. */
+/* Prefetch memory into the first-level cache, if the compiler supports it. A function that does nothing else must be
+ * inline, or gcc drops calls of it as having no effect. */
 CORE_INLINE void fetch(const void *memory, int64_t bytes)
 {
 #if defined(__GNUC__)

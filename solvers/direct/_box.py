@@ -1,4 +1,4 @@
-"""Solvers that are one function call on a problem with bounds only and know no duals.
+"""Solvers that are one function call on a problem with bounds only, without duals.
 
     minimise ½ xᵀP x + qᵀx   subject to   lb ≤ x ≤ ub
 
@@ -15,7 +15,7 @@ from solvers.protocol import Vector, box_duals
 
 
 class Outcome(NamedTuple):
-    """What a library said about its last call, in our words."""
+    """Result of the library's last call."""
 
     x: Vector
     found: bool
@@ -24,7 +24,7 @@ class Outcome(NamedTuple):
 
 
 class BoxMinimiser(LibrarySolver):
-    """A solver with bounds only; a file of one fills in ``minimise``."""
+    """A solver of problems with bounds only; a subclass defines ``minimise``."""
 
     bounds_only = True
 
@@ -36,13 +36,12 @@ class BoxMinimiser(LibrarySolver):
     def minimise(self, start: Vector | None) -> Outcome:
         """Call the library on a box that is not empty."""
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
-        # On an empty box some libraries raise and some return a corner; here all say the same.
+    def run(self, warm_start: Vector | None) -> Vector | None:
+        # On an empty box some libraries raise and others return a corner.
         self.outcome = (
             Outcome(self.program.no_answer(), False, "infeasible: lb > ub") if self.empty else self.minimise(warm_start)
         )
-        self.found = self.outcome.found
-        return self.outcome.x if self.found else self.program.no_answer()
+        return self.outcome.x if self.outcome.found else None
 
     def answer(self) -> Answer:
         x, _, status, iterations = self.outcome
@@ -56,16 +55,16 @@ def cost(program: Program, x: Vector) -> tuple[float, Vector]:
 
 
 def inside(start: Vector | None, lb: Vector, ub: Vector) -> Vector:
-    """The point of the box next to the warm start, or next to 0 where there is none, shape (d,)."""
+    """The point of the box nearest to the warm start, or to 0 without one, shape (d,)."""
     return np.clip(np.zeros_like(lb) if start is None else start, lb, ub)
 
 
 def bound_duals(gradient: Vector, lb: Vector, ub: Vector) -> Vector:
-    """z_box = −gradient wherever a finite bound can carry that sign, zero elsewhere, shape (d,).
+    """z_box = −gradient if there is a finite bound on that side, else zero, shape (d,).
 
-    For answers that come close to their bounds without touching them: stationarity then holds, and the distance to
-    the bound shows in the duality gap. The rule of :func:`solvers.protocol.box_duals` (exactly touched bounds only)
-    reports a dual residual of the size of the gradient for such an answer, however good it is.
+    For answers that come close to their bounds without touching them: they are stationary with these duals, and the
+    distance to the bound appears in the duality gap. With :func:`solvers.protocol.box_duals`, which takes only bounds
+    that are touched exactly, the dual residual of such an answer is as large as its gradient, however good it is.
     """
     below, above = np.maximum(gradient, 0.0), np.minimum(gradient, 0.0)
     return -np.where(np.isfinite(lb), below, 0.0) - np.where(np.isfinite(ub), above, 0.0)

@@ -63,11 +63,10 @@ class Conic(LibrarySolver):
             if array.size:
                 self._buffer.set_res(self._function.index_out(key), array.data)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._call()
         self._stats = self._buffer.stats()
-        self.found = self._stats["success"]
-        return self._x if self.found else self.program.no_answer()
+        return self._x if self._stats["success"] else None
 
     def answer(self) -> Answer:
         stats, seconds = self._stats, self._stats.get("t_wall_solver")

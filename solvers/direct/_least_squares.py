@@ -31,10 +31,9 @@ class LeastSquares(BoxMinimiser):
         super().build(p, rows)
         self.L = cholesky(p.P, self.name)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        super().update(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
-            self.L = cholesky(self.program.P, self.name)
+            self.L = cholesky(P, self.name)
 
     def right(self, linear: Vector) -> Vector:
         """−L⁻¹ times a linear cost, shape (d,)."""
@@ -51,7 +50,7 @@ class NonNegative(LeastSquares):
 
     @abstractmethod
     def nonnegative(self, A: Matrix, b: Vector) -> Vector:
-        """Call the library; RuntimeError is its way of saying that it ran out of iterations."""
+        """Call the library, which raises RuntimeError when it runs out of iterations."""
 
     def minimise(self, start: Vector | None) -> Outcome:
         try:

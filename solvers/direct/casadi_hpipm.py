@@ -32,12 +32,11 @@ class CasadiHpipm(Conic):
         infinity = 1e6 if self.settings else 1e8
         return {"N": 0, "nx": [d], "nu": [0], "ng": [m], "inf": infinity, "hpipm": self.settings}
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         p = self.program
         data = {**self._held, "h": p.P, "a": p.R[p.general]}
         result = self._function(**{key: array for key, array in data.items() if array.size})
         self._x[:] = result["x"].full().ravel()
         self._w[p.bounds], self._w[p.general] = (result[key].full().ravel() for key in ("lam_x", "lam_a"))
         self._stats = self._function.stats()
-        self.found = self._stats["success"]
-        return self._x if self.found else p.no_answer()
+        return self._x if self._stats["success"] else None

@@ -36,18 +36,15 @@ class Clarabel(LibrarySolver):
         P = p.triangle.matrix(p.P)
         self._solver = clarabel.DefaultSolver(P, p.q, csc_matrix(rows.R), rows.r, cones, settings)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        new = {} if P is None else {"P": p.triangle.values(p.P)}
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        new = {} if P is None else {"P": self.program.triangle.values(P)}
         if q is not None:
-            new["q"] = p.q
+            new["q"] = q
         self._solver.update(**new)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._answer = self._solver.solve()
-        self.found = self._answer.status == clarabel.SolverStatus.Solved
-        return np.array(self._answer.x) if self.found else self.program.no_answer()
+        return np.array(self._answer.x) if self._answer.status == clarabel.SolverStatus.Solved else None
 
     def answer(self) -> Answer:
         a = self._answer

@@ -28,18 +28,15 @@ class Cvxopt(LibrarySolver):
         blocks = {"P": p.P, "q": p.q, "G": rows.R[n:], "h": rows.r[n:], "A": rows.R[:n], "b": rows.r[:n]}
         self._data = {key: cvxopt.matrix(block) for key, block in blocks.items() if block.size}
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        self._data |= {"P": cvxopt.matrix(p.P), "q": cvxopt.matrix(p.q)}
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        self._data |= {"P": cvxopt.matrix(self.program.P), "q": cvxopt.matrix(self.program.q)}
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         try:
             self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
         except ValueError as error:  # its way of saying that the rows or the KKT matrix are singular
             self._result = {"status": str(error), "x": (), "y": (), "z": ()}
-        self.found = self._result["status"] == "optimal"
-        return np.array(self._result["x"]).ravel() if self.found else self.program.no_answer()
+        return np.array(self._result["x"]).ravel() if self._result["status"] == "optimal" else None
 
     def answer(self) -> Answer:
         r = self._result

@@ -38,28 +38,24 @@ class Daqp(LibrarySolver):
             raise ValueError(f"daqp has no setting {', '.join(sorted(unknown))}")
         self._model.settings = self.settings
         self._primal_tol: float = self._model.settings["primal_tol"]
-        # The strides of what is handed over are ignored: all of it is contiguous and ours.
+        # The library ignores strides; these arrays are contiguous.
         self.refuse(self._model.setup(p.P, p.q, p.R[p.general], p.u, p.l, self._cold)[0])
         self._is_cold = True
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        self.refuse(self._model.update(H=None if P is None else p.P, f=None if q is None else p.q, sense=self._cold))
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        self.refuse(self._model.update(H=P, f=q, sense=self._cold))
         self._is_cold = True
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
-        p = self.program
+    def run(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is not None:
-            x = np.ascontiguousarray(warm_start, dtype=np.float64)
-            bindings.active_rows(p.R, p.l, p.u, self._primal_tol, x, self._cold, self._sense)
+            p = self.program
+            bindings.active_rows(p.R, p.l, p.u, self._primal_tol, warm_start, self._cold, self._sense)
             self._model.update(sense=self._sense)
         elif not self._is_cold:
             self._model.update(sense=self._cold)
         self._is_cold = False
-        self._answer = answer = self._model.solve()
-        self.found = answer[2] > 0
-        return answer[0] if self.found else p.no_answer()
+        self._answer = x, _, flag, _ = self._model.solve()
+        return x if flag > 0 else None
 
     def answer(self) -> Answer:
         x, _, flag, info = self._answer

@@ -29,31 +29,27 @@ class Ecos(LibrarySolver):
 
     def build(self, p: Program, rows: Cones) -> None:
         n, m, d = rows.equal, rows.unequal, p.d
-        self._cost = np.append(p.q, 1.0)
+        self._cost = np.ones(d + 1)
         self._h = np.concatenate([rows.r[n:], [1.0], np.zeros(d), [-1.0]])
         self._dims = {"l": m, "q": [d + 2]}
         self._equalities = (csc_matrix(np.pad(rows.R[:n], ((0, 0), (0, 1)))), rows.r[:n]) if n else (None, None)
         self._G = np.zeros((m + d + 2, d + 1))
         self._G[:m, :d] = rows.R[n:]
         self._G[[m, -1], d] = -1.0
-        self._fill()
+        self.pass_data(p.P, p.q)
 
-    def _fill(self) -> None:
-        self._G[self.rows.unequal + 1 : -1, :-1] = -np.sqrt(2.0) * cholesky(self.program.P, self.name).T
-        self._sparse = csc_matrix(self._G)
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
-        self._cost[:-1] = self.program.q
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        if q is not None:
+            self._cost[:-1] = q
         if P is not None:
-            self._fill()
+            self._G[self.rows.unequal + 1 : -1, :-1] = -np.sqrt(2.0) * cholesky(P, self.name).T
+            self._sparse = csc_matrix(self._G)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._result = ecos.solve(
             self._cost, self._sparse, self._h, self._dims, *self._equalities, verbose=False, **self.settings
         )
-        self.found = self._result["info"]["exitFlag"] == 0
-        return self._result["x"][:-1] if self.found else self.program.no_answer()
+        return self._result["x"][:-1] if self._result["info"]["exitFlag"] == 0 else None
 
     def answer(self) -> Answer:
         r, info = self._result, self._result["info"]

@@ -45,30 +45,26 @@ class Highspy(LibrarySolver):
         lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = R.shape
         lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = R.indptr, R.indices, R.data
         self._demand(self._highs.passModel(lp), "take the problem")
-        self._pass_hessian()
+        self.pass_data(p.P, None)
 
     def _demand(self, status: highspy.HighsStatus, what: str) -> None:
         if status == highspy.HighsStatus.kError:
             raise ValueError(f"highspy does not {what}")
 
-    def _pass_hessian(self) -> None:
-        t, form = self._triangle, highspy.HessianFormat.kTriangular.value
-        P = t.values(self.program.P)
-        self._demand(self._highs.passHessian(self.program.d, t.indices.size, form, t.indptr, t.indices, P), "take P")
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        d, t, form = self.program.d, self._triangle, highspy.HessianFormat.kTriangular.value
         if P is not None:
-            self._pass_hessian()
+            status = self._highs.passHessian(d, t.indices.size, form, t.indptr, t.indices, t.values(P))
+            self._demand(status, "take P")
         if q is not None:
-            self._highs.changeColsCost(self.program.d, self._columns, self.program.q)
+            self._highs.changeColsCost(d, self._columns, q)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._begin_s = self._highs.getRunTime()
         self._highs.setOptionValue("time_limit", self._begin_s + self._time_limit_s)
         self._highs.run()
-        self.found = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
-        return np.array(self._highs.getSolution().col_value) if self.found else self.program.no_answer()
+        is_optimal = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
+        return np.array(self._highs.getSolution().col_value) if is_optimal else None
 
     def answer(self) -> Answer:
         highs, answer, p = self._highs, self._highs.getSolution(), self.program

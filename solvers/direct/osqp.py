@@ -39,23 +39,20 @@ class Osqp(LibrarySolver):
         options = {"verbose": False, **self.settings}
         self._solver.setup(p.triangle.matrix(p.P), p.q.copy(), csc_matrix(rows.R), rows.l, rows.u, **options)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        new = {} if P is None else {"Px": p.triangle.values(p.P)}
-        if q is not None:
-            new["q"] = p.q
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        new = {"q": q}
+        if P is not None:
+            new["Px"] = self.program.triangle.values(P)
         self._solver.update(**new)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is None:
             self._solver.warm_start(*self._zero)
         else:
-            self._solver.warm_start(x=np.ascontiguousarray(warm_start))
+            self._solver.warm_start(x=warm_start)
         self._result = self._solver.solve(raise_error=False)
         # On failure x holds a finite number, the bits of a NaN read as an integer: the status comes first.
-        self.found = self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED
-        return self._result.x if self.found else self.program.no_answer()
+        return self._result.x if self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None
 
     def answer(self) -> Answer:
         r, info = self._result, self._result.info

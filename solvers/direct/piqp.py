@@ -31,18 +31,15 @@ class Piqp(LibrarySolver):
         inequalities = (np.asfortranarray(p.G), None, p.h) if len(p.G) else (None, None, None)
         self._solver.setup(p.P.T, p.q, self._A, p.b if len(p.A) else None, *inequalities, p.lb, p.ub)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         # P is symmetric, so its transpose is P in the Fortran order that the library wants. A goes with it: a new P is
         # equilibrated anew, which the library's product AᵀA misses, and then feasible problems are called infeasible.
         A = None if P is None else self._A
-        self._solver.update(P=None if P is None else p.P.T, c=None if q is None else p.q, A=A)
+        self._solver.update(P=None if P is None else P.T, c=q, A=A)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._status = self._solver.solve()
-        self.found = self._status == piqp.PIQP_SOLVED
-        return self._solver.result.x.copy() if self.found else self.program.no_answer()
+        return self._solver.result.x.copy() if self._status == piqp.PIQP_SOLVED else None
 
     def answer(self) -> Answer:
         r = self._solver.result

@@ -25,12 +25,11 @@ class Pounce(LibrarySolver):
     def build(self, p: Program, rows: Stack) -> None:
         self._constraints = {name: getattr(p, name) for name in ("A", "b", "G", "h", "lb", "ub")}
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._result = pounce.solve_qp(
             self.program.P, self.program.q, **self._constraints, check_psd=False, **self.settings
         )
-        self.found = self._result.status == "optimal"
-        return self._result.x if self.found else self.program.no_answer()
+        return self._result.x if self._result.status == "optimal" else None
 
     def answer(self) -> Answer:
         r = self._result

@@ -41,13 +41,11 @@ class Proxsuite(LibrarySolver):
         self._dual: tuple[Vector | None, Vector | None] = (None, None)
         self._is_fresh = True
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        self._qp.update(H=None if P is None else p.P, g=None if q is None else p.q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        self._qp.update(H=P, g=q)
         self._is_fresh = True
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         if not self._is_fresh:
             self._qp.update(g=self.program.q)
         if warm_start is None:
@@ -57,9 +55,8 @@ class Proxsuite(LibrarySolver):
             self._qp.solve(warm_start, *self._dual)
         self._is_fresh = False
         results = self._qp.results
-        self.found = results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
-        if not self.found:
-            return self.program.no_answer()
+        if results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED:
+            return None
         self._dual = results.y.copy(), results.z.copy()  # an update wipes them
         return results.x.copy()
 

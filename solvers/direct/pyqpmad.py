@@ -33,15 +33,15 @@ class Pyqpmad(LibrarySolver):
         general = (np.asfortranarray(p.R[p.general]), p.l[p.general], p.u[p.general]) if m else (None, None, None)
         self._arguments = (self._x, self._work.T, p.q, p.lb, p.ub, *general, parameters)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._work[:] = self.program.P
         try:
             status = self._solver.solve(*self._arguments)
         except RuntimeError as error:  # how the library says infeasible, or P not positive definite
-            self.found, self._status = False, str(error)
-            return self.program.no_answer()
-        self.found, self._status = status == pyqpmad.ReturnStatus.OK, status.name
-        return self._x if self.found else self.program.no_answer()
+            self._status = str(error)
+            return None
+        self._status = status.name
+        return self._x if status == pyqpmad.ReturnStatus.OK else None
 
     def answer(self) -> Answer:
         p, w = self.program, np.zeros(self.rows.size)

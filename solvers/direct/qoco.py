@@ -4,14 +4,14 @@
 
 Source: G. Chari, B. Açıkmeşe, "QOCO: a quadratic objective conic optimizer with custom solver generation", 2025.
 
-One tolerance bounds the gap, the residual of the gradient and that of the rows, though the last is in the unit of x and
-the others are in those of the cost; asked for as little as the gap, rounding never lets the rows have it. So with our
-settings it is 1e-9 and the cost is given in units of ``cost_unit``, the power of two of which 1e-9 is what the rung
-asks of the gap; that rounds nothing.
+One tolerance bounds the gap, the residual of the gradient and that of the rows, though the last has the unit of x and
+the others have those of the cost; rounding keeps the rows from meeting a tolerance as small as that on the gap. So with
+our settings the tolerance is 1e-9 and the cost is divided by ``cost_unit``, a power of two (which rounds nothing), so
+that 1e-9 of it is the gap of the rung.
 
 Timed: ``setup`` allocates and orders; ``update`` hands over the upper triangle of P and q; ``solve`` iterates and
-copies the results out of the library's memory. There is no warm start, and no test of infeasibility either: the library
-ends in a numerical error.
+copies the results out of the library's memory. There is no warm start and no test of infeasibility: the library ends in
+a numerical error.
 """
 
 import math
@@ -39,7 +39,7 @@ class Qoco(LibrarySolver):
     library = replace(
         QOCO,
         tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
-        rungs=(4, 6, 8, 10, 12, 13, 14, 15),
+        exponents=(4, 6, 8, 10, 12, 13, 14, 15),
     )
     form = Cones
     iteration_setting = "max_iters"
@@ -54,18 +54,15 @@ class Qoco(LibrarySolver):
         P = p.triangle.matrix(p.P) / unit
         self._solver.setup(p.d, m, n, P, p.q / unit, A, rows.r[:n], G, rows.r[n:], m, 0, None, **settings)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
-            self._solver.update_matrix_data(P=p.triangle.values(p.P) / self._unit)
+            self._solver.update_matrix_data(P=self.program.triangle.values(P) / self._unit)
         if q is not None:
-            self._solver.update_vector_data(c=p.q / self._unit)
+            self._solver.update_vector_data(c=q / self._unit)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._result = self._solver.solve()
-        self.found = self._result.status == "QOCO_SOLVED"
-        return self._result.x if self.found else self.program.no_answer()
+        return self._result.x if self._result.status == "QOCO_SOLVED" else None
 
     def answer(self) -> Answer:
         r = self._result

@@ -10,7 +10,6 @@ calling thread (the library's default is a second one that can be interrupted) a
 solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
 """
 
-import numpy as np
 import qpalm
 from scipy.sparse import csc_matrix
 
@@ -38,20 +37,17 @@ class Qpalm(LibrarySolver):
         self.choose(settings, verbose=False)
         self._solver = qpalm.Solver(data, settings)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
-            self._solver.update_Q_A(p.triangle.values(p.P), self._R.data)
+            self._solver.update_Q_A(self.program.triangle.values(P), self._R.data)
         if q is not None:
-            self._solver.update_q(p.q)
+            self._solver.update_q(q)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is not None:
-            self._solver.warm_start(np.ascontiguousarray(warm_start), None)
+            self._solver.warm_start(warm_start, None)
         self._solver.solve(asynchronous=False)
-        self.found = self._solver.info.status == "solved"
-        return self._solver.solution.x.copy() if self.found else self.program.no_answer()
+        return self._solver.solution.x.copy() if self._solver.info.status == "solved" else None
 
     def answer(self) -> Answer:
         s, info = self._solver.solution, self._solver.info

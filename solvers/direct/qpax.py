@@ -35,10 +35,9 @@ class Qpax(LibrarySolver):
         solve = jax.jit(partial(qpax.solve_qp, **self.settings))
         self._solve = solve.lower(p.P, p.q, *self._constraints).compile()
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._result = self._solve(self.program.P, self.program.q, *self._constraints)
-        self.found = bool(self._result[4])
-        return np.asarray(self._result[0]) if self.found else self.program.no_answer()
+        return np.asarray(self._result[0]) if self._result[4] else None
 
     def answer(self) -> Answer:
         x, _, z, y, _, iterations = self._result

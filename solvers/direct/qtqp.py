@@ -27,18 +27,16 @@ class Qtqp(LibrarySolver):
         if not rows.unequal:
             raise Unsupported("qtqp needs at least one inequality or bound, and the problem has none")
         self._a = csc_matrix(rows.R)
-        self.update()
+        self.pass_data(p.P, p.q)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        self._solver = qtqp.QTQP(p=csc_matrix(p.P), c=p.q, a=self._a, b=self.rows.r, z=self.rows.equal)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        p, rows = self.program, self.rows
+        self._solver = qtqp.QTQP(p=csc_matrix(p.P), c=p.q, a=self._a, b=rows.r, z=rows.equal)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         linear = {"linear_solver": qtqp.LinearSolver.SCIPY_DENSE}
         self._result = self._solver.solve(verbose=False, **{**linear, **self.settings})
-        self.found = self._result.status is qtqp.SolutionStatus.SOLVED
-        return self._result.x if self.found else self.program.no_answer()
+        return self._result.x if self._result.status is qtqp.SolutionStatus.SOLVED else None
 
     def answer(self) -> Answer:
         r = self._result

@@ -29,20 +29,18 @@ class Quadprog(LibrarySolver):
         self._a = -p.q
         self._constraints = (np.ascontiguousarray(-rows.R.T), -rows.r, rows.equal) if rows.r.size else ()
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         np.negative(self.program.q, out=self._a)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         try:
-            answer = quadprog.solve_qp(self.program.P, self._a, *self._constraints)
+            self._answer = quadprog.solve_qp(self.program.P, self._a, *self._constraints)
         except ValueError as error:
             if not str(error).endswith(NO_ANSWER):
                 raise
-            self.found, self._error = False, str(error)
-            return self.program.no_answer()
-        self.found, self._answer = True, answer
-        return answer[0]
+            self._error = str(error)
+            return None
+        return self._answer[0]
 
     def answer(self) -> Answer:
         if not self.found:

@@ -41,7 +41,7 @@ class ScipySlsqp(LibrarySolver):
             if r.size
         ]
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         lb, ub = self.program.lb, self.program.ub
         self._result = minimize(  # type: ignore[call-overload]
             partial(cost, self.program),
@@ -52,8 +52,7 @@ class ScipySlsqp(LibrarySolver):
             constraints=self._rows,
             options=self.settings,
         )
-        self.found = bool(self._result.success)
-        return self._result.x if self.found else self.program.no_answer()
+        return self._result.x if self._result.success else None
 
     def answer(self) -> Answer:
         p, r, w = self.program, self._result, np.zeros(self.rows.size)

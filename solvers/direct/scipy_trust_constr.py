@@ -43,7 +43,7 @@ class ScipyTrustConstr(LibrarySolver):
         R = p.R[p.general]
         self._rows = [LinearConstraint(R, p.l[p.general], p.u[p.general])] if len(R) else []
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         p = self.program
         self._result = r = minimize(  # type: ignore[call-overload]
             partial(cost, p),
@@ -55,8 +55,7 @@ class ScipyTrustConstr(LibrarySolver):
             constraints=self._rows,
             options=self.settings,
         )
-        self.found = r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8)
-        return r.x if self.found else p.no_answer()
+        return r.x if r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8) else None
 
     def answer(self) -> Answer:
         r = self._result

@@ -35,31 +35,25 @@ class Scs(LibrarySolver):
         self._constraints = {"A": csc_matrix(rows.R if some else (1, p.d)), "b": rows.r if some else np.ones(1)}
         self._cone = {"z": rows.equal, "l": rows.unequal if some else 1}
         self._dual: dict[str, Vector] = {}
-        self._renew()
+        self.pass_data(p.P, p.q)
 
-    def _renew(self) -> None:
-        p = self.program
-        self._solver = scs.SCS(
-            {"P": p.triangle.matrix(p.P), "c": p.q, **self._constraints},
-            self._cone,
-            **{"verbose": False, "linear_solver": "qdldl", **self.settings},
-        )
-
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
-            self._renew()
+            self._solver = scs.SCS(
+                {"P": self.program.triangle.matrix(P), "c": self.program.q, **self._constraints},
+                self._cone,
+                **{"verbose": False, **self.settings},
+            )
         elif q is not None:
-            self._solver.update(c=self.program.q)
+            self._solver.update(c=q)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is None:
             self._result = self._solver.solve(warm_start=False)
         else:
-            self._result = self._solver.solve(warm_start=True, x=np.ascontiguousarray(warm_start), **self._dual)
-        self.found = self._result["info"]["status_val"] == scs.SOLVED
-        if not self.found:
-            return self.program.no_answer()
+            self._result = self._solver.solve(warm_start=True, x=warm_start, **self._dual)
+        if self._result["info"]["status_val"] != scs.SOLVED:
+            return None
         self._dual = {"y": self._result["y"], "s": self._result["s"]}
         return self._result["x"]
 

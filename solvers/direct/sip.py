@@ -57,21 +57,18 @@ class Sip(LibrarySolver):
         for log in ("logs", "line_search_logs", "search_direction_logs", "derivative_check_logs"):
             setattr(self._options.logging, f"print_{log}", False)
         self.choose(self._options.termination)
-        self.update()
+        self.pass_data(p.P, p.q)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        p = self.program
-        p.take(P, q)
-        self._hessian = p.triangle.matrix(p.P)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
+        self._hessian = self.program.triangle.matrix(self.program.P)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self._point = sip.Variables(self._sizes)
         self._point.x, self._point.y = np.zeros(self.program.d), np.zeros(self.rows.equal)
         self._point.s, self._point.z = np.ones(self.rows.unequal), np.ones(self.rows.unequal)
         model = _model(self.program, self.rows, self._hessian, *self._jacobians)
         self._said = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
-        self.found = self._said.exit_status == sip.Status.SOLVED
-        return np.array(self._point.x) if self.found else self.program.no_answer()
+        return np.array(self._point.x) if self._said.exit_status == sip.Status.SOLVED else None
 
     def answer(self) -> Answer:
         point, said = self._point, self._said

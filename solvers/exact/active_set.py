@@ -1,9 +1,9 @@
 """The optimum of an exact quadratic program, from any guess of its active set.
 
 A working set W is optimal when its stationary point breaks no constraint outside W and no inequality in W has λ < 0.
-Otherwise W is repaired, in three ways, of which the first is quick and the others are sure:
+Otherwise W is repaired, first by a fast method, then by methods that are certain to terminate:
 
-- block exchange: all wrong constraints change sides at once, as long as that makes fewer of them wrong (J. J. Júdice,
+- block exchange: all wrong constraints change sides at once, as long as their number decreases (J. J. Júdice,
   F. M. Pires, "A block principal pivoting algorithm for large-scale strictly monotone linear complementarity
   problems", Comput. Oper. Res. 21, 1994);
 - dual active set, for P ≻ 0: constraints of negative multiplier leave, then violated ones enter one by one while the
@@ -32,7 +32,7 @@ from solvers.exact.program import (
 
 
 def optimum(program: ExactProgram, wanted: Iterable[int], work: Work | None = None) -> tuple[list[int], Point]:
-    """The working set and the point of an optimum, from a guess of the active constraints in order of trust.
+    """The working set and the point of an optimum, from guessed active constraints, the most certain first.
 
     Parameters
     ----------
@@ -41,14 +41,14 @@ def optimum(program: ExactProgram, wanted: Iterable[int], work: Work | None = No
     wanted : iterable of int
         Positions of constraints; may depend on each other.
     work : Work, optional
-        What may be spent on linear systems, WORK by default: every way ends, and criss-cross not always soon.
+        Limit of the work on linear systems, WORK by default: criss-cross terminates, but can take long.
 
     Raises
     ------
     Infeasible, Unbounded
-        With the constraint that shows it.
+        With a constraint that proves it.
     NotCertified
-        The work is spent.
+        The limit of the work is exceeded.
     """
     budget = work or Work(WORK)
     W, point = block_exchange(program, program.working_set(wanted), budget)
@@ -67,7 +67,7 @@ def _contradiction(program: ExactProgram, k: int, others: Iterable[int]) -> Infe
 
 
 def block_exchange(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
-    """Swap all wrong constraints at once, until none is wrong or three swaps in a row have not helped."""
+    """Exchange all wrong constraints at once until none is wrong or three exchanges in a row bring no improvement."""
     fewest, patience = len(program.constraints) + program.d + 1, 0
     while True:
         budget.spend(program.pivot_work(W))
@@ -96,7 +96,8 @@ def dual_active_set(program: ExactProgram, W: list[int], budget: Work) -> tuple[
 
 
 def _enter(program: ExactProgram, k: int, W: Sequence[int], point: Point, budget: Work) -> list[int]:
-    """Raise the multiplier of a violated constraint until it holds; those of W that reach zero on the way leave."""
+    """Increase the multiplier of a violated constraint until it holds; constraints of W whose multiplier reaches zero
+    on the way leave."""
     W, multipliers, excess = list(W), dict(point.multipliers), abs(point.slacks[k])
     side = 1 if point.slacks[k] < 0 else -1  # −1 for an equality that x undercuts
     normal = rational_column(program.constraint(k).row(program.d)) * fmpq(side)
@@ -118,9 +119,9 @@ def _enter(program: ExactProgram, k: int, W: Sequence[int], point: Point, budget
 
 
 def _strictly_convex_neighbour(program: ExactProgram) -> ExactProgram:
-    """The program with P_ii raised by one millionth, or by one millionth of the largest where P_ii is zero.
+    """The program with P_ii increased by one millionth, or by one millionth of the largest P_jj if P_ii is zero.
 
-    Its optimum is near one of the program itself, also where the latter has many or none; it serves as a start only.
+    Its optimum serves as a starting point only: it is near an optimum of the program, if that has one.
     """
     largest = max((program.P[i][i] for i in range(program.d)), default=fmpz(0)) or fmpz(1)
     P = [[entry * 10**6 for entry in row] for row in program.P]
@@ -130,7 +131,7 @@ def _strictly_convex_neighbour(program: ExactProgram) -> ExactProgram:
 
 
 def criss_cross(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
-    """Always the wrong constraint of least index; raises :class:`Infeasible` or :class:`Unbounded`."""
+    """Pivot on the wrong constraint of least index; raises :class:`Infeasible` or :class:`Unbounded`."""
     while True:
         budget.spend(program.pivot_work(W))
         point = stationary_point(program, W)
@@ -141,12 +142,13 @@ def criss_cross(program: ExactProgram, W: list[int], budget: Work) -> tuple[list
 
 
 def _add(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list[int]:
-    """Add a violated constraint, in exchange for one in W where it depends on W."""
+    """Add a violated constraint, in exchange for one in W if it depends on W."""
     c = program.constraint(k)
     p, u = program.kkt_solve(W, rational_column(c.row(program.d)), [fmpq(0)] * len(W))
     if any(entry != 0 for entry in p.entries()):
         return [*W, k]
-    # Here aₖ = Σ uᵣaᵣ over W. If no term can give way, every point that satisfies W violates k as much as x does.
+    # Here aₖ = Σ uᵣaᵣ over W. If no constraint of W can leave, every point that satisfies W violates k as much as x
+    # does.
     side = 1 if point.slacks[k] < 0 else -1
     leaving = []
     for r in W:

@@ -1,14 +1,14 @@
-"""Linear algebra on doubles that rounds nothing, or encloses what it rounds.
+"""Linear algebra on doubles without rounding, or with rounding errors enclosed.
 
 A finite double is an integer times a power of two, so a matrix of doubles is one integer matrix times one power of two.
-Three questions are answered here about such matrices, each by a proof:
+Three problems with such matrices are solved here, each with a proof:
 
 - ``A x = b`` by FLINT's p-adic lifting: J. D. Dixon, "Exact solution of linear equations using p-adic expansions",
   Numer. Math. 40 (1982), reached as ``fmpq_mat.solve``;
 - ``P ⪰ 0`` by an LDLᵀ with diagonal pivoting whose entries are balls that contain the true value (F. Johansson, "Arb:
   efficient arbitrary-precision midpoint-radius interval arithmetic", IEEE Trans. Comput. 66, 2017), together with the
   exact rank: r positive pivots of a matrix of rank r leave a Schur complement of rank 0, which is zero;
-- which rows are independent, modulo a prime: rows independent modulo a prime are independent.
+- selection of independent rows modulo a prime: rows that are independent modulo a prime are independent.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ import numpy as np
 from flint import arb, ctx, fmpq, fmpq_mat, fmpz, fmpz_mat, nmod_mat
 from numpy.typing import NDArray
 
-# FLINT ships no type stubs; these names say which of its types is meant.
+# FLINT has no type stubs; these names stand for its types.
 Rational = Any
 RationalColumn = Any
 IntegerRows = list[list[Any]]
@@ -28,7 +28,7 @@ PRIME = 2**63 - 25
 
 
 WORK = 5e10
-"""Work of a proof by default: about a minute on a machine of 2025."""
+"""Default limit of the work of a proof: about a minute on a machine of 2025."""
 
 
 class NotCertified(Exception):
@@ -36,22 +36,17 @@ class NotCertified(Exception):
 
 
 class Work:
-    """What a proof may cost, in bit operations, not in seconds, so that what can be proven does not hang on a machine's
-    load."""
+    """A limit on the work of a proof, in bit operations instead of seconds, so that results do not depend on the load
+    of the machine."""
 
     def __init__(self, limit: float) -> None:
         self._limit = self._left = limit
 
     def spend(self, amount: float) -> None:
-        """Take an amount off; NotCertified where it is more than what is left."""
+        """Subtract an amount; NotCertified if it exceeds the remainder."""
         self._left -= amount
         if self._left < 0.0:
             raise NotCertified(f"no proof within {self._limit:.0e} bit operations of exact arithmetic")
-
-
-def power_of_two(exponent: int) -> Rational:
-    """2**exponent as a rational."""
-    return fmpq(1 << exponent) if exponent >= 0 else fmpq(1, 1 << -exponent)
 
 
 def integers(values: NDArray[np.float64]) -> tuple[list[Any], int]:
@@ -73,7 +68,7 @@ def integers(values: NDArray[np.float64]) -> tuple[list[Any], int]:
 def column(values: NDArray[np.float64]) -> RationalColumn:
     """Finite doubles (d,) as an exact rational column (d, 1)."""
     flat, exponent = integers(values)
-    return fmpq_mat(fmpz_mat(len(flat), 1, flat)) * power_of_two(exponent)
+    return fmpq_mat(fmpz_mat(len(flat), 1, flat)) * fmpq(2) ** exponent
 
 
 def nearest_double(value: Rational) -> float:
@@ -87,8 +82,8 @@ def nearest_double(value: Rational) -> float:
 def first_independent(rows: IntegerRows) -> list[int]:
     """Positions of the rows that are not a combination of rows before them, taken modulo :data:`PRIME`.
 
-    Rows that are kept are independent over the rationals too. The converse can fail, for a prime that divides a minor:
-    whoever needs it must check it.
+    The returned rows are independent over the rationals too. The others need not be dependent over the rationals, if
+    the prime divides a minor; callers that need the converse must check it.
     """
     if not rows:
         return []
@@ -109,12 +104,12 @@ def semidefinite_rank(P: IntegerRows, work: Work | None = None) -> int | None:
     P : list of list of fmpz, shape (d, d)
         Exactly symmetric.
     work : Work, optional
-        What may be spent, WORK by default.
+        Limit of the work, WORK by default.
 
     Notes
     -----
-    Ball arithmetic answers "not yet" when a ball straddles zero; the precision is doubled then. That ends: a nonzero
-    Schur complement has a diagonal entry or a 2 × 2 minor whose sign enough bits show.
+    While a ball contains zero, the precision is doubled. This terminates: a nonzero Schur complement has a diagonal
+    entry or a 2 × 2 minor whose sign is found with enough bits.
 
     Examples
     --------
@@ -134,7 +129,7 @@ def semidefinite_rank(P: IntegerRows, work: Work | None = None) -> int | None:
 
 
 def _positive_pivots(P: IntegerRows, bits: int, work: Work) -> int | None:
-    """How many pivots are positive beyond doubt at this precision; None where the matrix is indefinite beyond doubt."""
+    """Number of pivots that are proved positive at this precision; None if the matrix is proved indefinite."""
     work.spend(float(len(P)) ** 3 * (bits / 8 + 64))
     with ctx.workprec(bits):
         S = [[arb(entry) for entry in row[: i + 1]] for i, row in enumerate(P)]  # lower triangle, overwritten

@@ -1,13 +1,13 @@
-"""A quadratic program in doubles, read as the exact program that it is.
+"""A quadratic program in doubles as an exact program.
 
     minimise V(x) = ½ xᵀ(P + δI) x + qᵀx   subject to   G x ≤ h,  A x = b,  lb ≤ x ≤ ub
 
-Two things are decided here that the data alone do not say. P stands for its symmetric part (P + Pᵀ)/2, which has the
-same cost. And rounding can make a Gram matrix indefinite, by about 1e-16 of its trace, hence the rule for the shift δ:
+P stands for its symmetric part (P + Pᵀ)/2, which has the same cost. Rounding can make a Gram matrix indefinite, by
+about 1e-16 of its trace, hence this rule for the shift δ:
 
 - δ = 0 where P is positive semidefinite;
 - otherwise δ is the smallest power of two, not below 2^-1074, with P + δI ⪰ 0;
-- where that exceeds 1e-12 · trace(P)/d the problem is refused as not convex.
+- if that exceeds 1e-12 · trace(P)/d, the problem is refused as not convex.
 
 A shift changes the cost of x by ½ δ‖x‖².
 """
@@ -32,7 +32,6 @@ from solvers.exact.linear_algebra import (
     Work,
     column,
     integers,
-    power_of_two,
     semidefinite_rank,
 )
 from solvers.exact.program import Constraint, ExactProgram, Kind
@@ -42,23 +41,17 @@ from solvers.rows import dense_rows
 SHIFT_LIMIT = 1e-12
 """Largest accepted shift, in units of trace(P)/d."""
 NEAR = 1e-6
-"""Relative slack under which a row is guessed active; a wrong guess costs pivots, never truth."""
+"""Relative slack below which a row is guessed active; a wrong guess costs pivots only."""
 
 
-def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Vector:
-    """The values, or a ValueError that says which of them is NaN or infinite, or that the shape is wrong."""
+def finite(name: str, values: ArrayLike, shape: tuple[int, ...], absent: float | None = None) -> Vector:
+    """The values; ValueError names the first that is NaN or infinite, except for the value of an absent bound."""
     values = np.array(values, dtype=np.float64)
     if values.shape != shape:
         raise ValueError(f"{name} has shape {values.shape}, expected {shape}")
-    if not np.isfinite(values).all():
-        where = np.argwhere(~np.isfinite(values))[0].tolist()
-        raise ValueError(f"{name}{where} is {values[tuple(where)]}, and no exact proof starts from that")
-    return values
-
-
-def _half_finite(name: str, values: Vector, shape: tuple[int, ...], open_side: float) -> Vector:
-    """The same for a bound, which may be infinite on its open side."""
-    finite(name, np.where(values == open_side, 0.0, values), shape)
+    refused = np.argwhere(~np.isfinite(values) & (values != absent)).tolist()
+    if refused:
+        raise ValueError(f"{name}{refused[0]} is {values[tuple(refused[0])]}, and no exact proof starts from that")
     return values
 
 
@@ -66,7 +59,7 @@ def _half_finite(name: str, values: Vector, shape: tuple[int, ...], open_side: f
 class DoubleProblem:
     """A problem as dense, checked arrays: P (d, d), q, lb, ub (d,), G (m, d), h (m,), A (e, d), b (e,).
 
-    Problems are equal whose fingerprints are.
+    Problems are equal if their fingerprints are.
     """
 
     P: Matrix
@@ -80,7 +73,7 @@ class DoubleProblem:
 
     @classmethod
     def of(cls, problem: Problem) -> DoubleProblem:
-        """Read a problem; raises ValueError for NaN, an infinity where none has a meaning, or a wrong shape."""
+        """Read a problem; raises ValueError for NaN, a meaningless infinity or a wrong shape."""
         P, q = dense(problem)
         d = q.size
         G, h = dense_rows(problem.G, problem.h, d)
@@ -90,11 +83,11 @@ class DoubleProblem:
             finite("P", P, (d, d)),
             finite("q", q, (d,)),
             finite("G", G, (h.size, d)),
-            _half_finite("h", h, h.shape, np.inf),
+            finite("h", h, h.shape, np.inf),
             finite("A", A, (b.size, d)),
             finite("b", b, b.shape),
-            _half_finite("lb", lb, (d,), -np.inf),
-            _half_finite("ub", ub, (d,), np.inf),
+            finite("lb", lb, (d,), -np.inf),
+            finite("ub", ub, (d,), np.inf),
         )
 
     def __eq__(self, other: object) -> bool:
@@ -102,7 +95,7 @@ class DoubleProblem:
         return isinstance(other, DoubleProblem) and self.fingerprint == other.fingerprint
 
     def __hash__(self) -> int:
-        """That of the fingerprint."""
+        """Hash of the fingerprint."""
         return hash(self.fingerprint)
 
     @cached_property
@@ -137,20 +130,20 @@ class DoubleProblem:
         return tuple(found)
 
     def _is_plainly_definite(self) -> bool:
-        """Whether a Cholesky factorisation in doubles proves P ≻ 0; where it does not, P may be so all the same.
+        """Whether a Cholesky factorisation in doubles proves P ≻ 0; if it does not, P may still be positive definite.
 
-        A is P scaled by powers of two, exactly, to a diagonal in [1, 4), and t = trace(A). Where the factorisation of A
-        − cI ends, its factor is that of A − cI + E with |E| at most γ_{d+1}/(1 − γ_{d+1}) t in norm, γ_k = ku/(1 − ku),
-        and the subtraction rounds by less than 4u. So c = 4(d + 4) u t leaves A positive definite (S. M. Rump,
-        "Verification of positive definiteness", BIT 46, 2006; Higham, *Accuracy and Stability of Numerical Algorithms*,
-        2nd edition, theorem 10.3).
+        A is P scaled exactly, by powers of two, to a diagonal in [1, 4), and t = trace(A). If the factorisation of
+        A − cI succeeds, its factor is that of A − cI + E with ‖E‖ ≤ γ_{d+1}/(1 − γ_{d+1}) t, γ_k = ku/(1 − ku), and the
+        subtraction rounds by less than 4u. So with c = 4(d + 4) u t, A is positive definite (S. M. Rump, "Verification
+        of positive definiteness", BIT 46, 2006; Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd edition,
+        theorem 10.3).
         """
         diagonal = np.diag(self.P)
         if not (self.P == self.P.T).all() or not (diagonal > 0.0).all():
             return False
         exponents = -((np.frexp(diagonal)[1] - 1) // 2)
         A = np.ldexp(self.P, exponents[:, None] + exponents)
-        # an element was lost below the smallest double
+        # an element has underflowed
         if not np.array_equal(np.ldexp(A, -exponents[:, None] - exponents), self.P):
             return False
         d = len(A)
@@ -162,7 +155,8 @@ class DoubleProblem:
         return True
 
     def convexity_shift(self, work: Work | None = None) -> tuple[float, bool]:
-        """δ by the rule of this module and whether P + δI is positive definite; raises NotCertified where refused."""
+        """δ by the rule of this module and whether P + δI is positive definite; raises NotCertified if it is
+        refused."""
         d = self.q.size
         if self._is_plainly_definite():
             return 0.0, True
@@ -188,10 +182,10 @@ class DoubleProblem:
         return math.ldexp(1.0, high), rank_at(high) == d
 
     def guess(self, x: Vector) -> list[tuple[Kind, int]]:
-        """The active set that a float answer suggests.
+        """A guess of the active set from an answer in doubles.
 
-        A bound is guessed active where one Newton step of its variable alone, x_i − r_i/P_ii, would reach it; r is the
-        gradient plus the rows near x times their multipliers, which least squares finds on the variables off bounds.
+        A bound is guessed active if one Newton step in its variable alone, x_i − r_i/P_ii, would reach it; r is the
+        gradient plus the rows near x times their multipliers, a least-squares fit on the variables away from bounds.
         """
         with np.errstate(all="ignore"):
             r = self.P @ x + self.q
@@ -212,12 +206,13 @@ class DoubleProblem:
 
 @lru_cache(maxsize=128)
 def exact(data: DoubleProblem, shift: float) -> tuple[ExactProgram, Rational]:
-    """The exact program with P + shift·I, and the factor that turns its cost into V.
+    """The exact program with P + shift·I, and the factor by which its cost is multiplied to give V.
 
-    Many answers are judged on few programs, and to read one costs more than to judge an answer.
+    It is cached, since many answers are judged on few programs and the conversion takes longer than the judgement.
     """
     P, exponent = _shifted(*data._symmetric, shift)
-    return ExactProgram(P, column(data.q) * power_of_two(-exponent), data.constraints()), power_of_two(exponent)
+    factor = fmpq(2) ** exponent
+    return ExactProgram(P, column(data.q) / factor, data.constraints()), factor
 
 
 def _shifted(P: IntegerRows, exponent: int, shift: float) -> tuple[IntegerRows, int]:

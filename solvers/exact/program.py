@@ -33,22 +33,22 @@ class Infeasible(NotCertified):
 
 
 class Unbounded(NotCertified):
-    """A direction leads to ever lower cost and no constraint stops it; the feasible set may still be empty."""
+    """The cost decreases without bound along a direction that no constraint blocks; the feasible set may be empty."""
 
 
 class RoundingDecides(NotCertified):
-    """P is indefinite by rounding, and what makes it convex decides where the optimum is."""
+    """P is indefinite by rounding, and the optimum depends on the shift that makes it convex."""
 
 
 class Kind(StrEnum):
-    """What a constraint is in the problem it comes from; the value is how a sentence names it."""
+    """Kind of a constraint in the original problem; the value is its name in messages."""
 
     EQUALITY = "equality row"
     LOWER = "lower bound of variable"
     UPPER = "upper bound of variable"
     ROW = "inequality row"
     PIN = "pinned variable"
-    """x_i = 0 where neither the cost nor a constraint decides x_i; never a true constraint."""
+    """x_i = 0 for a variable that neither the cost nor a constraint determines; not a constraint of the problem."""
 
 
 @dataclass(frozen=True)
@@ -67,15 +67,15 @@ class Constraint:
 
     @property
     def size(self) -> Rational:
-        """The largest coefficient (1 for a row of zeros), which makes the slacks of different rows comparable."""
+        """The largest coefficient (1 for a row of zeros), by which slacks of different rows are compared."""
         return fmpz(1) if self.a is None else max(abs(entry) for entry in self.a) or fmpz(1)
 
     def broken_by(self, slack: Rational) -> bool:
-        """Whether the slack b − aᵀx says that x breaks this constraint."""
+        """Whether a point with the slack b − aᵀx violates this constraint."""
         return bool(slack < 0 or (slack != 0 and self.kind is Kind.EQUALITY))
 
     def __str__(self) -> str:
-        """Name for a sentence."""
+        """Its name in messages."""
         return f"{self.kind.value} {self.index}"
 
     def row(self, d: int) -> list[Rational]:
@@ -87,7 +87,7 @@ class Constraint:
 
 @dataclass(frozen=True)
 class ExactProgram:
-    """A quadratic program whose cost is that of P, q times any positive factor.
+    """A quadratic program; a positive factor of the cost is left out.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class ExactProgram:
         Symmetric positive semidefinite; the caller proves it (:func:`solvers.exact.linear_algebra.semidefinite_rank`).
     q : fmpq_mat, shape (d, 1)
     constraints : tuple of Constraint
-        A constraint is known by its position here. Pins are added by the program itself, after these.
+        A constraint is identified by its position. The program itself adds the pins after these.
     """
 
     P: IntegerRows
@@ -119,7 +119,7 @@ class ExactProgram:
 
     @cached_property
     def positions(self) -> dict[tuple[Kind, int], int]:
-        """Where the constraint of a kind and an index stands."""
+        """Position of the constraint of a kind and an index."""
         return {(c.kind, c.index): k for k, c in enumerate(map(self.constraint, range(len(self.constraints) + self.d)))}
 
     @cached_property
@@ -130,12 +130,12 @@ class ExactProgram:
 
     @cached_property
     def regular(self) -> bool:
-        """Whether P is known to be regular, modulo a prime and hence truly."""
+        """Whether P is known to be regular, since it is regular modulo a prime."""
         return len(first_independent(self.P)) == self.d
 
     @cached_property
     def bits(self) -> int:
-        """Of the longest coefficient."""
+        """Bits of the longest coefficient."""
         return max(
             (
                 int(entry).bit_length()
@@ -146,13 +146,13 @@ class ExactProgram:
         )
 
     def pivot_work(self, W: Sequence[int]) -> float:
-        """What the system of a working set costs: elements times digits of its answer."""
+        """Work of solving the system of a working set: its dimension cubed times the bits of its entries."""
         rows = sum(self.constraint(k).a is not None for k in W)
         size = self.d - (len(W) - rows) + rows
         return float(size) ** 3 * self.bits
 
     def along(self, x: RationalColumn) -> list[Rational]:
-        """aₖᵀx of every constraint; one matrix product for all general rows, because a call costs more than a digit."""
+        """aₖᵀx of every constraint; one matrix product for all general rows, since a call is slow."""
         positions, matrix = self.general
         products = dict(zip(positions, (matrix * x).entries(), strict=True))
         return [products[k] if c.a is not None else c.sign * x[c.index, 0] for k, c in enumerate(self.constraints)]
@@ -162,14 +162,14 @@ class ExactProgram:
         return (x.transpose() * (self.hessian * x * fmpq(1, 2) + self.q))[0, 0]
 
     def violated(self, x: RationalColumn) -> list[int]:
-        """Positions of the constraints that x breaks."""
+        """Positions of the constraints that x violates."""
         return [k for k, ax in enumerate(self.along(x)) if self.constraints[k].broken_by(self.constraints[k].b - ax)]
 
     def working_set(self, wanted: Iterable[int]) -> list[int]:
-        """The wanted constraints, thinned and completed so that their optimality system is regular.
+        """The wanted constraints, reduced and completed so that their optimality system is regular.
 
-        Equalities come first, then those wanted in their order; one that depends on those before it is left out. Where
-        P is singular on what is left, other constraints and at last pins are added to remove the null directions.
+        Equalities come first, then the wanted ones in order; a constraint that depends on those before it is left out.
+        If P is singular on the remaining subspace, other constraints and finally pins are added until it is not.
         """
         equalities = [k for k, c in enumerate(self.constraints) if c.kind is Kind.EQUALITY]
         first = list(dict.fromkeys([*equalities, *wanted]))
@@ -186,7 +186,7 @@ class ExactProgram:
         """Solve P p + Cᵀu = f, C p = g; returns p (d, 1) and u by position.
 
         Bounds and pins in W fix their variables, so that only the others and the general rows enter the linear system.
-        Raises ZeroDivisionError where the system is singular.
+        Raises ZeroDivisionError if the system is singular.
         """
         d, right = self.d, dict(zip(W, g, strict=True))
         bounds = {k: c for k in W if (c := self.constraint(k)).a is None}
@@ -220,7 +220,7 @@ class ExactProgram:
 
 @dataclass(frozen=True)
 class Point:
-    """The stationary point of a working set and what is wrong with it."""
+    """The stationary point of a working set and its violated conditions."""
 
     x: RationalColumn
     multipliers: dict[int, Rational]
@@ -232,7 +232,7 @@ class Point:
 
 
 def stationary_point(program: ExactProgram, W: Sequence[int]) -> Point:
-    """Solve the optimality system of W; raises ZeroDivisionError where it is singular."""
+    """Solve the optimality system of W; raises ZeroDivisionError if it is singular."""
     x, multipliers = program.kkt_solve(W, -program.q, [program.constraint(k).b for k in W])
     slacks = {k: program.constraint(k).b - ax for k, ax in enumerate(program.along(x)) if k not in multipliers}
     wrong = [k for k, slack in slacks.items() if program.constraint(k).broken_by(slack)]

@@ -1,8 +1,8 @@
-"""A library in the compiled loop by its C functions.
+"""Libraries in the compiled timed loop, called by their C functions.
 
-The two functions of the loop, ``update`` and ``solve``, are C in ``<name>.c`` of this folder, and Python calls them as
-well: they are all that is timed. Set-up and results are Python's, through ctypes. Arguments and structures of a library
-are facts of one version, so another version is not called.
+``<name>.c`` of this folder has the two functions of the loop, ``update`` and ``solve``, and only these are timed;
+Python calls them too. Python does the set-up and reads the results through ctypes. Arguments and structures of a
+library belong to one version, so other versions are refused.
 """
 
 import ctypes
@@ -22,7 +22,7 @@ from solvers.protocol import Lane, Matrix, Nanoseconds, Timings, Vector
 from solvers.timed_calls import follow_rows, time_calls
 
 CORE = ctypes.CDLL(bindings.__file__)
-"""The module of the core once more, for what its C files export by name."""
+"""The library of the core, for symbols that its C files export."""
 TYPES = {"int": ctypes.c_int, "double": ctypes.c_double}
 Function = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -34,44 +34,44 @@ class Loop(ctypes.Structure):
 
 
 def folder(package: str) -> Path:
-    """Where a package, or an extension module, is installed; it is not imported.
+    """The folder of an installed package or extension module, which is not imported.
 
     Raises
     ------
     ImportError
         It is not installed.
     """
-    found = importlib.util.find_spec(package)
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.origin is None:
         raise ImportError(f"No module named {package!r}")
-    return Path(found.origin).parent
+    return Path(spec.origin).parent
 
 
 def opened(distribution: str, version: str, library: Path, names: tuple[str, ...]) -> ctypes.CDLL:
-    """The library of an installed package, which has these functions.
+    """The library of an installed package.
 
     Raises
     ------
     ImportError
-        Another version is installed, or its library does not have them.
+        Another version is installed, or the library lacks one of the functions.
     """
     if (installed := importlib.metadata.version(distribution)) != version:
         raise ImportError(
             f"the C interface of {distribution} is known of version {version}, and {installed} is installed"
         )
     try:
-        found = ctypes.CDLL(str(library))
+        opened_library = ctypes.CDLL(str(library))
         for name in names:
-            getattr(found, name)
+            getattr(opened_library, name)
     except (OSError, AttributeError) as error:
         raise ImportError(
             f"the library of {distribution} {version} does not offer its C functions here: {error}"
         ) from None
-    return found
+    return opened_library
 
 
 def fields(declarations: str) -> tuple[tuple[str, Any], ...]:
-    """The fields of a structure as C declares them, for ``_fields_``; every pointer is one to anything.
+    """The ``_fields_`` of a structure from its declaration in C; every pointer is a void pointer.
 
     Examples
     --------
@@ -87,58 +87,57 @@ def fields(declarations: str) -> tuple[tuple[str, Any], ...]:
 
 
 def structure(declarations: str, **more: Any) -> type[ctypes.Structure]:
-    """A structure of these fields, and of further ones of other types after them."""
+    """A structure of these fields, followed by fields of other types."""
     return type("Structure", (ctypes.Structure,), {"_fields_": (*fields(declarations), *more.items())})
 
 
 def vector(pointer: int, size: int) -> Vector:
-    """A copy of numbers in a library's memory, shape (size,)."""
+    """A copy of doubles in a library's memory, shape (size,)."""
     return np.array((ctypes.c_double * size).from_address(pointer)) if size else np.zeros(0)
 
 
 class CompiledLibrary(LibrarySolver):
-    """A library behind ``<name>.c``; a file of one builds it and calls ``bind``."""
+    """A solver behind the two C functions of a timed loop; its ``build`` sets it up and calls ``bind``."""
 
     lane = Lane.KERNEL
 
-    def bind(self, *values: Any) -> None:
-        """Make the state, ``program`` and then the fields that <name>.c names, in their order: numbers, arrays,
-        functions and pointers."""
-        p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")
-        self._held = values  # whose addresses the state has
+    def bind(self, *values: Any, loop: Loop | None = None) -> None:
+        """Make the state: the data, then the fields that the C file declares (numbers, arrays, functions, pointers).
+
+        ``loop`` is that of <name>.c in the core by default.
+        """
+        p, self._loop = self.program, loop or Loop.in_dll(CORE, f"library_{self.name}")
+        self._held = values  # the state has their addresses
         self.state: NDArray[np.int64] = np.array([*_home(p), p.d, *map(_number, values)], dtype=np.int64)
-        self._places = np.array([self.state.ctypes.data, _number(self._loop.update), _number(self._loop.solve)])
+        self._addresses = np.array([self.state.ctypes.data, _number(self._loop.update), _number(self._loop.solve)])
         self.x = p.no_answer()
         self._last = np.zeros(p.d)
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        self.program.take(P, q)
+    def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
-        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
+    def run(self, warm_start: Vector | None) -> Vector | None:
         self.x = self.program.no_answer()
-        self._loop.solve(address(self.state), None if start is None else address(start), address(self.x))
-        self._finish(self.x)
-        return self.x
+        self._loop.solve(address(self.state), address(warm_start), address(self.x))
+        return None if np.isnan(self.x[0]) else self.x
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        flag, timings = time_calls(partial(bindings.time_library, self._places), P, q, warm_start, most_ns)
+        flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, warm_start, most_ns)
         last = timings[0].size - 1
         self.program.take(P[last], q[last])
-        self.state[:2] = _home(self.program)  # the data of the loop go when it ends
+        self.state[:2] = _home(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)
         self._finish(timings[2][last].copy())
         return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows one after the other; timed are the new P and q and the solve, from the last answer found if the
-        library takes a start."""
+        """Update and solve after each row, from the last answer found if the library takes a starting point; the new
+        data of a row are not timed."""
         p = self.program
         if self.found:
             self._last[:] = self.x
         flag, answers, nanoseconds = follow_rows(
-            partial(bindings.library_follow, self._places, self._last), p.P, p.q, rows, forgetting
+            partial(bindings.library_follow, self._addresses, self._last), p.P, p.q, rows, forgetting
         )
         self.refuse(flag)
         self._finish(answers[-1].copy())

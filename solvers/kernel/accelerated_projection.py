@@ -2,9 +2,8 @@
 
     w(k+1) = clip(y(k) − η (P y(k) + q)),    y(k+1) = w(k+1) + β(k) (w(k+1) − w(k)),    η = 1/λ_max
 
-in the variables w = D⁻¹ x with D = diag(P)^−½. Sources and the restart rule stand in
-``solvers/core/acceleration.c``. It is the paper's recursion with two vectors more in memory, and takes the square
-root of its number of steps.
+in the variables w = D⁻¹ x with D = diag(P)^−½. Sources and the restart rule: ``solvers/core/acceleration.c``. It is the
+paper's recursion with two more vectors in memory, and takes about the square root of its number of steps.
 """
 
 from collections.abc import Mapping
@@ -15,7 +14,6 @@ from qpsolvers import Problem
 
 from solvers.core import bindings
 from solvers.descent import ProjectedGradient
-from solvers.protocol import Vector
 
 
 class AcceleratedProjection(ProjectedGradient):
@@ -24,9 +22,10 @@ class AcceleratedProjection(ProjectedGradient):
     Settings
     --------
     tolerance : float, default 1e-13
-        Stop where the projected gradient falls to this part of max(|q|, |P w(0) + q|), 2-norms in the scaled variables.
+        Stop when the projected gradient is at most this multiple of max(|q|, |P w(0) + q|), 2-norms in the scaled
+        variables.
     steps : int, default 100000
-        The most steps of one solve.
+        Limit of the steps of one solve.
     diagonal_scaling : bool, default True
         Scale the variables to a unit diagonal of P.
 
@@ -42,6 +41,7 @@ class AcceleratedProjection(ProjectedGradient):
     name = "accelerated_projection"
     algorithm = "accelerated projected gradient"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"tolerance": 1e-13})
+    take_steps = bindings.accelerated_steps
     timed_loop = bindings.time_accelerated
 
     @classmethod
@@ -50,13 +50,7 @@ class AcceleratedProjection(ProjectedGradient):
         return tuple({"tolerance": 10.0**-k} for k in (3, 4, 5, 6, 8, 10, 12, 13))
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, scale and find the step."""
+        """Allocate, scale and compute the step size."""
         self._tolerance, self._steps = float(self.settings["tolerance"]), int(self.settings.get("steps", 100_000))
         self._scaled = bool(self.settings.get("diagonal_scaling", True))
         super().setup(problem)
-
-    def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the last iterate, shape (d,); the first is ``warm_start``, or 0, clipped."""
-        self.start(warm_start)
-        bindings.accelerated_steps(self.state, self._steps, self._tolerance)
-        return self.answer()

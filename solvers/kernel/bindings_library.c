@@ -1,8 +1,8 @@
-/* Somebody's library in the timed loop; see library.h. */
+/* Other authors' libraries in the timed loop; see library.h. */
 #include "bindings_timed.h"
 #include "library.h"
 
-/* By the addresses of its state, which begins with Data, and of its two functions. */
+/* From the addresses of its state, which begins with Data, and of its two functions. */
 #define LIBRARY_SOLVER                                                                                                 \
     (&(TimedSolver){(void *)(intptr_t)WHOLES(0)[0], SIZE(d),                                                           \
                     (int (*)(void *, const double *, const double *))(intptr_t)WHOLES(0)[1],                           \

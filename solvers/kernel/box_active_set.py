@@ -10,12 +10,13 @@ goes to its bound, by one column M_j of the tableau, and a bound whose multiplie
 (Goldfarb & Idnani), until nothing is broken: the dual cost rises with each, so no active set returns. One step of
 refinement with the true residual q + P x then makes rounding that of the data.
 
-A singular P has a small proximal term about the answer before, which vanishes (``solvers/core/box_proximal.c``).
+For a singular P, a small proximal term about the previous iterate is added, which vanishes in the limit
+(``solvers/core/box_proximal.c``).
 
 ``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work
-arrays that ``setup`` allocated. Of the 1.7 µs that both took at d = 18 from Python on one machine, the two calls and
-the clock round them were 0.7, the checked copy 0.1, the sweeps 0.4, the first point and six exchanges 0.3, the
-refinement and the answer 0.2.
+arrays allocated by ``setup``. Of the 1.7 µs for both at d = 18, called from Python on one machine, the two calls and
+the clock took 0.7, the checked copy 0.1, the sweeps 0.4, the first point and six exchanges 0.3, refinement and answer
+0.2.
 
 Sources: A. E. Beaton, The use of special matrix operators in statistical calculus, ETS RB-64-51, 1964; J. H. Goodnight,
 American Statistician 33 (1979) 149; D. Goldfarb, A. Idnani, Math. Programming 27 (1983) 1; R. T. Rockafellar, SIAM J.
@@ -26,7 +27,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 
 from solvers.core import CAPPED, OK, bindings, block, padded, parts
@@ -35,7 +35,7 @@ from solvers.protocol import Matrix, Nanoseconds, Timings, Vector, box_solution,
 from solvers.timed_calls import follow_rows, time_calls
 
 COUNTS = ("exchanges", "refinements", "proximal_steps")
-"""What the head of the state counts, in its order (BoxHead in box.h)."""
+"""The counters in the head of the state, in their order (BoxHead in box.h)."""
 
 
 class BoxActiveSet(OurSolver):
@@ -44,11 +44,12 @@ class BoxActiveSet(OurSolver):
     Settings
     --------
     warm : bool, default False
-        Whether ``solve()`` starts from the last active set, so that its time depends on what was solved before. With
-        False it starts from "all free" and the answer is a function of the data alone, to the last bit. ``solve(x)``
-        always starts from the active set of x.
+        Whether ``solve()`` starts from the last active set, so that its time depends on earlier solves. If not, it
+        starts from "all free" and the answer depends on the data alone, to the last bit. ``solve(x)`` always starts
+        from the active set of x.
     most_exchanges : int, default 0
-        Exchanges after which a solve ends at a feasible point, from which a warm solve goes on; 0 for none.
+        Limit of exchanges; a solve that reaches it ends at a feasible point, from which a warm solve continues. 0 for
+        no limit.
 
     Examples
     --------
@@ -81,16 +82,15 @@ class BoxActiveSet(OurSolver):
         self.accept(bindings.box_setup(self.state, self._lb, self._ub))
         self._parts = parts(self.state, bindings.box_places(self.state))
         self._answer = self._parts["answer"]
-        self.counts("cap")[0] = int(self.settings.get("most_exchanges", 0))
+        self.part("cap").view(np.int32)[0] = int(self.settings.get("most_exchanges", 0))
         self._status = OK
         self.update(P, q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P or q of the same shape; refused data (ValueError, as in ``setup``) leave no valid problem
-        behind."""
+        """Take new P or q of the same shape. After a ValueError, as in ``setup``, there is no valid problem."""
         try:
             status = bindings.box_set_data(self.state, P, q)
-        except (TypeError, ValueError, BufferError):  # not as C wants them, which need not be wrong
+        except (TypeError, ValueError, BufferError):  # arrays of another type or layout are converted
             status = bindings.box_set_data(self.state, self._like(P, 2), self._like(q, 1))
         if status:
             self.accept(status)
@@ -121,7 +121,7 @@ class BoxActiveSet(OurSolver):
         return self._answer
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Take each P and q and solve from cold (warm with that setting) or from ``warm_start``, timed."""
+        """Take each P and q and solve cold (warm with that setting) or from ``warm_start``, timed."""
         self._status, timings = time_calls(
             partial(bindings.time_box, self.state, self._warm), P, q, warm_start, most_ns
         )
@@ -129,7 +129,7 @@ class BoxActiveSet(OurSolver):
         return timings
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows one after the other; timed are the new P and q and the solve from the last active set."""
+        """Update and solve after each row, from the last active set; the new data of a row are not timed."""
         self._status, answers, nanoseconds = follow_rows(
             partial(bindings.box_follow, self.state), *self._data(), rows, forgetting
         )
@@ -139,30 +139,22 @@ class BoxActiveSet(OurSolver):
     def solution(self) -> Solution:
         """Return the last answer.
 
-        ``extras`` count what it took: exchanges, steps of refinement and proximal steps. ``regularised`` says that P is
-        singular, ``capped`` that ``most_exchanges`` ended the solve before the optimum.
+        ``extras`` has the numbers of exchanges, refinement steps and proximal steps, ``regularised`` (P is singular)
+        and ``capped`` (``most_exchanges`` ended the solve before the optimum).
         """
         P, q = self._data()
-        counts = dict(zip(COUNTS, self.counts("counts")[: len(COUNTS)].tolist(), strict=True))
+        counts = dict(zip(COUNTS, self.part("counts").view(np.int32)[: len(COUNTS)].tolist(), strict=True))
         return box_solution(
             Problem(P, q, lb=self._lb, ub=self._ub),
             self._answer,
             self._status == OK,
             **counts,
-            regularised=bool(self.counts("singular")[0]),
+            regularised=bool(self.part("singular").view(np.int32)[0]),
             capped=self._status == CAPPED,
         )
 
-    def part(self, name: str) -> Vector:
-        """Return a view of a vector of the state by its name in box.h."""
-        return self._parts[name]
-
-    def counts(self, name: str) -> NDArray[np.int32]:
-        """Return a view of what the head of the state counts from this name on."""
-        return self._parts[name].view(np.int32)
-
     def _data(self) -> tuple[Matrix, Vector]:
-        """P and q as they were taken; P from its scaled copy, which is exact."""
+        """The present P and q; P from its scaled copy, which is exact."""
         d = self._lb.size
         P = self.part("P").reshape(d, padded(d))[:, :d]
         return P / self.part("scale") / self.part("scale")[:, None], self.part("raw_q").copy()

@@ -1,4 +1,4 @@
-/* HPIPM in the timed loop, by the interface for dense programs of the library that the package casadi 3.8.2 brings
+/* HPIPM in the timed loop, by the interface for dense programs of the library in the package casadi 3.8.2
  * (hpipm_d_dense_qp.h). */
 #include "library.h"
 
@@ -27,7 +27,7 @@ static int solve(void *state, const double *start, double *x)
 {
     State *const s = state;
     int status;
-    (void)start; /* it has no start from x alone */
+    (void)start; /* it cannot start from x alone */
     s->solve(s->qp, s->answer, s->arguments, s->workspace);
     s->get_status(s->workspace, &status);
     if (status == HPIPM_SUCCESS) {

@@ -2,13 +2,13 @@
 
     minimise ½ vᵀH v + gᵀv   subject to   A v = b,  lb ≤ v_i ≤ ub for i in idxb,  C v ≤ ug;   H = P, g = q
 
-The direct lane, see :mod:`solvers.direct.casadi_hpipm`, reaches the same library as a control problem of one stage. The
-settings have the names of that lane, and infinite bounds of bounded variables are numbers as there: with a mask for
-them this version ends the process.
+The direct lane, :mod:`solvers.direct.casadi_hpipm`, calls the same library with a control problem of one stage. The
+settings have the names of that lane, and infinite bounds of bounded variables are replaced by numbers as there: masked
+bounds crash this version.
 
 Timed inside compiled code: ``update`` packs P and q into the library's panels; ``solve`` is ``d_dense_qp_ipm_solve``,
-always cold, and the copy of its answer. The BLASFEO below it is that of the target GENERIC, without kernels of its own
-for a processor.
+always cold, and the copy of its answer. Its BLASFEO is built for the target GENERIC, without kernels for a particular
+processor.
 """
 
 import numpy as np
@@ -52,7 +52,7 @@ SETTINGS = {
     "lam_min": "lam_min",
     "t_min": "t_min",
 }
-"""The names of the direct lane, and the library's own."""
+"""From the names of the direct lane to the library's own."""
 MESSAGES = (
     "success",
     "maximum iterations reached",
@@ -71,7 +71,7 @@ class CasadiHpipm(CompiledLibrary):
 
     def build(self, p: Program, rows: Stack) -> None:
         infinity = 1e6 if self.settings else 1e8
-        # A fixed variable as a box would leave an interior point method no interior.
+        # With a fixed variable as a box, the feasible set would have no interior.
         fixed = p.lb == p.ub
         self._boxed = at = np.flatnonzero((np.isfinite(p.lb) | np.isfinite(p.ub)) & ~fixed)
         self._equal = np.concatenate([np.flatnonzero(fixed), np.arange(p.u.size)[p.equalities]])
@@ -105,7 +105,7 @@ class CasadiHpipm(CompiledLibrary):
         self.bind(qp, answer, arguments, self._workspace, *(HPIPM[name] for name in IN_LOOP))
 
     def _made(self, part: str, *of: np.ndarray) -> np.ndarray:
-        """One of the library's objects, in memory of ours."""
+        """One of the library's objects, in our memory."""
         functions = (HPIPM[f"d_dense_qp{part}_{what}"] for what in ("strsize", "memsize", "create"))
         before = [address(each) for each in of]
         strsize, memsize, create = functions
@@ -114,16 +114,16 @@ class CasadiHpipm(CompiledLibrary):
         create(*before, address(made), address(memory))
         return made
 
-    def _number(self, what: str, size: int) -> Vector:
-        found = np.zeros(size)
-        HPIPM.d_dense_qp_sol_get(what.encode(), address(self._answer), address(found))
-        return found
+    def _multipliers(self, field: str, size: int) -> Vector:
+        values = np.zeros(size)
+        HPIPM.d_dense_qp_sol_get(field.encode(), address(self._answer), address(values))
+        return values
 
     def answer(self) -> Answer:
         numbers, w, m = np.zeros(2, dtype=np.intc), np.zeros(self.rows.size), self.program.h.size
         HPIPM.d_dense_qp_ipm_get_status(address(self._workspace), address(numbers))
         HPIPM.d_dense_qp_ipm_get_iter(address(self._workspace), address(numbers[1:]))
-        w[self._boxed] = self._number("lam_ub", self._boxed.size) - self._number("lam_lb", self._boxed.size)
-        w[self._equal] = -self._number("pi", self._equal.size)
-        w[self.program.inequalities] = self._number("lam_ug", m)
+        w[self._boxed] = self._multipliers("lam_ub", self._boxed.size) - self._multipliers("lam_lb", self._boxed.size)
+        w[self._equal] = -self._multipliers("pi", self._equal.size)
+        w[self.program.inequalities] = self._multipliers("lam_ug", m)
         return Answer(self.x, w, MESSAGES[numbers[0]], int(numbers[1]))

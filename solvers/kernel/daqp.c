@@ -36,7 +36,7 @@ typedef struct {
     int64_t is_cold;
 } State;
 
-/* DAQP's sense of each row at x, as in `cold` unless that is 0: 1 at the upper side, 3 at the lower one. */
+/* DAQP's sense of each row at x: that of `cold` unless it is 0, else 1 at the upper side and 3 at the lower one. */
 static void mark_active(const Rows *r, double tolerance, const double *x, const int *cold, int *sense)
 {
     enum { AT_UPPER = 1, AT_LOWER = 3 };
@@ -54,12 +54,12 @@ static void mark_active(const Rows *r, double tolerance, const double *x, const 
 
 #define BINDINGS(F)                                                                                                    \
     F(active_rows, "R[n,d], l[n], u[n], tolerance, x[d], cold[n]i, sense[n]i=",                                        \
-      "which rows x touches, as DAQP has it: 1 above, 3 below.", 0,                                                    \
+      "mark the rows that x touches in DAQP's senses: 1 above, 3 below.", 0,                                           \
       mark_active(&(Rows){REALS(0), REALS(1), REALS(2), LENGTH(n), SIZE(d)}, NUMBER(3), REALS(4), MEMORY(5),           \
                   MEMORY(6)))
 MAKE_BINDINGS(daqp)
 
-/* The library reads the data where they are. */
+/* The library does not copy the data. */
 static int update_problem(State *s, int mask, int *sense)
 {
     s->problem->H = s->data.P;
@@ -77,7 +77,7 @@ static int update(void *state, const double *P, const double *q)
     return flag < 0 ? flag : OK;
 }
 
-/* From the rows that `start` touches, or from none: left alone the library goes on from its last active set. */
+/* Start from the rows that `start` touches, or from none; by default the library continues from its last active set. */
 static int solve(void *state, const double *start, double *x)
 {
     State *const s = state;

@@ -1,9 +1,8 @@
 """DAQP by its C interface: the algorithm, settings and starts of the direct lane, see :mod:`solvers.direct.daqp`.
 
-Timed inside compiled code: ``update`` is ``daqp_update_ldp`` with pointers to the new P and q, which the library reads
-where they are, and an empty active set; ``solve`` is ``daqp_solve`` and the copy of its answer, after
-``daqp_update_ldp`` with the rows that ``warm_start`` touches where there is one. The workspace is allocated once, in
-``setup``.
+Timed inside compiled code: ``update`` is ``daqp_update_ldp`` with pointers to the new P and q, which the library does
+not copy, and an empty active set; ``solve`` is ``daqp_solve`` and the copy of its answer, for a warm start after
+``daqp_update_ldp`` with the rows that ``warm_start`` touches. The workspace is allocated once, in ``setup``.
 """
 
 import ctypes
@@ -90,7 +89,7 @@ class Daqp(CompiledLibrary, direct.Daqp):
 
 
 def _release(work: Any, *held: object) -> None:
-    """Let go what the library allocated; the settings are ours, and what it has pointers to lives until now."""
+    """Free the library's memory; the settings are ours, and ``held`` keeps the arrays of its pointers until now."""
     work.settings = None
     DAQP.free_daqp_workspace(ctypes.byref(work))
     DAQP.free_daqp_ldp(ctypes.byref(work))

@@ -32,7 +32,7 @@ static int update(void *state, const double *P, const double *q)
     return flag < 0 ? flag : s->change_costs(s->highs, 0, d - 1, q) < 0 ? -1 : OK;
 }
 
-/* It starts anew at each run. Its clock runs on from run to run, and the limit with it. */
+/* Each run starts cold. The library's clock accumulates over runs, so the limit is set relative to it. */
 static int solve(void *state, const double *start, double *x)
 {
     State *const s = state;

@@ -87,7 +87,7 @@ class Highspy(CompiledLibrary, direct.Highspy):
             self._row_dual,
             *(HIGHS[name] for name in IN_LOOP),
         )
-        self.update()
+        self.pass_data(p.P, p.q)
 
     def answer(self) -> Answer:
         count, p = ctypes.c_int(), self.program

@@ -7,17 +7,17 @@ typedef struct {
     double *factor;
     int (*box_qp)(double *x, double *factor, int *index, const double *H, const double *g, int n, const double *lower,
                   const double *upper);
-    int64_t free; /* how many variables the last answer leaves free, below 0 where there is none */
+    int64_t free; /* number of free variables of the last answer, negative if there is none */
 } State;
 
-/* The library reads the data where they are. */
+/* The library does not copy the data. */
 static int update(void *state, const double *P, const double *q)
 {
     take_data(state, P, q);
     return OK;
 }
 
-/* It starts from what its answer's array holds. */
+/* It starts from the contents of the array of its answer. */
 static int solve(void *state, const double *start, double *x)
 {
     State *const s = state;

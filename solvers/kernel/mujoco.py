@@ -1,8 +1,8 @@
 """MuJoCo's ``mju_boxQP`` by its C interface: the algorithm and starts of the direct lane, see
 :mod:`solvers.direct.mujoco`.
 
-Timed inside compiled code: ``update`` hands over pointers to the new P and q, which the library reads where they are;
-``solve`` is the library's function, from ``warm_start`` or from 0, which leaves its answer in our array.
+Timed inside compiled code: ``update`` passes pointers to the new P and q, which the library does not copy; ``solve`` is
+the library's function, from ``warm_start`` or from 0, which writes its answer to our array.
 """
 
 from pathlib import Path

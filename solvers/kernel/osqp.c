@@ -26,7 +26,7 @@ typedef struct {
     int (*solve)(OSQPSolver *solver);
 } State;
 
-/* As the library's own interface does it: q first, then P. */
+/* In the order of the library's own interface: q first, then P. */
 static int update(void *state, const double *P, const double *q)
 {
     State *const s = state;

@@ -1,4 +1,4 @@
-/* PIQP in the timed loop, by the C interface of its version 0.6.3 that the package casadi 3.8.2 brings. */
+/* PIQP in the timed loop, by the C interface of its version 0.6.3 in the package casadi 3.8.2. */
 #include "library.h"
 
 enum { PIQP_SOLVED = 1 };
@@ -20,7 +20,7 @@ typedef struct {
     int (*solve)(Workspace *workspace);
 } State;
 
-/* The library equilibrates anew for a new P and does not form A'A anew, so A goes with it. */
+/* For a new P the library equilibrates again, but does not recompute A'A, so A is passed too. */
 static int update(void *state, const double *P, const double *q)
 {
     State *const s = state;

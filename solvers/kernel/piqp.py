@@ -1,7 +1,7 @@
 """PIQP by its C functions: the algorithm and settings of the direct lane, see :mod:`solvers.direct.piqp`.
 
-The package piqp does not export them; CasADi's wheel brings them in a library of version 0.6.3, built for any x86-64
-processor, while the direct lane has code for AVX2 and AVX-512 as well.
+The package piqp does not export them; CasADi's wheel contains them in a library of version 0.6.3, built for any x86-64
+processor, while the direct lane also has code for AVX2 and AVX-512.
 
 Timed inside compiled code: ``update`` hands over P and q, which the library copies and equilibrates; ``solve`` is
 ``piqp_solve`` and the copy of its answer.
@@ -50,11 +50,11 @@ Settings = structure("""
 """``piqp_settings``."""
 
 Data = structure("int n, p, m; double *P, *c, *A, *b, *G, *h_l, *h_u, *x_l, *x_u;")
-"""``piqp_data_dense``; matrices row by row, NULL for what is not there."""
+"""``piqp_data_dense``; matrices row by row, NULL for absent ones."""
 
 Result = structure("""
     double *x, *y, *z_l, *z_u, *z_bl, *z_bu, *s_l, *s_u, *s_bl, *s_bu; int status, iter;""")
-"""``piqp_result``, and as far as it is read the ``piqp_info`` in it."""
+"""``piqp_result`` with the beginning of its ``piqp_info``."""
 
 Workspace = structure("void *solver; int is_dense, n, p, m;", result=ctypes.POINTER(Result))
 """``piqp_workspace``."""

@@ -2,9 +2,9 @@
 
     w(k+1) = Proj(w(k) − η (P w(k) + q)),    0 < η < 2/λ_max(P)
 
-minimises ½ wᵀP w + qᵀw over a box: in slope coordinates the set of the paper's (7) is one, and the projection clips.
-Source, proof and arithmetic stand in ``solvers/core/descent.c``. The paper runs 15 200 steps: one per sampling period
-of 125 µs for 1.9 s.
+minimises ½ wᵀP w + qᵀw over a box: in slope coordinates the set of the paper's (7) is a box, and the projection clips.
+Source, proof and arithmetic: ``solvers/core/descent.c``. The paper runs 15 200 steps: one per sampling period of 125 µs
+for 1.9 s.
 """
 
 from collections.abc import Mapping
@@ -27,22 +27,22 @@ MOST_STEPS = 2**53
 class ProjectedDifference(ProjectedGradient):
     """Projected gradient with a fixed step, for problems with bounds only.
 
-    A number of steps is asked for and not a tolerance, so its rungs are numbers of steps.
+    It runs a given number of steps and has no tolerance by default, so the rungs are numbers of steps.
 
     Settings
     --------
     steps : int, default 15200
-        Steps of one solve; the most where ``tolerance`` is set.
+        Steps of one solve; their limit if ``tolerance`` is set.
     step_ratio : float, default 0.5
-        η λ_max/2, in (0, 1): the step as a part of the stability limit 2/λ_max; the default is η = 1/λ_max, which
+        η λ_max/2, in (0, 1): the step size relative to the stability limit 2/λ_max; the default is η = 1/λ_max, which
         damps every direction without overshoot.
     allow_divergence : bool, default False
-        Permit a step_ratio of 1 and more, which does not converge.
+        Permit a step_ratio of 1 or more, which does not converge.
     diagonal_scaling : bool, default False
-        Iterate in the variables w/D, D = diag(P)^−½, which keeps a box a box.
+        Iterate in the variables w/D, D = diag(P)^−½; a box stays a box.
     tolerance : float or None, default None
-        Stop where the projected gradient |w(k+1) − w(k)|/η falls to this part of |q| (2-norms, looked at every 16
-        steps). None, the paper's, looks at nothing.
+        Stop when the projected gradient |w(k+1) − w(k)|/η is at most this multiple of |q| (2-norms, tested every 16
+        steps). None, as in the paper: no test.
 
     Examples
     --------
@@ -56,15 +56,17 @@ class ProjectedDifference(ProjectedGradient):
     name = "projected_difference"
     algorithm = "projected gradient"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})
+    take_steps = bindings.projected_steps
     timed_loop = bindings.time_projected
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
-        """Numbers of steps; the last is the paper's."""
+        """Numbers of steps, the last that of the paper."""
         return tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, find the step and store P for it; raises ValueError for a setting out of range, too."""
+        """Allocate, compute the step size and store P multiplied by it; also raises ValueError for a setting out of
+        range."""
         numbers: dict[str, Any] = {"step_ratio": 0.5, "tolerance": None, **self.settings}
         for name in ("steps", "step_ratio", "tolerance"):
             if not (isinstance(numbers[name], Real) or (name == "tolerance" and numbers[name] is None)):
@@ -81,15 +83,8 @@ class ProjectedDifference(ProjectedGradient):
             )
         super().setup(problem)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the last iterate, shape (d,); the first is the projection of ``warm_start``, or of 0."""
-        self.start(warm_start)
-        bindings.projected_steps(self.state, self._steps, self._tolerance)
-        return self.answer()
-
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows one after the other, ``steps`` steps after each from where the last ones ended; all is timed but
-        the data."""
+        """Run ``steps`` steps after each row, from the iterate before; timed is everything but the new data."""
         if self._scaled or self._tolerance >= 0.0:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
         loop = partial(bindings.projected_follow, self.state, self._ratio, self._steps)
@@ -98,5 +93,5 @@ class ProjectedDifference(ProjectedGradient):
         return answers, nanoseconds
 
     def found(self, x: Vector) -> bool:
-        """Whether the steps have not diverged; how exact x is, a number of steps does not say."""
+        """Whether x is finite; a number of steps says nothing about the accuracy of x."""
         return bool(np.isfinite(x).all())

@@ -3,7 +3,7 @@
 
 typedef struct {
     Data data;
-    double *G, *a, *lagrangian, *C, *b, *work; /* of which the function overwrites G and a */
+    double *G, *a, *lagrangian, *C, *b, *work; /* the function overwrites G and a */
     int *active, *iterations;
     int64_t rows, equal;
     int (*solve)(double *G, double *a, int n, double *x, double *lagrangian, double *cost, double *C, double *b,

@@ -1,7 +1,7 @@
 """quadprog by its C function: the algorithm of the direct lane, see :mod:`solvers.direct.quadprog`.
 
-Timed inside compiled code: ``update`` hands over pointers to the new P and q; ``solve`` copies both, since the library
-overwrites them, and calls its function, which leaves its answer in our array.
+Timed inside compiled code: ``update`` passes pointers to the new P and q; ``solve`` copies both, since the library
+overwrites them, and calls its function, which writes its answer to our array.
 """
 
 import numpy as np

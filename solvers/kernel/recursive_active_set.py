@@ -2,13 +2,13 @@
 
     P ← λ P + μ ξ ξᵀ,   q ← λ q + μ ξ x     at every row (ξ, x),   minimise ½ vᵀP v + qᵀv over lb ≤ v ≤ ub
 
-The method stands in ``solvers/core/recursive.h``: the Gram matrix swept on the free variables follows each row by a
-matrix of rank one, and its last row is the answer. Timed in ``solve`` is what restores optimality after new data.
+The method, see ``solvers/core/recursive.h``: each row changes the Gram matrix, swept on the free variables, by a matrix
+of rank one, and the last row of the swept matrix is the answer. ``solve`` only returns it: restoring optimality is part
+of taking the data.
 
-An answer is never refused where there is one. The factor is made anew by the refresh rule of ``recursive_rows.c``,
-which bounds its drift. Where a pivot is singular, positive definiteness is lost or the exchanges cycle, it is made anew
-at once; where that does not help, the cold exact solver is asked (``recursive_start.c``). An error is left for
-data that have no minimum.
+If there is a minimum, it is found. The swept matrix is recomputed by the refresh rule of ``recursive_rows.c``, which
+bounds its drift, and at once if a pivot is singular, positive definiteness is lost or the exchanges cycle; if that does
+not help, the cold exact solver takes over (``recursive_start.c``). An error remains only for data without a minimum.
 """
 
 from collections.abc import Mapping
@@ -23,9 +23,9 @@ from solvers.protocol import Matrix, Nanoseconds, Timings, Vector, box_solution,
 from solvers.timed_calls import time_calls
 
 LARGEST = 1e100
-"""LARGEST_ENTRY of recursive.h: size from which a number of a row is refused."""
+"""LARGEST_ENTRY of recursive.h: smallest magnitude of an entry of a row that is refused."""
 FOUND = 1e-12
-"""Relative violation of the optimality conditions above which an answer does not count as found."""
+"""Largest relative violation of the optimality conditions by an answer that counts as found."""
 
 
 class RecursiveActiveSet(OurSolver):
@@ -36,12 +36,12 @@ class RecursiveActiveSet(OurSolver):
     forgetting : float, default 1
         λ in (0, 1] per row.
     weight : float, default 1 − λ, or 1 where nothing is forgotten
-        μ, what a row weighs when it comes. With 1 − λ, P and q are weighted means.
+        μ, the weight of a new row. With 1 − λ, P and q are weighted means.
     proximal : float, default 1e-10
-        Share of the diagonal of P, at most its mean, with which the answer is held where it was at the last refresh.
-        With 0 it is held only while P is singular on the free variables.
+        Coefficient of a proximal term about the answer at the last refresh, relative to the diagonal of P (at most its
+        mean). With 0 there is such a term only while P is singular on the free variables.
     most_exchanges : int, default 0
-        Exchanges of one row after which its answer is feasible and the next row goes on; 0 for none.
+        Limit of exchanges per row; at the limit the answer is feasible, and the next row continues. 0 for no limit.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class RecursiveActiveSet(OurSolver):
     takes_rows = True
 
     def setup(self, problem: Problem) -> None:
-        """Allocate, and find the optimum of the data so far.
+        """Allocate, and find the optimum of the initial data.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class RecursiveActiveSet(OurSolver):
         )
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Start again from other data of the same size; data refused (ValueError, as in ``setup``) change nothing."""
+        """Start again from other data of the same size; refused data (ValueError, as in ``setup``) change nothing."""
         P = self._P if P is None else np.array(P, dtype=np.float64, order="C")
         q = self._q if q is None else np.array(q, dtype=np.float64)
         if P.shape != self._P.shape or q.shape != self._q.shape:
@@ -105,7 +105,7 @@ class RecursiveActiveSet(OurSolver):
         self._P, self._q, self._capped = P, q, False
 
     def append(self, row: Vector, target: float) -> None:
-        """Take the row ξ (d,) and the number x of one squared error ½ (vᵀξ + x)²; ValueError where one is not
+        """Add the squared error ½ (vᵀξ + x)² of a row ξ (d,) and a number x to the cost; ValueError if a number is not
         finite."""
         if np.shape(row) != self._q.shape:
             raise ValueError(f"{self.name}: a row has {self._q.size} numbers, not shape {np.shape(row)}")
@@ -115,10 +115,10 @@ class RecursiveActiveSet(OurSolver):
             raise ValueError(f"{self.name}: the row holds a number that is not finite, or above {LARGEST:g}")
         self._capped = status == CAPPED
         if status not in (OK, CAPPED):
-            self.accept(bindings.recursive_recover(self.state))  # anew from the data so far, by the cold exact solver
+            self.accept(bindings.recursive_recover(self.state))  # start again from all data by the cold exact solver
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows in one compiled call; the data are this solver's own work and part of the time."""
+        """Take rows in one compiled call; the update of the data is part of the algorithm and timed."""
         if forgetting != self._forgetting:
             raise ValueError(f"{self.name}: was set up with forgetting {self._forgetting}, not {forgetting}")
         rows = np.ascontiguousarray(rows, dtype=np.float64)
@@ -137,8 +137,7 @@ class RecursiveActiveSet(OurSolver):
         return answers, nanoseconds
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Start anew from each P and q, which includes finding the optimum, timed as solves; there is no update
-        apart."""
+        """Start again from each P and q, which includes finding the optimum; all of it is timed as the solve."""
         status, timings = time_calls(partial(bindings.time_recursive, self.state), P, q, warm_start, most_ns)
         self.accept(status)
         last = timings[0].size - 1
@@ -146,13 +145,12 @@ class RecursiveActiveSet(OurSolver):
         return timings
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the minimiser (d,) of the data so far; a start is of no use to a method that is always at the
-        optimum."""
+        """Return the minimiser (d,) for all data so far; ``warm_start`` is not used."""
         return self._answer
 
     def problem(self, of: Mapping[str, Vector] | None = None) -> Problem:
-        """Return the program whose optimum the answer is, proximal term included, in the user's variables; of a copy
-        of the state where its parts are given."""
+        """Return the program that the answer solves, proximal term included, in the user's variables; ``of`` may be the
+        parts of a copy of the state."""
         d, of = self._lb.size, self._parts if of is None else of
         row_weight, root_weight = of["row_weight"]
         decay = row_weight / root_weight**2
@@ -163,18 +161,13 @@ class RecursiveActiveSet(OurSolver):
         q = sign * (G[:d, d] - rho * decay * centre)
         return Problem(P, q - P @ origin, lb=self._lb, ub=self._ub)
 
-    def part(self, name: str) -> Vector:
-        """Return a view of a vector of the state by its name in recursive.h."""
-        return self._parts[name]
-
     def solution(self) -> Solution:
-        """Return the answer; ``extras`` count exchanges, refreshes and cold starts, and say what is left of the
-        optimality conditions.
+        """Return the answer; ``extras`` has the numbers of exchanges, refreshes and cold starts, and the ``error``: the
+        violation of the optimality conditions relative to the terms of the gradient.
 
-        Found is what meets them to FOUND, relative to the terms of the gradient. Rounding of the rows since the last
-        refresh may have left more (the cost errs to second order in it); then a copy's factor is made anew, and the
-        cold solver asked where that is not enough. This solver itself is not changed, so that looking at it changes no
-        answer to come.
+        An answer counts as found if its error is at most FOUND. Rounding since the last refresh may have made it larger
+        (the error of the cost is of second order in it); then a copy of the state is refreshed, and solved by the cold
+        solver if that is not enough. The state itself is not changed, so later answers do not depend on this call.
         """
         state, capped = block(self.state.size), self._capped
         state[:] = self.state

@@ -1,4 +1,4 @@
-"""A program in the style of the Maros–Mészáros set, drawn by a seed and written as MAT and as QPS."""
+"""Random programs in the style of the Maros–Mészáros set, written as MAT and as QPS."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,7 +63,7 @@ def draw(seed: int = 0, d: int = 12) -> Drawn:
 
 
 def write_mat(path: Path, p: Drawn) -> Path:
-    """As the conversions have it: the bounds are the last rows of A, and vectors are columns."""
+    """Write the usual conversion: the bounds are the last rows of A, and vectors are columns."""
     d = p.q.size
     A = sp.vstack([p.C, sp.identity(d)], format="csc")
     savemat(
@@ -83,7 +83,7 @@ def write_mat(path: Path, p: Drawn) -> Path:
 
 
 def write_qps(path: Path, p: Drawn) -> Path:
-    """Fields told by blanks, one triangle of P, every number to the last bit."""
+    """Write fields separated by blanks, one triangle of P, and exact numbers."""
     d, lines = p.q.size, ["* drawn", f"NAME          {path.stem}", "ROWS", " N  COST"]
     kinds = ["E" if low == high else "L" if high < INF else "G" for low, high in zip(p.l, p.u, strict=True)]
     lines += [f" {kind}  R{i}" for i, kind in enumerate(kinds)] + ["COLUMNS"]
@@ -125,7 +125,7 @@ def same(a: Problem, b: Problem) -> bool:
 
 
 def same_problem(a: RaceProblem, b: RaceProblem) -> bool:
-    """Whether two problems are the same to the last bit, with their proofs and unseen data."""
+    """Whether two problems, their proofs and unseen data are exactly equal."""
 
     def parts(problem: RaceProblem) -> list[object]:
         found: list[object] = [problem.name, problem.d, [*problem.forms]]

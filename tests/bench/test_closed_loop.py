@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,13 @@ import pytest
 from browser import Browser
 
 from bench.messages.progress import silent
-from bench.messages.race_error import RaceError
 from bench.messages.task import NO_SETTING, Task
 from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings
 from bench.races.loop.worker import drive
 from bench.store import Run
+from piezo_model.json_file import convert
 from solvers import Lane, Tier, find
 from solvers.protocol import setting_text
 
@@ -29,12 +28,21 @@ SETTINGS = LoopSettings(
     windows=3,
     learn_steps=(1, 1000),
 )
+OWN = """
+from solvers.direct.daqp import Daqp as Theirs
+
+
+class Mine(Theirs):
+    name = "mine"
+"""
 STEPS_1, STEPS_1000 = '{"steps": 1}', '{"steps": 1000}'
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    started = kinds()["loop"].start(tmp_path_factory.mktemp("loop"), SETTINGS, "loop")
+    folder = tmp_path_factory.mktemp("loop")
+    (folder / "mine.py").write_text(OWN)
+    started = kinds()["loop"].start(folder, replace(SETTINGS, solver_files=(str(folder / "mine.py"),)), "loop")
     kinds()["loop"].carry_on(started, silent)
     return started
 
@@ -49,13 +57,13 @@ def last(rows: pd.DataFrame, solver: str, settings: str = "{}", problem: str = S
 
 
 def test_there_is_a_row_for_every_learner_stage_axis_and_window(rows: pd.DataFrame) -> None:
-    assert len(rows) == 5 * 2 * 2 * SETTINGS.windows
+    assert len(rows) == 6 * 2 * 2 * SETTINGS.windows
     assert not rows.duplicated(["problem", "solver", "settings", "axis", "window"]).any()
     assert set(rows.problem) == {STILL, DRIFTING}
 
 
-def test_a_row_says_which_setting_was_taken_and_on_what_grounds(rows: pd.DataFrame) -> None:
-    for solver in set(rows.solver):
+def test_a_row_states_its_setting_and_the_basis_of_it(rows: pd.DataFrame) -> None:
+    for solver in set(rows.solver) - {"mine"}:
         cls = find(solver).load()
         known = {setting_text({**cls.always, **rung}) for rung in ({}, *cls.ladder(1.0))}
         mine = rows[rows.solver == solver]
@@ -63,29 +71,39 @@ def test_a_row_says_which_setting_was_taken_and_on_what_grounds(rows: pd.DataFra
         assert set(mine.basis) == {{PAPER: "each", "scipy_nnls": "not reached"}.get(solver, "reference")}
 
 
-def test_exact_solvers_take_over_proven_optima_and_track_alike(rows: pd.DataFrame) -> None:
+def test_exact_solvers_reach_proven_optima_and_track_alike(rows: pd.DataFrame) -> None:
     ours, theirs = last(rows, "box_active_set"), last(rows, "daqp")
     for each in (ours, theirs):
         assert (each.cost_gap < 1e-9).all()
         assert (each.status == "ok").all()
         assert (each.rms_percent < 0.1 * each.straight_rms_percent).all()
-    # Both have the same optima, but each its own time to them, and with it another moment of the hand-over.
+    # The optima are the same, but the times of the hand-overs differ.
     np.testing.assert_allclose(ours.rms_percent, theirs.rms_percent, rtol=0.1)
 
 
-def test_too_few_steps_leave_a_gap_that_the_stage_notices(rows: pd.DataFrame) -> None:
+def test_a_users_solver_races_with_its_tightest_setting(run: Run, rows: pd.DataFrame) -> None:
+    mine, theirs = last(rows, "mine"), last(rows, "daqp")
+    assert (mine.status == "ok").all()
+    np.testing.assert_allclose(mine.rms_percent, theirs.rms_percent, rtol=0.05)
+    assert set(mine.basis) == {"untested"}
+    assert set(mine.setting) == {setting_text(find("daqp").load().ladder(1.0)[-1])}
+    text = kind_of(run).write(run)[1].read_text(encoding="utf-8")
+    assert "| mine, high, untested | direct |" in text
+    assert "| daqp, high | direct |" in text
+
+
+def test_too_few_steps_leave_a_gap_and_a_larger_tracking_error(rows: pd.DataFrame) -> None:
     few, exact = last(rows, PAPER, STEPS_1000), last(rows, "box_active_set")
     assert (few.cost_gap > 1e-3).all()
     assert np.sqrt(np.mean(few.rms_percent**2)) > 1.2 * np.sqrt(np.mean(exact.rms_percent**2))
     assert np.mean(last(rows, PAPER, STEPS_1).rms_percent) > 5.0 * np.mean(few.rms_percent)
 
 
-def test_a_learner_of_steps_takes_one_sample_a_step(rows: pd.DataFrame) -> None:
-    taken = last(rows, PAPER, STEPS_1000)
-    assert (taken.learn_samples == 1000).all()
+def test_the_papers_method_learns_for_one_sample_per_step(rows: pd.DataFrame) -> None:
+    assert (last(rows, PAPER, STEPS_1000).learn_samples == 1000).all()
 
 
-def test_a_solver_that_cannot_take_the_problem_leaves_the_stage_on_its_straight_line(rows: pd.DataFrame) -> None:
+def test_with_a_solver_that_fails_the_stage_stays_on_its_straight_line(rows: pd.DataFrame) -> None:
     none = last(rows, "scipy_nnls")
     assert (none.status == "solver_failed").all()
     assert none.message.str.contains("scipy_nnls").all()
@@ -113,9 +131,10 @@ def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
     block = setup.learner(setup.structures[0])._block
     for decisions in driven.decisions:
         decision = decisions[0]
-        assert decision.taken
+        assert decision.is_hand_over
         assert decision.problem is not None
-        assert decision.sample == decision.learned_until + block  # a solve of one sample ends with its block
+        # A solve of one sample ends with its block.
+        assert decision.event.sample == decision.event.learning_since + block
         assert closed_loop.cost_gap(decision.problem, decision.weights) < 1e-12
         assert closed_loop.cost_gap(decision.problem, 1.01 * decision.weights) > 1e-6
 
@@ -133,40 +152,14 @@ def test_the_report_answers_whether_accuracy_matters_and_its_page_draws_it(run: 
     assert "scipy_nnls" in text.split("What went wrong")[1]
     assert "<svg" in (run.path / "loop.svg").read_text(encoding="utf-8")
     summary = pd.read_csv(run.path / "summary.csv")
-    assert len(summary) == 5 * 2
+    assert len(summary) == 6 * 2
     assert browser.sections(path.with_suffix(".html")) == ["loop", "loop_time"]
 
 
-OWN = """
-from solvers.direct.daqp import Daqp as Theirs
-
-
-class Mine(Theirs):
-    name = "mine"
-"""
-
-
-def test_a_solver_file_of_ones_own_races_in_the_loop(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(OWN)
-    settings = replace(
-        SETTINGS, solvers=("daqp",), lanes=(Lane.DIRECT,), windows=1, solver_files=(str(tmp_path / "mine.py"),)
-    )
-    started = kinds()["loop"].start(tmp_path, settings, "own")
-    kinds()["loop"].carry_on(started, silent)
-    rows = started.rows(LOOP)
-    mine, theirs = (rows[(rows.solver == name) & (rows.problem == STILL)] for name in ("mine", "daqp"))
-    assert (mine.status == "ok").all()
-    np.testing.assert_allclose(mine.rms_percent, theirs.rms_percent, rtol=0.05)
-    assert set(mine.basis) == {"untested"}
-    assert set(mine.setting) == {setting_text(find("daqp").load().ladder(1.0)[-1])}
-    text = kind_of(started).write(started)[1].read_text(encoding="utf-8")
-    assert "| mine, high, untested | direct |" in text
-    assert "| daqp, high | direct |" in text
-
-
-def test_what_cannot_race_in_the_loop_is_refused() -> None:
-    with pytest.raises(RaceError, match="at least one sample"):
-        LoopSettings(learn_steps=(0,))
+@pytest.mark.parametrize("settings", [{"learn_steps": [0]}, {"learn_steps": []}, {"windows": 0}])
+def test_a_run_without_windows_or_learning_phases_is_refused(settings: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(settings))):
+        convert(settings, LoopSettings)
 
 
 def test_each_solver_races_in_its_fastest_lane() -> None:

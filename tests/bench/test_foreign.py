@@ -1,6 +1,5 @@
-"""Programs of others: scaled without rounding, certified or left out, and judged."""
+"""Foreign programs: scaled without rounding, certified or left out, and judged."""
 
-import json
 import multiprocessing
 import os
 import signal
@@ -21,24 +20,24 @@ from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
 
-from bench.messages import user_cache
-from bench.messages.task import NO_SETTING, Outcome, Task
+from bench.derived.accuracy import right
+from bench.derived.table import ONESHOT
+from bench.messages.task import Outcome
 from bench.problem_files import read
 from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.certifying import prove, proven
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import SCALINGS
-from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge
-from bench.races.oneshot.worker import OneShot
-from solvers import Lane, Status, Tier, find
+from bench.store import Run
+from solvers import Status, Tier
 from solvers.certificate import verify
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One program in each format, and all that can be wrong with one."""
+    """A program in each format, and programs without a proof."""
     path = tmp_path_factory.mktemp("programs")
     write_mat(path / "drawn.mat", draw(0))
     write_qps(path / "drawn.QPS", draw(0))
@@ -61,25 +60,41 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def foreign(folder: Path) -> tuple[dict[str, RaceProblem], dict[str, str]]:
-    made = make("foreign", options={"folder": str(folder)})
+SHORT = ("--budget", 0.001, "--rounds", 0)
+REASONS = {
+    "indefinite": "P is not convex",
+    "infeasible": "contradict each other",
+    "unbounded": "falls without bound",
+    "large": "2500 variables with 0 rows are too many",
+    "broken": "cannot be read as NPZ",
+}
+"""Reasons why programs of the folder are left out."""
+
+
+def problems_of(folder: Path, **options: str) -> tuple[dict[str, RaceProblem], dict[str, str]]:
+    """The problems of a folder, and those that are left out."""
+    made = make("foreign", options={"folder": str(folder), **options})
     problems = {problem.name: problem for problem in made.problems()}
     assert len(problems) + len(made.left_out) == len(made)
     return problems, made.left_out
 
 
-def test_a_saved_problem_with_a_constant_or_a_bound_that_is_no_number_is_left_out(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def foreign(folder: Path) -> dict[str, RaceProblem]:
+    return problems_of(folder)[0]
+
+
+def test_a_saved_problem_with_nan_is_left_out(tmp_path: Path) -> None:
     problem = next(make("paper").problems())
     form = problem.forms["raw"]
     replace(problem, forms={"raw": replace(form, c=np.nan)}).save(tmp_path / "constant.npz")
     lb = np.where(np.arange(problem.d) == 3, np.nan, form.qp.lb)
     qp = Problem(form.qp.P, form.qp.q, lb=lb, ub=form.qp.ub)
     replace(problem, forms={"raw": replace(form, qp=qp)}).save(tmp_path / "bound.npz")
-    made = make("foreign", options={"folder": str(tmp_path)})
-    assert list(made.problems()) == []
-    assert "constant.npz: cannot be read as NPZ" in made.left_out["constant"]  # NaN is no JSON
-    assert "nan" in made.left_out["bound"]
+    problems, left_out = problems_of(tmp_path)
+    assert not problems
+    assert "constant.npz: cannot be read as NPZ" in left_out["constant"]  # JSON has no NaN
+    assert "nan" in left_out["bound"]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -106,74 +121,47 @@ def test_scaling_is_by_powers_of_two_and_rounds_nothing(tmp_path: Path, seed: in
     assert largest.max() < 5.0
 
 
-def test_programs_of_every_format_are_certified_in_both_scalings(
-    foreign: tuple[dict[str, RaceProblem], dict[str, str]],
-) -> None:
-    assert set(foreign[0]) == {"drawn.mat", "drawn.QPS", "other", "dense"}
-    for problem in foreign[0].values():
+def test_programs_of_every_format_are_certified_in_both_scalings(foreign: dict[str, RaceProblem]) -> None:
+    assert set(foreign) == {"drawn.mat", "drawn.QPS", "other", "dense"}
+    for problem in foreign.values():
         raw, scaled = problem.forms["raw"], problem.forms["scaled"]
         for form in (raw, scaled):
             verify(form.qp, form.certificate)
         assert list(scaled.certificate.active()) == list(raw.certificate.active())
         np.testing.assert_array_equal(scaled.to_weights @ np.array(scaled.certificate.x), raw.certificate.x)
         assert problem.validation is None
-    by_mat, by_qps = (foreign[0][name].forms["raw"] for name in ("drawn.mat", "drawn.QPS"))
+    by_mat, by_qps = (foreign[name].forms["raw"] for name in ("drawn.mat", "drawn.QPS"))
     assert by_mat.certificate == by_qps.certificate
-    assert foreign[0]["dense"].forms["raw"].certificate.value == "-3/4"
-    assert foreign[0]["dense"].forms["raw"].c == 2.0
+    assert foreign["dense"].forms["raw"].certificate.value == "-3/4"
+    assert foreign["dense"].forms["raw"].c == 2.0
 
 
-@pytest.mark.parametrize(
-    ("name", "reason"),
-    [
-        ("indefinite", "P is not convex"),
-        ("infeasible", "contradict each other"),
-        ("unbounded", "falls without bound"),
-        ("large", "2500 variables with 0 rows are too many"),
-        ("broken", "cannot be read as NPZ"),
-    ],
-)
-def test_what_cannot_be_certified_is_left_out_with_the_reason(
-    foreign: tuple[dict[str, RaceProblem], dict[str, str]], name: str, reason: str
-) -> None:
-    assert name not in foreign[0]
-    assert reason in foreign[1][name]
-
-
-def test_a_proof_that_takes_too_much_work_is_given_up_and_said(tmp_path: Path) -> None:
+def test_a_proof_that_takes_too_much_work_is_given_up(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     M = rng.normal(size=(400, 400))
     np.savez(tmp_path / "long.npz", P=M @ M.T, q=rng.normal(size=400), lb=np.zeros(400))
     np.savez(tmp_path / "quick.npz", P=np.eye(2), q=np.ones(2))
-    made = make("foreign", options={"folder": str(tmp_path), "work": "1e8"})
-    assert [problem.name for problem in made.problems()] == ["quick"]
-    assert made.left_out == {"long": "no proof within 1e+08 bit operations of exact arithmetic"}
+    problems, left_out = problems_of(tmp_path, work="1e8")
+    assert list(problems) == ["quick"]
+    assert left_out == {"long": "no proof within 1e+08 bit operations of exact arithmetic"}
 
 
-def test_proofs_and_refusals_are_kept_by_the_data_and_found_again_without_a_process(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_proofs_and_refusals_are_cached_by_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.25]), lb=np.zeros(2))
     np.savez(tmp_path / "endless.npz", P=np.diag([2.0, 0.0]), q=np.array([-1.0, -1.25]), lb=np.zeros(2))
-    options = {"folder": str(tmp_path)}
-    first = make("foreign", options=options)
-    proven = next(first.problems())
+    first = problems_of(tmp_path)[0]["good"]
     with monkeypatch.context() as patch:
-        patch.setattr("bench.problems.foreign.prove", lambda *_: pytest.fail("a proof was looked for again"))
-        again = make("foreign", options=options)
-        assert [{s: f.certificate for s, f in problem.forms.items()} for problem in again.problems()] == [
-            {s: f.certificate for s, f in proven.forms.items()}
-        ]
-        assert "falls without bound" in again.left_out["endless"]
-    for kept in user_cache.folder("proofs").glob("*.json"):
-        kept.write_text(kept.read_text()[:40])
+        patch.setattr("bench.problems.foreign.prove", lambda *_: pytest.fail("a proof was searched again"))
+        again, left_out = problems_of(tmp_path)
+        assert same_problem(again["good"], first)
+        assert "falls without bound" in left_out["endless"]
     np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.5]), lb=np.zeros(2))
-    other = next(make("foreign", options=options).problems())
-    assert other.forms["raw"].certificate.problem != proven.forms["raw"].certificate.problem
+    other = problems_of(tmp_path)[0]["good"]
+    assert other.forms["raw"].certificate.problem != first.forms["raw"].certificate.problem
     verify(other.forms["raw"].qp, other.forms["raw"].certificate)
 
 
-def test_a_race_whose_proofs_cannot_be_kept_goes_on_and_says_so_once(tmp_path: Path) -> None:
+def test_a_race_whose_proofs_cannot_be_cached_goes_on_with_one_warning(tmp_path: Path) -> None:
     (tmp_path / "programs").mkdir()
     for name in ("one", "two"):
         np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
@@ -215,26 +203,42 @@ def test_a_race_whose_proofs_cannot_be_kept_goes_on_and_says_so_once(tmp_path: P
     assert (tmp_path / "results" / "run" / "report.html").is_file()
 
 
-def test_a_race_lists_all_that_it_leaves_out_with_the_reason(
-    piezobench: CommandLine, folder: Path, tmp_path: Path
-) -> None:
-    words = ("race", "--lane", "qpsolvers", "--solver", "daqp", "--budget", 0.001, "--rounds", 0, "--out", tmp_path)
-    call = piezobench(*words, "--folder", folder, "--name", "run")
+@pytest.fixture(scope="module")
+def raced(piezobench: CommandLine, folder: Path) -> tuple[Run, str]:
+    """A race on the folder, and its output."""
+    options = (*SHORT, "--lane", "qpsolvers", "--lane", "direct", "--out", folder / "results", "--name", "run")
+    solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set")
+    call = piezobench("race", "--folder", folder, *solvers, *options)
     assert call.status == 0, call.stderr
-    noted = json.loads((tmp_path / "run" / "run.json").read_text())["left_out"]["foreign"]
-    assert sorted(noted) == ["broken", "indefinite", "infeasible", "large", "unbounded"]
-    shown = " ".join(call.stdout.split())
+    return Run.open(folder / "results" / "run"), " ".join(call.stdout.split())
+
+
+def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(raced: tuple[Run, str]) -> None:
+    run, shown = raced
+    left_out = run.settings["left_out"]["foreign"]
+    assert left_out.keys() == REASONS.keys()
     assert "5 of 9 problems" in shown
-    pages = [" ".join((tmp_path / "run" / name).read_text().split()) for name in ("report.md", "report.html")]
-    for name, why in noted.items():
-        assert f"foreign/{name}: {' '.join(why.split())[:60]}" in shown
+    pages = [" ".join((run.path / name).read_text().split()) for name in ("report.md", "report.html")]
+    for name, reason in left_out.items():
+        assert REASONS[name] in reason
+        assert f"foreign/{name}: {' '.join(reason.split())[:60]}" in shown
         assert all(f"foreign/{name}" in page for page in pages)
-    (tmp_path / "bad").mkdir()
-    np.savez(tmp_path / "bad" / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
-    assert (
-        "no problem of the set 'foreign' can be raced; indefinite: P is not convex"
-        in piezobench(*words, "--folder", tmp_path / "bad", "--name", "none").refusal
-    )
+
+
+def test_solvers_answer_foreign_problems_or_report_them_as_unsupported(raced: tuple[Run, str]) -> None:
+    rows = raced[0].rows(ONESHOT)
+    rows = rows[rows.is_default & (rows.start == "cold")]
+    ours, others = rows[rows.solver == "box_active_set"], rows[rows.solver.isin(["daqp", "clarabel"])]
+    assert set(ours.status) == {"unsupported"}
+    assert len(others) == 2 * len(ours) * 2  # solvers, lanes
+    assert right(others, Tier.LOW).all()
+    assert not others.mutates_input.any()
+
+
+def test_a_folder_without_a_proof_is_not_raced(piezobench: CommandLine, tmp_path: Path) -> None:
+    np.savez(tmp_path / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
+    sentence = "no problem of the set 'foreign' can be raced; indefinite: P is not convex"
+    assert sentence in piezobench("race", "--folder", tmp_path, *SHORT, "--out", tmp_path / "results").refusal
 
 
 def test_test_sets_of_qpbenchmark_are_read_from_their_class(
@@ -274,64 +278,46 @@ def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost_or_to_its_unit
     tmp_path: Path, program: dict[str, np.ndarray], w: list[float], yardstick: float, gap: float
 ) -> None:
     np.savez(tmp_path / "program.npz", **program)
-    problem = next(make("foreign", options={"folder": str(tmp_path)}).problems())
+    problem = problems_of(tmp_path)[0]["program"]
     for scaling, form in problem.forms.items():
         assert form.yardstick == pytest.approx(yardstick * form.cost_unit)
         x = np.linalg.solve(dense(form.to_weights), w)
         assert judge(problem, scaling, Outcome(found=True, x=x)).cost_gap == pytest.approx(gap)
 
 
-def test_sparse_problems_with_rows_are_saved_and_loaded_to_the_last_bit(
-    foreign: tuple[dict[str, RaceProblem], dict[str, str]], tmp_path: Path
+def test_saved_problems_keep_their_forms_and_proofs_to_the_last_bit(
+    foreign: dict[str, RaceProblem], tmp_path: Path
 ) -> None:
-    for problem in foreign[0].values():
-        problem.save(tmp_path / "problem.npz")
-        assert same_problem(RaceProblem.load(tmp_path / "problem.npz"), problem)
-
-
-def test_a_problem_that_was_saved_here_keeps_its_forms_and_its_proofs(tmp_path: Path) -> None:
-    problem = next(make("paper").problems())
-    problem.save(tmp_path / "mine.npz")
-    (found,) = make("foreign", options={"folder": str(tmp_path)}).problems()
-    assert found.set_name == "foreign"
-    assert same_problem(replace(found, name=problem.name), problem)
+    saved = {"paper": next(make("paper").problems()), **foreign}
+    for name, problem in saved.items():
+        problem.save(tmp_path / f"{name}.npz")
+    loaded, left_out = problems_of(tmp_path)
+    assert loaded.keys() == saved.keys()
+    assert not left_out
+    for name, problem in saved.items():
+        assert same_problem(loaded[name], replace(problem, name=name))
+    assert loaded["paper"].set_name == "foreign"
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
 @pytest.mark.parametrize("name", ["drawn.mat", "dense"])
 def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
-    foreign: tuple[dict[str, RaceProblem], dict[str, str]], name: str, scaling: str
+    foreign: dict[str, RaceProblem], name: str, scaling: str
 ) -> None:
-    problem = foreign[0][name]
+    problem = foreign[name]
     form = problem.forms[scaling]
     best = np.array(form.certificate.x)
     right = judge(problem, scaling, Outcome(found=True, x=best))
     assert (right.status, right.weight_error, np.isnan(right.model_error_percent)) == (Status.OK, 0.0, True)
     assert is_right(right, Tier.EXACT)
     rows = dense(form.qp.G)
-    k = int(np.argmin(form.qp.h - rows @ best))  # an active row, and a step of 1e-3 across it
+    k = int(np.argmin(form.qp.h - rows @ best))  # an active row, violated by 1e-3
     wrong = judge(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k])))
     assert not is_right(wrong, Tier.HIGH)
     assert wrong.violation > 1e-5
 
 
-@pytest.mark.parametrize(("solver", "status"), [("daqp", "ok"), ("clarabel", "ok"), ("box_active_set", "unsupported")])
-def test_solvers_answer_foreign_problems_or_say_that_they_cannot_take_them(
-    foreign: tuple[dict[str, RaceProblem], dict[str, str]], solver: str, status: str
-) -> None:
-    lane = Lane.DIRECT if solver == "box_active_set" else Lane.QPSOLVERS
-    problem = foreign[0]["other"]
-    with SolverChild(find(solver, lane)) as child:
-        for scaling in SCALINGS:
-            task = Task("foreign", problem.name, scaling, solver, lane, NO_SETTING)
-            outcome = child.ask(OneShot.of(task, problem.forms[scaling]))
-            found = judge(problem, scaling, outcome)
-            assert str(found.status) == status, outcome.message
-            assert is_right(found, Tier.LOW) == (status == "ok")
-            assert not outcome.mutated
-
-
-def test_a_folder_without_programs_and_a_limit_that_is_no_number_are_refused(tmp_path: Path) -> None:
+def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ProblemSetError, match=r"holds no program; one is in a file \.npz, \.mat, \.qps, \.mps"):
         make("foreign", options={"folder": str(tmp_path)})
     write_mat(tmp_path / "drawn.mat", draw(0))
@@ -340,16 +326,16 @@ def test_a_folder_without_programs_and_a_limit_that_is_no_number_are_refused(tmp
 
 
 @pytest.mark.parametrize("pause", [0.0, 0.05, 0.3, 1.0, 3.0])
-def test_provers_that_are_left_while_they_start_or_work_end(pause: float) -> None:
+def test_proving_processes_end_with_the_generator_whether_they_start_or_work(pause: float) -> None:
     before = set(multiprocessing.active_children())
-    looked = proven(lambda child, seconds: seconds and prove(child, time.sleep, seconds), [0.0] + 9 * [3600.0])
-    with closing(looked):
-        next(looked)
+    results = proven(lambda child, seconds: seconds and prove(child, time.sleep, seconds), [0.0] + 9 * [3600.0])
+    with closing(results):
+        next(results)
         time.sleep(pause)
     assert set(multiprocessing.active_children()) <= before
 
 
-def test_an_interrupt_ends_the_proof_that_is_waited_for() -> None:
+def test_an_interrupt_ends_a_running_proof() -> None:
     threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         next(proven(lambda child, seconds: prove(child, time.sleep, seconds), [3600.0]))

@@ -1,4 +1,4 @@
-"""The set of measured actuators: what its files hold is what a recording gives, and every program is proven."""
+"""The set of measured actuators: its files, and the proofs of its programs."""
 
 import subprocess
 from pathlib import Path
@@ -22,19 +22,19 @@ def by_seed() -> list[dict[str, RaceProblem]]:
     return [{problem.name: problem for problem in make("measured", seed).problems()} for seed in range(PROGRAMS + 1)]
 
 
-def test_measured_actuators_are_raced_by_default_and_each_has_its_source_and_licence_beside_it() -> None:
+def test_measured_actuators_are_raced_by_default_and_have_sources_and_licences() -> None:
     assert OneshotSettings().problem_sets == ("paper", "measured")
     files = list(FOLDER.glob("*.npz"))
     assert len(files) == len(make("measured")) >= 3
     assert all(path.stat().st_size < 30_000 for path in files)
-    said = (FOLDER / "README.md").read_text()
+    readme = (FOLDER / "README.md").read_text()
     for path in files:
-        line = next(line for line in said.splitlines() if f"`{path.name}`" in line)
+        line = next(line for line in readme.splitlines() if f"`{path.name}`" in line)
         licence = FOLDER / line.split("[")[1].split("]")[0]
         assert "MIT License" in licence.read_text()
 
 
-def test_every_proof_holds_and_other_seeds_see_other_samples_of_the_same_actuator(
+def test_every_proof_holds_and_other_seeds_use_other_samples(
     by_seed: list[dict[str, RaceProblem]],
 ) -> None:
     first = by_seed[0]
@@ -86,7 +86,7 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: 
     assert c == pytest.approx(reference.c)
 
 
-def test_make_bench_races_on_a_recording_of_ones_own_where_one_is_given() -> None:
+def test_make_bench_races_on_the_given_recording() -> None:
     folder = Path(__file__).parents[2]
 
     def recipe(*words: str) -> str:

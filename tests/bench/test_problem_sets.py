@@ -1,4 +1,4 @@
-"""Problem sets: what they span, what they carry, what they need, and that every proof of theirs holds."""
+"""Problem sets: their range, contents, options and proofs."""
 
 import json
 from itertools import pairwise
@@ -22,7 +22,7 @@ from solvers.certificate import verify
 
 @pytest.fixture(scope="module")
 def excitation(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, RaceProblem]]:
-    """What ``--verify`` says of the set, and its problems."""
+    """Output of ``--verify`` for the set, and its problems."""
     folder = tmp_path_factory.mktemp("excitation")
     call = piezobench("problems", "--set", "excitation", "--verify", "--export", folder)
     assert call.status == 0, call.stderr
@@ -37,7 +37,7 @@ def drift() -> list[RaceProblem]:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six seconds of the Preisach actuator, its sensor off by some micrometres."""
+    """Six seconds of the Preisach actuator, with a sensor offset."""
     sample_time = 1e-3
     plant = plants.get("relay_preisach", sample_time=sample_time)
     x = SIGNALS["multi_sine"](duration_s=6.0, sample_time=sample_time, low=0.0, high=150.0, seed=3)
@@ -54,8 +54,8 @@ def recorded(recording: Path) -> list[RaceProblem]:
 
 
 def test_every_proof_of_the_excitation_set_holds_and_is_counted(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
-    said, problems = excitation
-    assert f"{len(problems)} of {len(make('excitation'))} problems are certified in every scaling (100 %)" in said
+    output, problems = excitation
+    assert f"{len(problems)} of {len(make('excitation'))} problems are certified in every scaling (100 %)" in output
 
 
 def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_ones(
@@ -66,7 +66,7 @@ def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_
         np.allclose(problem.forms["scaled"].qp.P.diagonal()[problem.forms["scaled"].qp.P.diagonal() > 0], 1.0)
         for problem in bare
     )
-    finite = [problem.condition for problem in bare if np.isfinite(problem.condition)]
+    finite = [value for problem in bare if np.isfinite(value := problem.forms["scaled"].condition)]
     assert min(finite) < 3e4
     assert max(finite) > 5e11
     assert len({int(np.log10(value)) for value in finite}) >= 6
@@ -79,7 +79,7 @@ def test_the_proximal_term_makes_every_optimum_unique(excitation: tuple[str, dic
     assert all(form.optimum_is_unique for problem in proximal for form in problem.forms.values())
 
 
-def test_singular_and_rounding_indefinite_problems_are_stated(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
+def test_singular_problems_and_convexity_shifts_are_listed(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
     lines = {line.split()[0]: line for line in excitation[0].splitlines() if line.startswith("n")}
     for name, problem in excitation[1].items():
         certificate = problem.forms["scaled"].certificate
@@ -89,7 +89,7 @@ def test_singular_and_rounding_indefinite_problems_are_stated(excitation: tuple[
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
-def test_weights_are_not_judged_where_the_data_leave_them_open(
+def test_weights_are_not_judged_if_the_optimum_is_not_unique(
     excitation: tuple[str, dict[str, RaceProblem]], scaling: str
 ) -> None:
     for problem in excitation[1].values():
@@ -130,7 +130,7 @@ def test_a_recording_gives_problems_of_every_order_over_every_window(recorded: l
             verify(form.qp, form.certificate)
 
 
-def test_the_last_fifth_of_a_recording_is_what_a_model_with_a_free_offset_is_judged_with(
+def test_the_last_fifth_of_a_recording_validates_models_with_a_free_offset(
     recorded: list[RaceProblem], recording: Path
 ) -> None:
     x, y = np.loadtxt(recording, delimiter=",", skiprows=1, unpack=True)[1:]
@@ -152,7 +152,7 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
     (tmp_path / "stage.txt").write_text(
         "".join(f"{b:.6f};{a:.6f}\n".replace(".", ",") for a, b in zip(x, y, strict=True))
     )
-    said = (
+    reading = (
         "--recording",
         tmp_path / "stage.txt",
         "--header-row",
@@ -166,11 +166,11 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
         "--output",
         1,
     )
-    listed = piezobench("problems", "--set", "recorded", "--limit", 1, *said)
+    listed = piezobench("problems", "--set", "recorded", "--limit", 1, *reading)
     assert "n5-m3-whole" in listed.stdout, listed.stderr
     raced = piezobench(
         "race",
-        *said,
+        *reading,
         "--solver",
         "box_active_set",
         "--lane",
@@ -192,7 +192,7 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
         "header_row": "0",
         "decimal": ",",
     }
-    refused = piezobench("race", *said[:2], "--sheet", "two", "--sample-time", "later", "--out", tmp_path)
+    refused = piezobench("race", *reading[:2], "--sheet", "two", "--sample-time", "later", "--out", tmp_path)
     assert refused.status == 2
     assert "--sample-time" in refused.stderr
 
@@ -206,7 +206,7 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
     assert made.left_out["n5-m3-tenth"] == "16 samples are too few for 19 weights"
 
 
-def test_sets_that_need_a_file_are_listed_apart() -> None:
+def test_sets_that_need_a_file_are_not_among_those_of_a_seed() -> None:
     assert set(all_sets()) - set(sets()) == {"recorded", "foreign", "test_set"}
 
 
@@ -222,7 +222,7 @@ def test_sets_that_need_a_file_are_listed_apart() -> None:
         (("--verify",), "needs problems; name a --set"),
     ],
 )
-def test_what_is_missing_is_one_sentence_at_the_command_line(
+def test_missing_options_and_files_are_refused_in_one_sentence(
     piezobench: CommandLine, words: tuple[str, ...], sentence: str
 ) -> None:
     assert sentence in piezobench("problems", *words).refusal

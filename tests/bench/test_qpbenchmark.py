@@ -1,5 +1,4 @@
-"""Beside qpbenchmark on the same exported problems, by the command in the file: the residuals and verdicts of its judge
-and of ours are the same."""
+"""qpbenchmark on exported problems, by the command in the file: its residuals and verdicts equal ours."""
 
 import subprocess
 import sys

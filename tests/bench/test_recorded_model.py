@@ -1,5 +1,4 @@
-"""The model of a recording that is raced on: kept with its error on the last fifth, deployed, and what a worse one is
-told."""
+"""The model of a recording: stored with its error on the last fifth, deployed, and preferred to a worse one."""
 
 import json
 from dataclasses import dataclass
@@ -24,14 +23,14 @@ LONG = ("--deadline", 1e6)
 
 @dataclass(frozen=True)
 class Stage:
-    """A recording with what the same actuator does afterwards."""
+    """A recording, and later data of the same actuator."""
 
     path: Path
     later: Recording
 
 
 def stage(folder: Path, kind: str, samples: int = 12_000) -> Stage:
-    """A simulated actuator with a noisy sensor, recorded for a while."""
+    """A recording of a simulated actuator with a noisy sensor."""
     chance, plant = np.random.default_rng(3), plants.get(kind, sample_time=1e-3)
     t, (low, high) = np.arange(2 * samples) * 1e-3, plant.x_range
     waves = (
@@ -78,7 +77,7 @@ def test_a_race_on_a_recording_keeps_the_model_of_its_first_four_fifths_with_the
     assert "deploy takes it." in (run.path / "report.md").read_text()
 
 
-def test_deploy_takes_that_model_and_prints_its_error(
+def test_deploy_uses_that_model_and_prints_its_error(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
     _, run = recorded
@@ -96,7 +95,7 @@ def test_deploy_takes_that_model_and_prints_its_error(
 
 
 @pytest.mark.slow
-def test_its_error_on_what_the_actuator_does_later_is_that_of_an_identification_of_the_whole(
+def test_its_error_on_later_data_is_near_that_of_an_identification_of_the_whole_recording(
     recorded: tuple[Stage, Run],
 ) -> None:
     made, run = recorded
@@ -105,7 +104,7 @@ def test_its_error_on_what_the_actuator_does_later_is_that_of_an_identification_
     assert model_for(run).model.validate(made.later).fit.rms_percent <= 1.1 * whole.validate(made.later).fit.rms_percent
 
 
-def test_a_model_that_errs_more_than_a_tenth_more_is_refused_with_both_figures(
+def test_a_model_with_a_ten_percent_larger_error_is_refused_with_both_errors(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
     _, run = recorded
@@ -125,7 +124,7 @@ def test_a_model_that_errs_more_than_a_tenth_more_is_refused_with_both_figures(
 
 
 @pytest.mark.slow
-def test_a_model_of_a_file_or_of_a_problem_that_is_as_good_is_taken_with_its_error(
+def test_an_equally_good_model_of_a_file_or_a_problem_is_accepted_with_its_error(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
     made, run = recorded
@@ -154,7 +153,7 @@ def test_a_race_that_was_killed_and_resumed_has_the_same_model(
 
 
 @pytest.mark.slow
-def test_a_recording_that_gives_no_model_is_raced_on_and_deploy_says_why(
+def test_a_recording_without_a_model_is_raced_and_deploy_gives_the_reason(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     chance, t = np.random.default_rng(0), np.arange(4000) * 1e-3

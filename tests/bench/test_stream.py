@@ -1,6 +1,6 @@
 """The stream race: real solvers in real processes on the real clock.
 
-Nothing here asks how fast the machine is. What is asked is that the books are kept right, whatever it did.
+No test depends on the speed of the machine; they check that the records are consistent with what happened.
 """
 
 from dataclasses import dataclass, replace
@@ -15,19 +15,19 @@ from browser import Browser
 from command_line import CommandLine
 from conftest import killed_and_resumed
 
-import solvers
 from bench.messages.progress import silent
 from bench.messages.task import Outcome
 from bench.races.kind import kind_of, kinds
-from bench.races.stream import figures as stream_figures
 from bench.races.stream import report
+from bench.races.stream import summary as stream_summary
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.stream_problem import StreamProblem, make
 from bench.report.words import number
 from bench.store import Run
-from bench.timing.percentiles import QUANTILES
+from bench.timing.percentiles import QUANTILES, rate_bound
 from bench.timing.schedule import PERIOD_NS, Timeline
-from solvers import Lane, Status, Tier
+from solvers import Lane, Status, Tier, find
+from solvers.registry import Described, describe
 
 # The race.
 
@@ -86,9 +86,8 @@ class Streamed:
         return rows.iloc[0]
 
     def ns(self, row: pd.Series, what: str) -> np.ndarray:
-        found = self.times[(self.times.task == row.task) & (self.times.what == what)]
-        assert len(found) == 1
-        return np.asarray(found.ns.iloc[0])
+        (ns,) = self.times.ns[(self.times.task == row.task) & (self.times.what == what)]
+        return np.asarray(ns)
 
     def timeline(self, row: pd.Series) -> Timeline:
         began, service = self.ns(row, "began"), self.ns(row, "service")
@@ -120,14 +119,14 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
     )
 
 
-def test_every_solver_lane_has_a_row_a_process_and_the_floor_is_looked_at_in_each_round(streamed: Streamed) -> None:
+def test_every_solver_lane_has_a_row_per_process_and_the_floor_is_measured_in_each_round(streamed: Streamed) -> None:
     counts = streamed.rows.groupby(["solver", "lane"]).repeat.nunique()
     assert (counts.drop(index=[("null", "direct")]) == 2).all()
     assert len(counts) == 4 + 4 + 7 + 1  # kernel, direct, the user's, and the machine
-    assert counts["null", "direct"] == 4  # fifteen tasks a round, and one look before every ten
+    assert counts["null", "direct"] == 4  # fifteen tasks a round, a floor before every ten
 
 
-def test_the_null_solver_is_accounted_for_sample_by_sample(streamed: Streamed) -> None:
+def test_misses_and_gaps_of_the_null_solver_follow_from_its_samples(streamed: Streamed) -> None:
     for repeat in range(4):
         row = streamed.row("null", repeat=repeat)
         timeline = streamed.timeline(row)
@@ -141,7 +140,7 @@ def test_the_null_solver_is_accounted_for_sample_by_sample(streamed: Streamed) -
         assert row.gap_max > 0.0
 
 
-def test_a_solver_that_sleeps_misses_its_deadlines_and_pays_for_stale_answers(streamed: Streamed) -> None:
+def test_a_solver_that_sleeps_misses_its_deadlines_and_its_stale_answers_have_a_gap(streamed: Streamed) -> None:
     row = streamed.row("sleeps_1_ms")
     assert row.missed == row.samples
     assert row.solves < row.samples
@@ -153,7 +152,7 @@ def test_a_solver_that_sleeps_misses_its_deadlines_and_pays_for_stale_answers(st
     assert row.status == Status.OK  # its answers are right, and late
 
 
-def test_solves_begin_when_their_sample_is_due_and_response_times_hold_service_times_and_waiting(
+def test_solves_begin_when_their_sample_is_due_and_response_times_include_waiting(
     streamed: Streamed,
 ) -> None:
     for _, row in streamed.rows[streamed.rows.paced & (streamed.rows.samples > 0)].iterrows():
@@ -162,7 +161,7 @@ def test_solves_begin_when_their_sample_is_due_and_response_times_hold_service_t
         includes = np.searchsorted(timeline.solved, np.arange(timeline.samples))
         assert np.all(timeline.response_ns >= timeline.service_ns[includes])
     slow = streamed.timeline(streamed.row("sleeps_1_ms"))
-    # What each solve took says nothing of the samples that came due meanwhile.
+    # Service times do not show the samples that came due meanwhile.
     assert slow.response_ns.sum() > 5 * slow.service_ns.sum()
     assert slow.response_ns.size > 5 * slow.service_ns.size
 
@@ -179,9 +178,7 @@ def test_exact_solvers_are_exact_at_the_sample_they_answer(streamed: Streamed, s
 
 
 @pytest.mark.parametrize("solver", ["box_active_set", "recursive_active_set", "daqp"])
-def test_the_compiled_loop_takes_more_rows_than_there_are_and_is_not_called_paced(
-    streamed: Streamed, solver: str
-) -> None:
+def test_the_compiled_loop_repeats_the_rows_and_is_not_paced(streamed: Streamed, solver: str) -> None:
     row = streamed.row(solver, "kernel")
     assert not row.paced
     assert row.samples == streamed.ns(row, "service").size == KERNEL > SAMPLES
@@ -192,13 +189,13 @@ def test_the_compiled_loop_takes_more_rows_than_there_are_and_is_not_called_pace
 @pytest.mark.parametrize(
     ("solver", "lane", "status", "least_ns"),
     [
-        # It asks another solver five times; of itself it says a nanosecond.
+        # It calls another solver five times, and reports a nanosecond.
         pytest.param("times_itself", "kernel", Status.OK, 10_001, id="a user's compiled solver is timed from outside"),
-        pytest.param("answers_later", "direct", Status.MISSED, 1_000_000, id="an answer is made within its time"),
+        pytest.param("answers_later", "direct", Status.MISSED, 1_000_000, id="a lazy answer is timed"),
         pytest.param("asks_for_its_last", "direct", Status.OK, 0, id="a warm start is the last answer"),
     ],
 )
-def test_a_solver_of_a_user_is_timed_on_the_schedule_from_start_to_array(
+def test_a_users_solver_is_timed_on_the_schedule_until_its_answer_is_an_array(
     streamed: Streamed, solver: str, lane: str, status: Status, least_ns: int
 ) -> None:
     row = streamed.row(solver, lane)
@@ -208,22 +205,22 @@ def test_a_solver_of_a_user_is_timed_on_the_schedule_from_start_to_array(
 
 
 @pytest.mark.parametrize(
-    ("solver", "lane", "status", "said"),
+    ("solver", "lane", "status", "message"),
     [
         ("accelerated_projection", "kernel", Status.UNSUPPORTED, "no compiled loop over rows"),
         ("gives_up_later", "direct", Status.ADAPTER_FAILED, "AssertionError: no more"),
         ("too_short", "direct", Status.ADAPTER_FAILED, "ValueError"),
     ],
 )
-def test_what_goes_wrong_is_a_row_of_its_own(
-    streamed: Streamed, solver: str, lane: str, status: Status, said: str
+def test_a_failure_is_a_row_with_its_message(
+    streamed: Streamed, solver: str, lane: str, status: Status, message: str
 ) -> None:
     row = streamed.row(solver, lane)
     assert (row.status, row.samples) == (status, 0)
-    assert said in row.message
+    assert message in row.message
 
 
-def test_a_solver_without_an_answer_leaves_the_one_before_in_use(streamed: Streamed) -> None:
+def test_without_an_answer_the_previous_one_stays_in_use(streamed: Streamed) -> None:
     row, kept = streamed.row("has_no_answer"), streamed.row("null")
     assert row.unanswered == row.solves
     assert row.status == Status.MISSED
@@ -238,90 +235,76 @@ def race_of(streamed: Streamed, settings: StreamSettings) -> StreamRace:
     return race
 
 
+def described(*lanes: Lane, name: str) -> list[Described]:
+    return [describe(find(name, lane)) for lane in lanes]
+
+
 def test_tasks_are_shuffled_anew_in_each_round_by_the_seed(streamed: Streamed) -> None:
     settings = StreamSettings(repeats=2, seed=3)
-    field = [
-        solvers.registry.describe(entry)
-        for entry in solvers.registry.entries()
-        if entry.lane in (Lane.KERNEL, Lane.DIRECT) and entry.name in ("box_active_set", "projected_difference")
-    ]
-    orders = [
-        [
-            (task.solver, task.lane, task.setting.rung)
-            for task in race_of(streamed, settings).tasks(field)
-            if task.repeat == repeat and task.solver != "null"
-        ]
+    lanes = (Lane.KERNEL, Lane.DIRECT)
+    field = [*described(*lanes, name="box_active_set"), *described(*lanes, name="projected_difference")]
+    tasks = list(race_of(streamed, settings).tasks(field))
+    first, second = (
+        [(t.solver, t.lane, t.setting.rung) for t in tasks if t.repeat == repeat and t.solver != "null"]
         for repeat in range(2)
-    ]
-    assert sorted(orders[0]) == sorted(orders[1])
-    assert orders[0] != orders[1]
-    again = list(race_of(streamed, settings).tasks(field))
-    assert again == list(race_of(streamed, settings).tasks(field))
-    assert len({task.key for task in again}) == len(again)
-    assert again != list(race_of(streamed, replace(settings, seed=4)).tasks(field))
+    )
+    assert sorted(first) == sorted(second)
+    assert first != second
+    assert len({task.key for task in tasks}) == len(tasks)
+    assert tasks == list(race_of(streamed, settings).tasks(field))
+    assert tasks != list(race_of(streamed, replace(settings, seed=4)).tasks(field))
 
 
-def test_a_row_says_on_what_grounds_its_setting_was_chosen(streamed: Streamed) -> None:
+def test_a_row_states_the_basis_of_its_setting(streamed: Streamed) -> None:
     assert streamed.row("daqp").basis == "reference"
     assert set(streamed.rows[streamed.rows.solver.isin([*FAULTS, "times_itself"])].basis) == {"untested"}
 
 
-def test_one_process_answers_for_several_tiers_each_with_its_grounds(streamed: Streamed) -> None:
-    settings = StreamSettings(solvers=("box_active_set",), tiers=(Tier.DEFAULT, Tier.LOW, Tier.EXACT))
-    field = [solvers.registry.describe(solvers.find("box_active_set", "direct"))]
+def crashed_rows(streamed: Streamed, settings: StreamSettings, field: list[Described]) -> list[dict[str, Any]]:
+    """The rows of all tasks but the floor's if every process crashes."""
     race = race_of(streamed, settings)
-    floor, task = race.tasks(field)
+    floor, *tasks = race.tasks(field)
     assert floor.basis == {Tier.DEFAULT: "default"}
-    assert task.basis == {Tier.DEFAULT: "default", Tier.LOW: "reference", Tier.EXACT: "reference"}
-    rows = race.rows(task, Outcome("crashed", "gone"))
+    return [row for task in tasks for row in race.rows(task, Outcome("crashed", "gone"))]
+
+
+def test_one_process_has_a_row_for_each_tier_of_its_setting(streamed: Streamed) -> None:
+    settings = StreamSettings(solvers=("box_active_set",), tiers=(Tier.DEFAULT, Tier.LOW, Tier.EXACT))
+    rows = crashed_rows(streamed, settings, described(Lane.DIRECT, name="box_active_set"))
     assert [(row["tier"], row["basis"], row["status"]) for row in rows] == [
         ("default", "default", "crashed"),
         ("low", "reference", "crashed"),
         ("exact", "reference", "crashed"),
     ]
+    assert len({row["task"] for row in rows}) == 1
 
 
-def test_a_method_of_steps_has_a_row_for_each_number_of_them_though_its_process_crashed(streamed: Streamed) -> None:
-    field = [solvers.registry.describe(solvers.find("projected_difference", "kernel"))]
-    race = race_of(streamed, StreamSettings())
-    rows = [
-        row
-        for task in race.tasks(field)
-        if task.solver != "null"
-        for row in race.rows(task, Outcome("crashed", "gone"))
-    ]
+def test_a_method_of_steps_has_a_row_for_each_number_of_steps(streamed: Streamed) -> None:
+    rows = crashed_rows(streamed, StreamSettings(), described(Lane.KERNEL, name="projected_difference"))
     assert {row["basis"] for row in rows} == {"each"}
-    assert sorted(row["settings"] for row in rows) == sorted(
-        f'{{"steps": {steps}}}' for steps in (1, 10, 100, 1000, 15200)
-    )
+    assert {row["settings"] for row in rows} == {f'{{"steps": {steps}}}' for steps in (1, 10, 100, 1000, 15200)}
+    assert len(rows) == 5
 
 
-# Figures and report.
+# Summary and report.
 
 
 def paced_row(solver: str, samples: int, missed: int, stalls: int, **more: Any) -> dict[str, Any]:
-    row: dict[str, Any] = dict.fromkeys(STREAM.columns, float("nan"))
-    return {
-        **row,
-        "task": solver,
-        "solver": solver,
-        "lane": "direct",
-        "tier": "high",
-        "setting": "{}",
-        "basis": "reference",
-        "settings": "{}",
-        "repeat": 0,
-        "status": "ok",
-        "message": "",
-        "paced": True,
-        "samples": samples,
-        "solves": samples,
-        "stopped": "",
-        "missed": missed,
-        "stalls": stalls,
-        "unanswered": 0,
-        **more,
-    }
+    return STREAM.row(
+        task=solver,
+        solver=solver,
+        lane="direct",
+        tier="high",
+        setting="{}",
+        basis="reference",
+        settings="{}",
+        status="ok",
+        paced=True,
+        samples=samples,
+        solves=samples,
+        missed=missed,
+        stalls=stalls,
+    ) | {"unanswered": 0, **more}
 
 
 def summary_of(rows: list[dict[str, Any]], **response: np.ndarray) -> pd.DataFrame:
@@ -330,39 +313,43 @@ def summary_of(rows: list[dict[str, Any]], **response: np.ndarray) -> pd.DataFra
         for task, us in response.items()
         for what in ("service", "response")
     ]
-    return stream_figures.summary(pd.DataFrame(rows), pd.DataFrame(times, columns=["task", "what", "ns"]))
+    return stream_summary.summary(pd.DataFrame(rows), pd.DataFrame(times, columns=["task", "what", "ns"]))
 
 
-def test_misses_count_beyond_what_the_machine_itself_may_miss() -> None:
+def test_misses_count_beyond_the_bound_of_the_machines_own() -> None:
     rows = [
         paced_row("null", 30_000, 30, 30),
         paced_row("as_the_machine", 30_000, 40, 40),
         paced_row("worse", 30_000, 60, 60),
     ]
     table = summary_of(rows).set_index("solver")
-    bound = 30_000 * stream_figures.rate_bound(30, 30_000)
+    bound = 30_000 * rate_bound(30, 30_000)
     assert 40 < bound < 42
     assert table.missed_beyond_floor.to_dict() == {"null": 0, "as_the_machine": 0, "worse": 60 - 41}
     assert table.status.to_dict() == {"null": "null", "as_the_machine": "ok", "worse": "late"}
     assert table.keeps_up.to_dict() == {"null": True, "as_the_machine": True, "worse": False}
 
 
-def test_misses_that_come_together_bound_the_machine_less_tightly() -> None:
-    alone = stream_figures.floor_bound(pd.DataFrame([paced_row("null", 30_000, 30, 30)]))
-    together = stream_figures.floor_bound(pd.DataFrame([paced_row("null", 30_000, 30, 3)]))
-    assert alone == stream_figures.rate_bound(30, 30_000)
-    assert together == pytest.approx(10 * stream_figures.rate_bound(3, 30_000))
-    assert together > alone
-    assert stream_figures.floor_bound(pd.DataFrame([paced_row("null", 3_000, 0, 0)])) == stream_figures.rate_bound(
-        0, 3_000
-    )
+@pytest.mark.parametrize(
+    ("samples", "missed", "stalls", "bound"),
+    [
+        (30_000, 30, 30, rate_bound(30, 30_000)),
+        (30_000, 30, 3, 10 * rate_bound(3, 30_000)),  # above that of single misses
+        (3_000, 0, 0, rate_bound(0, 3_000)),
+    ],
+)
+def test_the_bound_of_the_machines_misses_counts_stalls_by_their_length(
+    samples: int, missed: int, stalls: int, bound: float
+) -> None:
+    floor = pd.DataFrame([paced_row("null", samples, missed, stalls)])
+    assert stream_summary.floor_bound(floor) == pytest.approx(bound)
 
 
 @pytest.mark.parametrize(("missed", "says"), [(50, False), (51, True)])
 def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(missed: int, says: bool) -> None:
     rows = [paced_row("null", 5000, missed, missed), paced_row("daqp", 5000, 0, 0)]
-    table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), {"samples": 5000, "give_up": 0}
-    said = stream_figures.verdict(table, settings)
+    table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000)
+    said = stream_summary.verdict(table, settings)
     assert said[0].startswith("This run cannot say who keeps the schedule") == says
     assert any("solver lane keeps the schedule" in sentence for sentence in said) != says
     assert table.keeps_up[table.solver == "daqp"].item() != says
@@ -373,15 +360,15 @@ def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(m
 @pytest.mark.parametrize(
     ("basis", "shown"), [("reference", "high"), ("untested", "high, untested"), ("not reached", "high, not reached")]
 )
-def test_every_table_marks_a_setting_that_no_run_stands_for(basis: str, shown: str) -> None:
+def test_every_table_marks_an_untested_setting(basis: str, shown: str) -> None:
     rows = [paced_row("null", 5000, 0, 0, tier="default", basis="default"), paced_row("daqp", 5000, 0, 0, basis=basis)]
-    found = report.report_of(summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), {"samples": 5000, "give_up": 0})
+    found = report.report_of(summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000))
     for table in (found.table, *found.tables[:3]):
         assert [row[2] for row in table.rows] == ["default", shown]
     assert found.summary.set_index("solver").basis.to_dict() == {"null": "default", "daqp": basis}
 
 
-def test_a_tail_that_reaches_into_the_floor_is_marked_and_an_unsupported_one_refused() -> None:
+def test_a_percentile_at_the_floor_is_marked_and_an_unsupported_one_is_refused() -> None:
     generator = np.random.default_rng(5)
     floor = generator.exponential(1.0, 5000)
     rows = [paced_row(name, 5000, 0, 0) for name in ("null", "near", "far")]
@@ -390,14 +377,14 @@ def test_a_tail_that_reaches_into_the_floor_is_marked_and_an_unsupported_one_ref
     assert lines["at_floor_p50"].to_dict() == {"null": True, "near": False, "far": False}
     assert lines["at_floor_p99.9"].to_dict() == {"null": True, "near": True, "far": False}
     assert np.isnan(lines["response_p99.99_us"].to_numpy()).all()
-    responses = report.report_of(table, {"samples": 5000, "give_up": 0}).tables[0]
+    responses = report.report_of(table, StreamSettings(samples=5000)).tables[0]
     cells = {row[0]: row[4:8] for row in responses.rows}
     assert cells["near"][2].endswith("≈ floor")
     assert not cells["far"][2].endswith("≈ floor")
     assert {row[3] for row in cells.values()} == {"needs 29956"}
 
 
-def test_the_farthest_percentile_of_a_compiled_loop_counts_what_would_have_waited_behind_its_long_calls() -> None:
+def test_the_corrected_percentile_of_a_compiled_loop_counts_the_samples_that_would_have_waited() -> None:
     us = np.random.default_rng(3).lognormal(4.0, 1.0, 30_000).round(3)
     waited = []
     for value in us:
@@ -408,29 +395,26 @@ def test_the_farthest_percentile_of_a_compiled_loop_counts_what_would_have_waite
     loop = paced_row("loop", 30_000, 0, 0, paced=False)
     for row, size, shown in ((loop, us.size, None), (loop, 29_955, "needs 29956")):
         table = summary_of([row | {"samples": size}], loop=us[:size])
-        (cells,) = report.report_of(table, {"samples": 200, "give_up": 0}).tables[3].rows
+        (cells,) = report.report_of(table, StreamSettings(samples=200)).tables[3].rows
         expected = number(np.quantile(waited, 0.9999, method="inverted_cdf"))
         assert cells[4 + len(QUANTILES) + 1] == (shown or expected)
     assert len(waited) > us.size
 
 
-def says_who_keeps_it(rows: pd.DataFrame) -> str:
-    """What the verdict of a run on this machine has to say, by what the machine itself missed."""
+def expected_verdict(rows: pd.DataFrame) -> str:
+    """The verdict of a run on this machine, which depends on the machine's own misses."""
     floor = rows[rows.solver == "null"]
-    unfit = floor.missed.sum() > 0.01 * floor.samples.sum()
-    return (
-        "This run cannot say who keeps the schedule: the machine itself misses"
-        if unfit
-        else ("solver lanes keep the schedule of 8 kHz")
-    )
+    if floor.missed.sum() > 0.01 * floor.samples.sum():
+        return "This run cannot say who keeps the schedule: the machine itself misses"
+    return "solver lanes keep the schedule of 8 kHz"
 
 
-def test_the_report_begins_with_the_verdict_holds_every_lane_and_is_the_same_when_written_again(
+def test_the_report_begins_with_the_verdict_lists_every_lane_and_is_reproducible(
     streamed: Streamed,
 ) -> None:
     _, path = kind_of(streamed.run).write(streamed.run)
     text = path.read_text(encoding="utf-8")
-    assert says_who_keeps_it(streamed.rows) in text.split("![")[0]
+    assert expected_verdict(streamed.rows) in text.split("![")[0]
     assert "The machine itself, a solver that answers at once on the same schedule, misses" in text
     assert "needs 29956" in text
     assert "no compiled loop over rows" in text
@@ -450,7 +434,7 @@ def test_the_report_begins_with_the_verdict_holds_every_lane_and_is_the_same_whe
 
 
 @pytest.mark.slow
-def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(
+def test_a_killed_stream_is_resumed_keeps_its_finished_tasks_and_is_drawn(
     piezobench: CommandLine, browser: Browser, tmp_path: Path
 ) -> None:
     run, names = Run(tmp_path / "stream"), ("daqp", "recursive_active_set", "projected_difference")
@@ -473,7 +457,7 @@ def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(
         "stream",
     )
     rows, times = run.rows(STREAM), run.times()
-    assert says_who_keeps_it(rows) in " ".join(resumed.call.stdout.split())
+    assert expected_verdict(rows) in " ".join(resumed.call.stdout.split())
     assert set(rows.solver) == {"null", *names}
     assert rows.task.is_unique
     for task, response in resumed.kept.items():
@@ -485,4 +469,4 @@ def test_a_stream_that_is_killed_is_resumed_keeps_what_was_done_and_draws_it(
     for name, x in (("deadline_profile", "periods"), ("latency_tails", "one_in")):
         lines = pd.read_csv(run.path / "figures" / f"{name}.csv")
         assert lines.name.str.contains("steps 15200").any()
-        assert not lines.duplicated(["view", "name", x]).any()  # each line has a name of its own
+        assert not lines.duplicated(["view", "name", x]).any()

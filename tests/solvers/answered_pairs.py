@@ -1,4 +1,4 @@
-"""Pairs of quadratic programs made backwards from their answers, for tests: no solver has computed the optimum.
+"""Pairs of quadratic programs constructed from their answers, so that the optimum is known without a solver.
 
     q = −P x − Rᵀw,   w_i > 0 only where row i of R = (I; A; G) is at its upper side, w_i < 0 only at its lower side,
 
@@ -42,7 +42,7 @@ class Pair:
 
 
 def pair(form: str, d: int, seed: int = 0, decades: float = 0.0) -> Pair:
-    """Draw a pair of d variables in units spread over so many decades; "rows" adds two equalities and d / 3
+    """Draw a pair of d variables whose units spread over some decades; "rows" adds two equalities and d / 3
     inequalities and needs d ≥ 6."""
     rng = np.random.default_rng([seed, d, list(SHARES).index(form)])
     kind = rng.choice(["both", "lower", "fixed", "none"], size=d, p=SHARES[form])
@@ -81,17 +81,11 @@ def arrays(problem: Problem) -> dict[str, Any]:
     return {key: value for key, value in vars(problem).items() if value is not None}
 
 
-def apart(array: Matrix | Vector) -> Any:
-    """The same numbers as every second entry of a larger array whose other entries are junk."""
+def strided_and_locked(array: Matrix | Vector) -> Any:
+    """The same numbers as every second entry of a larger array with other junk entries, read-only."""
     large = np.full(tuple(2 * n for n in array.shape), 1e3)
     view = large[tuple(slice(None, None, 2) for _ in array.shape)]
     view[...] = array
-    return view
-
-
-def apart_and_locked(array: Matrix | Vector) -> Any:
-    """The same, not to be written to."""
-    view = apart(array)
     view.flags.writeable = False
     return view
 
@@ -117,11 +111,11 @@ FINER = {
     "highspy": {"qp_regularization_value": 1e-3},
     "highs": {"qp_regularization_value": 1e-3},
 }
-"""Settings that are to lie so much below what is asked of the others."""
+"""Factors by which these settings are smaller than the tolerance of the others."""
 
 
 def asking(cls: type[Solver], tolerance: float | None) -> dict[str, Any]:
-    """Settings that ask for one tolerance everywhere, absolute and relative alike; none where it is None."""
+    """Settings with one tolerance everywhere, absolute and relative alike; none for None."""
     if tolerance is None or not (
         issubclass(cls, LibrarySolver) or any("tolerance" in rung for rung in cls.ladder(1.0))
     ):

@@ -27,13 +27,6 @@ from solvers.certificate import Infeasible, NotCertified, Unbounded, certify, ex
 from solvers.exact import linear_algebra as exact_linear_algebra
 
 
-def test_a_box_problem_solved_by_hand_is_certified() -> None:
-    proof = certify(corner, np.array([0.9, 0.2]))
-    assert (proof.x, proof.value, proof.value_rounded) == ((1.0, 0.0), "-1", -1.0)
-    assert (proof.lower, proof.upper, proof.unique, proof.convexity_shift) == ((1,), (), True, 0.0)
-    verify(corner, proof)
-
-
 def test_an_equality_with_general_rows_solved_by_hand_is_certified() -> None:
     # Nearest point to (1, 2, 3) with sum 1 and x₂ − x₀ ≤ 1: the plane gives (−2/3, 1/3, 4/3), the row then binds.
     problem = Problem(
@@ -181,7 +174,7 @@ def test_a_singular_problem_whose_bounds_leave_one_optimum_says_unique() -> None
     assert not certify(open_cone, np.ones(2)).unique
 
 
-def test_a_variable_that_nothing_decides_is_pinned_at_zero() -> None:
+def test_an_undetermined_variable_is_pinned_at_zero() -> None:
     problem = Problem(np.diag([1.0, 0.0]), np.array([-1.0, 0.0]))
     proof = certify(problem, np.array([0.0, 7.0]))
     assert (proof.x, proof.pinned, proof.unique) == ((1.0, 0.0), (1,), False)
@@ -249,6 +242,6 @@ def test_an_answer_that_is_not_finite_or_of_the_wrong_shape_is_refused(x: np.nda
             certify(corner, x)
 
 
-def test_a_proof_that_takes_too_much_work_is_said() -> None:
+def test_a_proof_that_takes_too_much_work_is_refused() -> None:
     with pytest.raises(NotCertified, match=r"no proof within 1e\+04 bit operations of exact arithmetic"):
         certify(gram_problem(18, seed=1), np.zeros(18), work=1e4)

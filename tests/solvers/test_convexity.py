@@ -34,7 +34,7 @@ def test_a_gram_matrix_made_indefinite_by_rounding_is_shifted_by_the_smallest_po
             verify(problem, replace(proof, convexity_shift=other))
 
 
-def test_an_optimum_that_hangs_on_the_shift_is_none_and_one_that_does_not_is_certified() -> None:
+def test_an_optimum_that_depends_on_the_shift_is_refused_and_others_are_certified() -> None:
     P = np.array([[1.0, 1.0], [1.0, 1.0 - 2.0**-53]])  # its negative curvature is one rounding, along (1, -1)
     with pytest.raises(RoundingDecides, match="indefinite by rounding"):
         certify(Problem(P, np.array([1.0, -1.0])), np.zeros(2))
@@ -49,7 +49,7 @@ def test_an_optimum_that_hangs_on_the_shift_is_none_and_one_that_does_not_is_cer
 
 @settings(max_examples=200, deadline=None)
 @given(seed=st.integers(0, 2**32), d=st.integers(1, 12), decades=st.floats(0.0, 18.0), spread=st.floats(0.0, 8.0))
-def test_what_a_factorisation_in_doubles_calls_definite_is_definite_in_rationals(
+def test_a_matrix_that_a_factorisation_in_doubles_proves_definite_is_definite_in_rationals(
     seed: int, d: int, decades: float, spread: float
 ) -> None:
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The ladders of other people's libraries: what they are made of, and which accuracy their rungs reach."""
+"""The ladders of the libraries: their rungs, and the accuracy that they reach."""
 
 from functools import cache
 from itertools import pairwise
@@ -22,12 +22,12 @@ LIBRARIES = [entry for entry in solvers.entries() if entry.lane is not Lane.CODE
 CODEGEN = [entry for entry in solvers.entries() if entry.lane is Lane.CODEGEN]
 OURS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.name in registry.OURS]
 SEED = 1000
-"""Far from the seeds that are raced."""
+"""Not a seed that is raced."""
 
 COMPILES = ("qpax",)
-"""Solvers that compile for every setting, which takes seconds; one rung of theirs stands for all."""
+"""Solvers that compile for every setting, which takes seconds; only one of their rungs is tested."""
 
-# What no rung reaches, and why; the cause lies in the library.
+# Accuracies that no rung reaches, for reasons within the library.
 MISSES = {
     "ecos": (
         1e-9,
@@ -37,7 +37,7 @@ MISSES = {
     "scipy_trust_constr": (1e-9, "it stops with a trust radius below xtol, however small that is"),
 }
 LUCKY = ("ecos",)
-"""Those that reach it on some processors: ecos ends at 2.3e-10 with OpenBLAS's kernels for AVX-512, at 1.7e-8 with
+"""Solvers that reach it on some processors: ecos ends at 2.3e-10 with OpenBLAS's kernels for AVX-512, at 1.7e-8 with
 those for AVX2."""
 
 
@@ -62,7 +62,7 @@ def two_problems() -> tuple[CertifiedForm, ...]:
 
 
 def accuracy(solver: Solver, form: CertifiedForm) -> float:
-    """The larger of relative cost gap and violation, exactly; infinite where the library says that it failed."""
+    """The exact relative cost gap or violation, whichever is larger; infinite if the library reports failure."""
     solver.setup(form.qp)
     x = np.array(solver.solve())
     if not solver.solution().found:

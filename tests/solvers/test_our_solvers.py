@@ -1,4 +1,4 @@
-"""What all solvers of our own have in common: what they refuse, and how they treat the data that they are given."""
+"""Common behaviour of our own solvers: refused problems, and treatment of input data."""
 
 import pickle
 

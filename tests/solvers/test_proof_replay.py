@@ -52,7 +52,7 @@ def test_the_certificate_is_of_no_data_that_differ_in_one_bit() -> None:
             exact_cost_gap(nudged, proof, np.zeros(2))
 
 
-def test_json_brings_the_same_certificate_back() -> None:
+def test_a_certificate_survives_the_round_trip_through_json() -> None:
     rng = np.random.default_rng(5)
     couplings = np.tril(rng.normal(size=(60, 60)), -1) * 2.0**-200  # far below the diagonal: many digits
     P = np.diag(rng.uniform(1, 2, 60)) + couplings + couplings.T

@@ -1,5 +1,5 @@
-"""Random box programs of every kind on both exact solvers: what is found meets the optimality conditions, what is
-refused has no optimum."""
+"""Random box programs of every kind with both exact solvers: found answers meet the optimality conditions, and refused
+programs have no optimum."""
 
 from fractions import Fraction
 
@@ -18,8 +18,8 @@ SETTINGS = {"box_active_set": {}, "recursive_active_set": {"proximal": 0.0}}
 
 
 def random_program(seed):
-    """P, q, lb, ub of 1 to 200 variables, mostly few, with spectra down to 1e-14, ties, integers, Hilbert matrices and
-    none of full rank."""
+    """P, q, lb, ub of 1 to 200 variables, mostly few: spectra down to 1e-14, ties, integers, Hilbert matrices, singular
+    P."""
     rng = np.random.default_rng(seed)
     d = int(rng.integers(1, 201)) if rng.random() < 0.15 else int(rng.integers(1, 25))
     kind = rng.choice(["spectrum", "integers", "hilbert", "singular", "ties"])
@@ -58,7 +58,7 @@ def violation(P, q, lb, ub, x):
 
 
 def is_refuted(P, q, lb, ub, sentence):
-    """Whether the certificate contradicts a refusal: an optimum is proven, and towards it P has a curvature above its
+    """Whether the certificate contradicts a refusal: an optimum is proved, and the curvature of P towards it is above
     rounding."""
     try:
         proof = certify(Problem(P, q, lb=lb, ub=ub), np.clip(np.zeros(q.size), lb, ub))
@@ -72,7 +72,7 @@ def is_refuted(P, q, lb, ub, sentence):
 
 
 def sweep(name, seeds):
-    """How many programs were found, and those that one of the two claims is wrong of."""
+    """The number of programs with an answer, and the programs that contradict one of the two statements."""
     found, wrong = 0, []
     for seed in seeds:
         P, q, lb, ub = random_program(seed)
@@ -92,7 +92,7 @@ def sweep(name, seeds):
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_what_is_found_is_optimal_and_what_is_refused_has_no_optimum(name):
+def test_found_answers_are_optimal_and_refused_programs_have_no_optimum(name):
     found, wrong = sweep(name, range(400))
     assert wrong == []
     assert found > 340
@@ -100,7 +100,7 @@ def test_what_is_found_is_optimal_and_what_is_refused_has_no_optimum(name):
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", SETTINGS)
-def test_so_it_is_with_sixteen_thousand_programs(name):
+def test_sixteen_thousand_programs_are_solved_or_refused_rightly(name):
     found, wrong = sweep(name, range(400, 16_000))
     assert {seed for seed, _ in wrong} <= CONTRADICTED
     assert found > 13_500

@@ -1,5 +1,4 @@
-"""The compiled loop that times a solver: new data at every call, their own answers, and an end when its time is
-spent."""
+"""The compiled loop that times a solver: an answer for the data of each call, and an end when its time is spent."""
 
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "recursive_active_set": {"proximal": 0.0},
 }
 D = 9
+each_kernel = pytest.mark.parametrize("entry", KERNELS, ids=lambda entry: entry.name)
 
 
 def data(count: int, seed: int = 0) -> tuple[Matrix, Matrix]:
@@ -43,10 +43,14 @@ def ready(entry: Entry, **settings: Any) -> Solver:
     return solver
 
 
-@pytest.mark.parametrize("entry", KERNELS, ids=lambda entry: entry.name)
+@each_kernel
 @pytest.mark.parametrize("warm", [False, True])
-def test_a_loop_answers_each_of_its_data_as_an_update_and_a_solve_from_python_do(entry: Entry, warm: bool) -> None:
-    timed, called, (P, q) = ready(entry), ready(entry), data(20)
+def test_a_loop_answers_each_of_its_data_of_any_stride_as_an_update_and_a_solve_from_python_do(
+    entry: Entry, warm: bool
+) -> None:
+    timed, called, (P, q) = ready(entry), ready(entry), data(40)
+    P.flags.writeable = q.flags.writeable = False
+    P, q = P[::2], q[::-2]
     start = np.full(D, 0.2) if warm else None
     updates, solves, answers = timed.time_kernel(P, q, start)
     assert updates.shape == solves.shape == (20,)
@@ -58,7 +62,7 @@ def test_a_loop_answers_each_of_its_data_as_an_update_and_a_solve_from_python_do
         np.testing.assert_allclose(answer, optimum(P[k], q[k]), rtol=0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize("entry", KERNELS, ids=lambda entry: entry.name)
+@each_kernel
 def test_no_call_begins_after_the_time_is_spent(entry: Entry) -> None:
     solver, (P, q) = ready(entry), data(400)
     updates, solves, answers = solver.time_kernel(P, q, most_ns=20_000)
@@ -70,7 +74,7 @@ def test_no_call_begins_after_the_time_is_spent(entry: Entry) -> None:
     assert len(solver.time_kernel(P, q, most_ns=0)[0]) == 1
 
 
-@pytest.mark.parametrize("entry", KERNELS, ids=lambda entry: entry.name)
+@each_kernel
 def test_afterwards_the_solver_stands_at_the_last_data_and_solves_on(entry: Entry) -> None:
     solver, (P, q) = ready(entry), data(7)
     kept = P[-1].copy(), q[-1].copy()
@@ -86,19 +90,10 @@ def test_afterwards_the_solver_stands_at_the_last_data_and_solves_on(entry: Entr
     np.testing.assert_allclose(solver.solve(), optimum(kept[0], -kept[1]), rtol=0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize("entry", KERNELS, ids=lambda entry: entry.name)
-def test_data_of_any_stride_are_taken_and_none_are_written_to(entry: Entry) -> None:
-    solver, (P, q) = ready(entry), data(6)
-    P.flags.writeable = q.flags.writeable = False
-    *_, answers = solver.time_kernel(P[::2], q[::-1][::2])
-    for k in range(3):
-        np.testing.assert_allclose(answers[k], optimum(P[2 * k], q[5 - 2 * k]), rtol=0.0, atol=1e-7)
-
-
 @pytest.mark.parametrize(
     "name", ["box_active_set", "recursive_active_set", "projected_difference", "accelerated_projection"]
 )
-def test_data_that_cannot_be_are_refused_in_the_loop_as_by_an_update(name: str) -> None:
+def test_invalid_data_are_refused_in_the_loop_as_by_an_update(name: str) -> None:
     solver, (P, q) = ready(solvers.find(name, Lane.KERNEL)), data(3)
     P[1, 0, 0] = np.nan
     with pytest.raises(ValueError, match="must be finite"):

@@ -1,9 +1,9 @@
-"""Three actuators that were measured, not simulated: P, q and c of their recordings, with the samples that followed.
+"""Three measured actuators: P, q and c of their recordings, and the samples that followed.
 
-One NPZ file a recording lies beside this one; README.md says where the recordings come from, under which licence, and
-how the files are made again. The operators follow every sample of the first four fifths of a recording. The program of
-seed s counts every seventh sample from the s-th on, so that other seeds see other noise of the same sensor; the first
-half of them makes its neighbouring window.
+Each recording has an NPZ file in this folder; README.md states the sources, the licences and how to make the files. The
+operators follow every sample of the first four fifths of a recording. The program of seed s uses every seventh sample
+from the s-th on, so that other seeds have other noise of the same sensor; the first half of these samples is its
+neighbouring window.
 """
 
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ def _files() -> list[Path]:
 
 
 class Meta(TypedDict):
-    """What is kept beside the arrays."""
+    """Metadata beside the arrays."""
 
     structure: ModelStructure
     noise_um: float
@@ -54,10 +54,9 @@ class Meta(TypedDict):
 
 
 def read(path: Path, seed: int) -> tuple[list[IdentificationProblem], Validation]:
-    """The programs of a seed, counted round by the phases that there are, the one of the longest window last, and the
-    data that follow.
+    """The programs of a seed, modulo the number of phases, the longest window last, and the unseen data.
 
-    A file has for each phase its windows; of each P it has the upper triangle, row by row.
+    A file has the windows of each phase, and of each P the upper triangle, row by row.
     """
     with opened(path) as data:
         meta = decoded(str(data["meta"]), Meta)

@@ -1,10 +1,9 @@
-"""The batch race: how many small box programs a second and core are solved to a proven optimum, by the size of the
-batch.
+"""The batch race: small box programs per second and core, solved to a proven optimum, by batch size.
 
-Contestants take turns: each batch size is given to one after the other, and all sizes ``turns`` times. A contestant
-runs in a process of its own, with one thread on the core that the race has claimed, and where it is parallel once more
-with a thread on every core. Of the answers that were timed the parent judges a sample. Where a batch would by the one
-before take longer than ``longest_s``, or the one before had no answer, it is not run, and the row says so.
+Every contestant gets each batch size in turn, and the whole sequence is repeated ``turns`` times. A contestant runs in
+its own process with one thread on the core that the race has claimed; contestants of the lane kernel run a second time
+with a thread on every core. The parent judges a sample of the timed answers. A batch is skipped, and its row says so,
+if the next smaller batch failed or predicts more than ``longest_s``.
 """
 
 import math
@@ -32,14 +31,14 @@ from bench.store import Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier
-from solvers.arrays import Matrix
+from solvers.arrays import Matrix, Vector
 from solvers.registry import Described, Entry
 
 TIERS = (Tier.LOW, Tier.MID, Tier.HIGH)
 SHARES = tuple(f"share_{tier}" for tier in TIERS)
 SKIPPED = "not run"
 FEWEST = 2048
-"""Programs that batches of fewer are taken from, call by call."""
+"""Smallest number of programs that one task solves, in many calls if its batches are smaller."""
 
 BATCH = Schema(
     "batch.parquet",
@@ -68,13 +67,13 @@ BATCH = Schema(
     ("d", "lane", "solver", "threads", "batch", "repeat"),
     types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), COUNT),
 )
-"""One row a contestant, number of threads, batch size and turn. Times are of one program, medians of the groups of
-calls. ``bytes`` is what a program's data and answer are; ``grown_mb`` the memory that the calls took."""
+"""One row per contestant, number of threads, batch size and turn. Times are per program, medians over the groups of
+calls. ``bytes``: size of a program's data and answer; ``grown_mb``: increase of the peak memory during the calls."""
 
 
 @dataclass(frozen=True)
 class BatchSettings(OwnProblemSettings):
-    """What is raced and how; stored with the run, so that it can be resumed."""
+    """Settings of a batch race; stored with the run, so that it can be resumed."""
 
     repeats: Positive = fixed(1)
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.005, fewest=3, most=100))
@@ -82,12 +81,12 @@ class BatchSettings(OwnProblemSettings):
     largest: int = option(65_536, "Programs of the largest batch; smaller ones have a quarter each.")
     turns: int = option(3, "Times that each contestant gets each batch.")
     judged: int = 8
-    """Answers of a batch that are judged."""
+    """Number of answers per task that are judged."""
     longest_s: float = 2.0
 
     @property
     def batches(self) -> list[int]:
-        """The batch sizes, from 1 on."""
+        """The batch sizes: powers of 4."""
         return [4**k for k in range(32) if 4**k <= self.largest]
 
 
@@ -99,17 +98,17 @@ class BatchRace(TaskRace[BatchSettings]):
 
     @classmethod
     def entries(cls, settings: BatchSettings) -> Sequence[Entry]:
-        """The contestants that are asked for; RaceError where there is none of a name."""
+        """The selected contestants; RaceError for an unknown name."""
         return chosen(settings, contestants(), of_file, "contestant", cls.preload)
 
     @property
     def count(self) -> int:
-        """Programs of each size."""
+        """Number of programs of each size."""
         return max(FEWEST, self.settings.batches[-1]) + self.settings.turns + WARM_UP
 
     @property
     def child(self) -> ChildSettings:
-        """A contestant reads programs that are timed, and those to warm up on, beside what it may take."""
+        """The memory limit applies to what a contestant needs beside the mapped programs."""
         child = super().child
         return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes) ** 2 // 2**20)
 
@@ -123,15 +122,14 @@ class BatchRace(TaskRace[BatchSettings]):
         }
         if folder.parent != SHARED_MEMORY:
             self.warnings = [
-                f"The programs lay in {folder.parent}, since {SHARED_MEMORY} had no room for them; "
-                "a disk may have been at work beside the race."
+                f"The programs were in {folder.parent}, since {SHARED_MEMORY} had no space for them; "
+                "disk activity may have disturbed the race."
             ]
         several = [entry for entry in self.entrants.values() if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
         self.parallel = resources.enter_context(SolverPool(several, replace(self.child, preload=self.preload)))
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
-        """One batch size by all, in an order of its own; those that are parallel once more, with a thread on every
-        core."""
+        """A part is one batch size: all contestants in random order, those of the lane kernel also with all cores."""
         players = [(1, solver) for solver in field]
         if (many := len(cores.usable())) > 1:
             players += [(many, solver) for solver in field if solver.lane is Lane.KERNEL]
@@ -150,15 +148,15 @@ class BatchRace(TaskRace[BatchSettings]):
         ]
 
     def measure(self, task: Task, pool: SolverPool) -> Outcome:
-        """Nothing, where a batch takes too long."""
+        """Solve the batches, unless the next smaller batch says that it would fail or take too long."""
         batch = task.more["batch"]
-        before = replace(task, more={**task.more, "batch": batch // 4})
-        if batch > 1 and (why := why_not(self.run.task(before)[0][0], batch, self.settings.longest_s)):
-            return Outcome(SKIPPED, why)
+        smaller = replace(task, more={**task.more, "batch": batch // 4})
+        if batch > 1 and (reason := skip_reason(self.run.task(smaller)[0][0], batch, self.settings.longest_s)):
+            return Outcome(SKIPPED, reason)
         return super().measure(task, pool if task.more["threads"] == 1 else self.parallel)
 
     def request(self, task: Task) -> Request:
-        """Programs from that of its turn on."""
+        """The programs from the one with the number of the turn on."""
         batch, turn = task.more["batch"], task.repeat
         return BatchRequest(
             self.programs[task.d].files,
@@ -170,12 +168,12 @@ class BatchRace(TaskRace[BatchSettings]):
         )
 
     def known(self, task: Task, outcome: Outcome) -> Mapping[str, Any]:
-        """What the batch is."""
+        """Batch size, threads, and bytes of a program."""
         return {**task.more, "bytes": 8 * (task.d * task.d + 4 * task.d)}
 
     def judged(self, task: Task, outcome: Batched) -> Sequence[Mapping[str, Any]]:
-        """How right and how fast."""
-        errors = np.array([*_errors(self.programs[task.d], task.repeat, outcome.answers, self.settings.judged)])
+        """Accuracy of the sampled answers, and times."""
+        errors = self.errors(task, outcome.answers)
         shares = {
             f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else math.nan for tier in TIERS
         }
@@ -193,31 +191,30 @@ class BatchRace(TaskRace[BatchSettings]):
             }
         ]
 
+    def errors(self, task: Task, answers: Matrix) -> Vector:
+        """The larger of relative cost gap and violation for a sample of the answers; infinite for NaN or infinity."""
+        programs, first, errors = self.programs[task.d], task.repeat, []
+        for b in programs.sample(first, first + len(answers), self.settings.judged):
+            if (form := programs.proven(b)) is not None:
+                x = answers[b - first]
+                errors.append(max(relative_gap(form, x)) if np.isfinite(x).all() else math.inf)
+        return np.array(errors)
+
 
 def task_of(entry: Entry | Described, d: int, batch: int, threads: int, turn: int) -> Task:
-    """A contestant's turn at a batch size."""
+    """The task of a contestant for a batch size."""
     return Task(
         SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, {"batch": batch, "threads": threads}, turn, d=d
     )
 
 
-def why_not(before: Row, batch: int, longest_s: float) -> str:
-    """Why a batch is not run after what became of the one before; "" where it is."""
-    if before["status"] == SKIPPED:
-        return str(before["message"])
-    if before["status"] not in (Status.OK, Status.MISSED):
-        return f"the batch of {before['batch']} ended as {before['status']}"
-    expected_s = 1e-6 * before["wall_us_p50"] * batch
-    return (
-        f"a batch of {batch} would take {expected_s:.1f} s, and the most is {longest_s:g} s"
-        if expected_s > longest_s
-        else ""
-    )
-
-
-def _errors(programs: Programs, first: int, answers: Matrix, most: int) -> Iterator[float]:
-    """Of a sample of the answers the larger of relative cost gap and violation, infinite where there is none."""
-    for b in programs.sample(first, first + len(answers), most):
-        if (form := programs.proven(b)) is not None:
-            x = answers[b - first]
-            yield max(relative_gap(form, x)) if np.isfinite(x).all() else math.inf
+def skip_reason(smaller: Row, batch: int, longest_s: float) -> str:
+    """Why a batch is not run, given the row of the next smaller one; "" if it is run."""
+    if smaller["status"] == SKIPPED:
+        return str(smaller["message"])
+    if smaller["status"] not in (Status.OK, Status.MISSED):
+        return f"the batch of {smaller['batch']} ended as {smaller['status']}"
+    expected_s = 1e-6 * smaller["wall_us_p50"] * batch
+    if expected_s > longest_s:
+        return f"a batch of {batch} would take {expected_s:.1f} s, and the limit is {longest_s:g} s"
+    return ""

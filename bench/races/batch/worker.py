@@ -1,10 +1,9 @@
-"""The child's side of the batch race: one contestant, batches of one size, timed call by call.
+"""The child's side of the batch race: times one contestant on batches of one size, call by call.
 
-Each call gets programs that the calls before it did not get, until all have been through; what the batches hold is read
-once before, so that it is in memory. Calls are timed in groups that last GROUP_NS, by the clock and by what the process
-and all its threads took of the processors; an answer is copied as an array of our own inside its time, so that what is
-computed only when it is looked at is computed there. What is compiled, loaded and allocated first is not timed, and is
-done on programs that are not timed later.
+Every call gets programs that no earlier call got, until all programs have been used; they are read once beforehand, so
+that they are in memory. Calls are timed in groups of at least GROUP_NS, in wall time and in CPU time of all threads of
+the process. An answer is copied into an array inside its time, so that a lazy result is computed there. Compiling,
+loading and allocating are not timed; they happen on programs that are not timed later.
 """
 
 import math
@@ -13,6 +12,7 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,22 +20,21 @@ import numpy as np
 
 from bench.messages.solver_info import real
 from bench.messages.task import Outcome, Request
-from bench.races.batch.contestant import Contestant
+from bench.races.batch.contestant import Contestant, OneByOne
 from bench.timing.clock import Effort, no_garbage_collection
 from solvers.arrays import Matrix, Nanoseconds
+from solvers.protocol import Solver
 
 GROUP_NS = 1_000_000
+"""Shortest group of calls that is timed as one."""
 WARM_UP = 64
-"""The last of the programs, which are not timed; repeated where a contestant compiles for a size of batch that is
-larger."""
-
-_ready: dict[tuple[Any, ...], Contestant] = {}
-"""Contestants of this process, which may keep what they allocated."""
+"""Number of programs at the end of the files that are used for the warm-up and not timed; they are repeated for a
+contestant that compiles for a larger batch."""
 
 
 @dataclass(frozen=True)
 class Files:
-    """Where the arrays of the programs of one size are; all that a child is told of them."""
+    """Files with the arrays of all programs of one size, which a child maps."""
 
     folder: Path
     d: int
@@ -43,19 +42,19 @@ class Files:
 
     @property
     def _shapes(self) -> list[tuple[Path, tuple[int, ...]]]:
-        """Each file with the shape of what it holds of one program."""
+        """Each file with the shape of its array for one program."""
         shapes = {"P": (self.d, self.d), "q": (self.d,), "lb": (self.d,), "ub": (self.d,)}
         return [(self.folder / f"{name}-{self.d}", shape) for name, shape in shapes.items()]
 
     def reserve(self) -> None:
-        """Make the files with all of their room; OSError where there is less."""
+        """Create the files at their full size; OSError if there is no space for them."""
         for path, shape in self._shapes:
             with path.open("xb") as file:
                 os.posix_fallocate(file.fileno(), 0, 8 * self.count * math.prod(shape))
 
     def mapped(self, first: int, last: int, mode: Literal["c", "r+"] = "c") -> tuple[Matrix, ...]:
-        """P (n, d, d), q, lb and ub (n, d) of the programs from ``first`` to ``last`` − 1; what is written to copies
-        stays in the process."""
+        """P (n, d, d), q, lb and ub (n, d) of programs ``first`` to ``last`` − 1; by default writes stay in the
+        process."""
         return tuple(
             np.memmap(path, np.float64, mode, 8 * first * math.prod(shape), (last - first, *shape))
             for path, shape in self._shapes
@@ -64,7 +63,7 @@ class Files:
 
 @dataclass
 class Batched(Outcome):
-    """What came back: answers (M, d) to the programs from the first on, and per group of calls nanoseconds and
+    """Answers (M, d) to the first M programs of the request, and for each group of calls its times and its number of
     programs."""
 
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
@@ -75,13 +74,13 @@ class Batched(Outcome):
 
     @property
     def times(self) -> Mapping[str, Nanoseconds]:
-        """Of the groups of calls, by the clock and by the processors."""
+        """Wall time and CPU time of the groups of calls."""
         return {"wall": self.wall_ns, "cpu": self.cpu_ns}
 
 
 @dataclass(frozen=True)
 class BatchRequest(Request):
-    """Solve batches of ``size`` programs of those from ``first`` to ``last`` − 1 with so many threads."""
+    """Solve programs ``first`` to ``last`` − 1 in batches of ``size``, with ``threads`` threads."""
 
     files: Files
     size: int
@@ -90,66 +89,68 @@ class BatchRequest(Request):
     threads: int
     effort: Effort
 
-    def answer(self, cls: type[Any], first: bool) -> Outcome:
+    def answer(self, cls: Any, first: bool) -> Outcome:
         """Warm up, then time."""
-        key = cls, self.files.d, self.threads
-        if key not in _ready:
-            _ready[key] = cls(self.files.d, self.threads)
-        solve, arrays = _ready[key].solve, [np.asarray(array) for array in self.files.mapped(self.first, self.last)]
+        contestant = ready(cls, self.files.d, self.threads)
+        solve, arrays = contestant.solve, [np.asarray(array) for array in self.files.mapped(self.first, self.last)]
         for array in arrays:
-            array.sum()  # which reads it
-        few = self.size if cls.compiles else min(self.size, WARM_UP)
-        others = [
-            np.resize(array, (few, *array.shape[1:]))
+            array.sum()  # reads the array into memory
+        warm_up_size = self.size if contestant.compiles else min(self.size, WARM_UP)
+        warm_up = [
+            np.resize(array, (warm_up_size, *array.shape[1:]))
             for array in self.files.mapped(self.files.count - WARM_UP, self.files.count)
         ]
         began = time.perf_counter_ns()
-        np.array(solve(*others))
-        per_call = (time.perf_counter_ns() - began) * self.size // few
+        np.array(solve(*warm_up))
+        per_call = (time.perf_counter_ns() - began) * self.size // warm_up_size
         batches = [
             [array[at : at + self.size] for array in arrays]
-            for at in range(0, len(arrays[1]) - self.size + 1, self.size)
+            for at in range(0, self.last - self.first - self.size + 1, self.size)
         ]
         calls = int(np.clip(GROUP_NS // max(per_call, 1), 1, max(1, len(batches) // self.effort.fewest)))
         groups = [batches[at : at + calls] for at in range(0, len(batches), calls)][: self.effort.most]
-        before, spent = memory_mb("VmRSS"), 0
         answers: list[Matrix] = []
-        taken: list[tuple[int, int, int]] = []
-        forget_peak()
+        times: list[tuple[int, int, int]] = []
+        spent, memory_before = 0, memory_mb("VmRSS")
+        reset_peak_memory()
         with no_garbage_collection():
             for group in groups:
-                if not self.effort.goes_on(len(taken), spent):
+                if not self.effort.goes_on(len(times), spent):
                     break
                 cpu, wall = time.process_time_ns(), time.perf_counter_ns()
-                found = [np.array(solve(*batch)) for batch in group]
+                copies = [np.array(solve(*batch)) for batch in group]
                 wall, cpu = time.perf_counter_ns() - wall, time.process_time_ns() - cpu
-                answers += [real(x) for x in found]
-                taken.append((wall, cpu, len(group) * self.size))
+                answers += [real(x) for x in copies]
+                times.append((wall, cpu, len(group) * self.size))
                 spent += wall
         if any(x.shape != (self.size, self.files.d) for x in answers):
             raise ValueError(f"answers a batch of {self.size} programs with an array of shape {answers[0].shape}")
-        walls, cpus, programs = np.array(taken, dtype=np.int64).T
+        wall_ns, cpu_ns, programs = np.array(times, dtype=np.int64).T
         return Batched(
             found=True,
             answers=np.concatenate(answers),
-            wall_ns=walls,
-            cpu_ns=cpus,
+            wall_ns=wall_ns,
+            cpu_ns=cpu_ns,
             programs=programs,
-            grown_mb=memory_mb("VmHWM") - before,
+            grown_mb=memory_mb("VmHWM") - memory_before,
         )
 
 
-def memory_mb(what: str) -> float:
-    """The present or largest resident memory of this process, megabytes; NaN where the system does not say."""
-    with suppress(OSError, StopIteration):
-        line = next(
-            line for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines() if line.startswith(what)
-        )
-        return float(line.split()[1]) / 1024.0
-    return float("nan")
+@cache
+def ready(cls: Any, d: int, threads: int) -> Contestant | OneByOne:
+    """The contestant of this process for programs of d variables; it may keep the memory that it allocated."""
+    return OneByOne(cls(), d) if issubclass(cls, Solver) else cls(d, threads)
 
 
-def forget_peak() -> None:
-    """Let the largest resident memory count from now on, where the system can."""
+def memory_mb(field: str) -> float:
+    """Current (VmRSS) or peak (VmHWM) resident memory of this process in megabytes; NaN if the system does not report
+    it."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    fields = dict(line.split(":", 1) for line in status.splitlines())
+    return float(fields.get(field, "nan").split()[0]) / 1024.0
+
+
+def reset_peak_memory() -> None:
+    """Restart the peak of the resident memory, if the system allows it."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

@@ -1,13 +1,14 @@
-"""What a closed-loop race says and shows."""
+"""The report of a closed-loop race."""
 
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
+from bench.derived.accuracy import worst
 from bench.derived.pictures import ranked
 from bench.races.chosen_settings import definition
-from bench.races.loop import figures
+from bench.races.loop import summary
 from bench.races.loop.race import LOOP, LoopSettings
 from bench.races.settings import settings_of
 from bench.report.plot import GREY, LEAST_GAP, Axis, Mark, Plot
@@ -19,22 +20,21 @@ _POINTS = (Mark("point", colour=GREY, size=30.0, opacity=0.5), Mark("point", "na
 ID_COLUMNS = ("stage", "solver", "lane", "tier")
 DEFINITIONS = (
     "Every solver learns in the same loop on the same stage, with the same reference and noise, in a process of its "
-    "own. The drifting stage has actuators whose gain changes.",
-    "Cost gap: exact, of the weights taken over last, against the certified optimum of the data that they were "
-    "learned from. Weights that explain them worse than the old ones are refused.",
-    "Time to learn: from the last sample that was learned from to the decision; weights are that old when they are "
-    "taken over.",
-    "The paper's method takes one step a sample, here in learning phases of several lengths. What the others take is "
-    "measured, so it and the last digits of their errors depend on the machine.",
+    "own. The gains of the drifting stage's actuators change.",
+    "Cost gap: exact, of the weights of the last hand-over, against the certified optimum of the data that they were "
+    "learned from. Weights with a larger error on these data than the weights in use are refused.",
+    "Time to learn: from the last sample of these data to the hand-over; it is the age of the new weights.",
+    "The paper's method takes one step per sample, in learning phases of several lengths. The times of the others are "
+    "measured, so these times and the last digits of the errors depend on the machine.",
     OURS_NOTE,
 )
 
 
 def report(run: Run) -> Report:
-    """Everything from the rows of a finished run."""
+    """The report of a finished run."""
     rows = run.rows(LOOP)
-    table = figures.summary(rows)
-    found = figures.closed_loop(table)
+    table = summary.summary(rows)
+    points = summary.closed_loop(table)
     headings = (
         "stage",
         "solver",
@@ -45,7 +45,7 @@ def report(run: Run) -> Report:
         "largest, %",
         "largest, nm",
         "time to learn, samples",
-        "taken over",
+        "hand-overs",
         "refused",
         "status",
     )
@@ -67,10 +67,10 @@ def report(run: Run) -> Report:
         for _, line in table.iterrows()
     ]
     return Report(
-        figures.verdict(table),
+        summary.verdict(table),
         ranking(table),
         table,
-        notes=list(figures.notes(table)),
+        notes=list(summary.notes(table)),
         definitions=(*DEFINITIONS, definition(settings_of(run, LoopSettings).settings_run)),
         tables=[
             Table("Every learner on each stage, last window", headings, every, 3, ("stage", "lane", "status")),
@@ -79,31 +79,32 @@ def report(run: Run) -> Report:
         ],
         figures=[
             _against(
-                found,
+                points,
                 "loop",
-                "Does the stage notice its solver?",
+                "Does the tracking error depend on the solver?",
                 "RMS error of both axes over the last window against the exact cost gap of the weights in use. Lower "
-                "is better; where points lie level, the stage does not notice. Dashed: a straight line in place of a "
-                f"model. Gaps below {LEAST_GAP:g} are drawn at that.",
+                "is better; a level row of points means that the gap makes no difference. Dashed: a straight line "
+                f"instead of a model. Gaps below {LEAST_GAP:g} are drawn at that value.",
                 Axis("drawn", "cost gap of the weights in use", log=True, powers_of_ten=True),
             ),
             _against(
-                found[found.learn_samples > 0.0].reset_index(drop=True),
+                points[points.learn_samples > 0.0].reset_index(drop=True),
                 "loop_time",
-                "Does it notice the time to learn?",
-                "The same errors against the time that the weights took to learn.",
+                "Does it depend on the time to learn?",
+                "The same errors against the time to learn.",
                 Axis("learn_samples", "time to learn, samples", log=True),
             ),
         ],
     )
 
 
-def _against(found: pd.DataFrame, name: str, title: str, definition: str, x: Axis) -> Figure:
-    """Tracking error by stage against a column; a point is a learner, and those with the least errors have colours and
+def _against(points: pd.DataFrame, name: str, title: str, definition: str, x: Axis) -> Figure:
+    """Tracking error by stage against a column; a point is a learner, those with the least errors have colours and
     names."""
-    view = "the " + found.problem + " stage"
+    view = "the " + points.problem + " stage"
     table = ranked(
-        found.assign(view=view, drawn=np.maximum(found.cost_gap, LEAST_GAP)), found.rms_percent.where(~found.front, 0.0)
+        points.assign(view=view, drawn=np.maximum(points.cost_gap, LEAST_GAP)),
+        points.rms_percent.where(~points.front, 0.0),
     )
     y = Axis("rms_percent", "RMS error, % of range", log=True)
     plots = [
@@ -123,16 +124,11 @@ def _against(found: pd.DataFrame, name: str, title: str, definition: str, x: Axi
 
 def ranking(table: pd.DataFrame) -> Table:
     """Errors of each learner on each stage, the paper's method first."""
-    stages = list(dict.fromkeys(table.problem))
-    rows = [
-        [
-            label,
-            lane,
-            *(text for stage in stages for text in (_on(lines[stage]) if stage in lines else ("–",) * 2)),
-            _samples(max(float(line.learn_samples) for line in lines.values())),
-        ]
-        for label, lane, lines in figures.by_learner(table)
-    ]
+    stages, rows = list(dict.fromkeys(table.problem)), []
+    for label, lane in summary.learners(table):
+        part = table[(table.label == label) & (table.lane == lane)].set_index("problem")
+        cells = [(number(1e3 * line.rms_um), gap(line.cost_gap)) for _, line in part.reindex(stages).iterrows()]
+        rows.append([label, lane, *(text for cell in cells for text in cell), _samples(worst(part.learn_samples))])
     headings = ("solver", "lane", *(f"{what} {stage}" for stage in stages for what in ("nm", "gap")), "samples")
     return Table(
         "Tracking error by solver",
@@ -140,21 +136,17 @@ def ranking(table: pd.DataFrame) -> Table:
         rows,
         2,
         ("lane",),
-        f"RMS error over the last window in nm; up to {figures.NOTICED:g} times the least on that stage counts as "
-        f"unnoticed. Gap: (V − V*)/(V* + c) of the weights in use. Samples: time to learn. {OURS_NOTE}",
+        f"RMS error over the last window in nm; up to {summary.NOTICED:g} times the least on that stage is no "
+        f"difference. Gap: (V − V*)/(V* + c) of the weights in use. Samples: time to learn. {OURS_NOTE}",
     )
-
-
-def _on(line: pd.Series) -> tuple[str, str]:
-    """What a learner reaches on a stage."""
-    return number(1e3 * line.rms_um), gap(line.cost_gap)
 
 
 def _by_window(rows: pd.DataFrame, table: pd.DataFrame) -> Table:
     """RMS errors of both axes together in each window, in the order of the summary."""
-    errors = figures.by_window(rows)
+    windows = rows[rows.window >= 0].groupby([*summary.GROUP, "window"])
+    errors = windows.rms_percent.agg(summary.root_mean_square).unstack()
     lines = [
-        [line.problem, line.label, *(f"{value:.4f}" for value in errors.loc[tuple(line[figures.GROUP])])]
+        [line.problem, line.label, *(f"{value:.4f}" for value in errors.loc[tuple(line[summary.GROUP])])]
         for _, line in table.iterrows()
     ]
     return Table(

@@ -1,7 +1,6 @@
-"""The child's side of the closed-loop race: one solver learns for both axes of the stage while the stage follows its
-reference.
+"""The child's side of the closed-loop race: a solver learns for both axes of the stage, which follows its reference.
 
-The child hands back what the stage did, what was to be learned and what was taken over; the parent judges it.
+The child returns the measured platform, and the problem and weights of each learning phase; the parent judges them.
 """
 
 from dataclasses import dataclass, field
@@ -13,37 +12,37 @@ from qpsolvers import Problem
 from bench.messages.task import Outcome, Request, Task
 from bench.stage.setup import StageSetup
 from piezo_model import IdentificationProblem
+from piezo_model.learning.events import Event
 from piezo_model.stage.learning import SelfLearningStage
 from solvers.arrays import Matrix, Vector
 from solvers.protocol import Solver
 from solvers.registry import add_file
 
-LOOK_EVERY_S = 0.01
-"""How often the learners are looked at; far shorter than any phase but the one of learning."""
+POLL_S = 0.01
+"""Interval at which the logs of the learners are read; far shorter than any phase except learning."""
 
 
 @dataclass(frozen=True)
 class Decision:
     """The end of a learning phase of one axis."""
 
-    sample: int
-    """When it came."""
-    taken: bool
-    """Whether the new weights were taken over."""
+    event: Event
+    """Hand-over or refusal."""
     weights: Vector
-    """Those that were learned, in use from the next block on, or where they were refused those in use. Shape (d,)."""
+    """The learned weights, in use from the next block on; after a refusal the weights in use. Shape (d,)."""
     problem: IdentificationProblem | None
-    """What was to be solved; None where it did not come to that."""
-    learned_until: int
-    """Last sample that was learned from; the solver began there."""
-    error_old: float
-    error_new: float
-    message: str
+    """The problem of the solver; None if the phase ended before it."""
+
+    @property
+    def is_hand_over(self) -> bool:
+        """Whether the new weights are used."""
+        return self.event.what == "hand-over"
 
 
 @dataclass
 class Driven(Outcome):
-    """What came back: the measured platform (N, 2), the decisions of each axis, and faults that its learner saw."""
+    """The measured platform (N, 2), the decisions of each axis, and the number of sensor faults that the learners
+    detected."""
 
     platform: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
     decisions: tuple[list[Decision], ...] = ()
@@ -52,9 +51,9 @@ class Driven(Outcome):
 
 @dataclass(frozen=True)
 class LoopRequest(Request):
-    """Close the loop over the setup's stage, whose learners ask for the solver of the task by name, lane and setting.
+    """Run the setup's stage in closed loop; its learners find the solver by name, lane and setting.
 
-    ``file`` is that of a user's own solver, which is made known first.
+    ``file`` is the file of a user's own solver, which is registered first.
     """
 
     task: Task
@@ -62,7 +61,7 @@ class LoopRequest(Request):
     file: Path | None = None
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Warm the solver up on a problem of two variables if need be, then run."""
+        """Warm up the solver on a problem of two variables if it is new, then run."""
         if self.file is not None:
             add_file(self.file)
         if first:
@@ -76,27 +75,16 @@ def drive(setup: StageSetup) -> Driven:
     """Follow the whole reference."""
     stage = setup.stage()
     loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
-    found = Driven(found=True, decisions=tuple([] for _ in loop.learners))
-    look, parts = max(1, round(LOOK_EVERY_S / setup.sample_time)), []
-    for done in range(0, len(setup.y_ref), look):
-        parts.append(loop.run(setup.y_ref[done : done + look], stage.run)[1])
-        for learner, decisions in zip(loop.learners, found.decisions, strict=True):
+    driven = Driven(found=True, decisions=tuple([] for _ in loop.learners))
+    step, parts = max(1, round(POLL_S / setup.sample_time)), []
+    for start in range(0, len(setup.y_ref), step):
+        parts.append(loop.run(setup.y_ref[start : start + step], stage.run)[1])
+        for learner, decisions in zip(loop.learners, driven.decisions, strict=True):
             while learner.log:
                 event = learner.log.popleft()
                 if event.what == "sensor":
-                    found.faults += 1
+                    driven.faults += 1
                 else:
-                    decisions.append(
-                        Decision(
-                            event.sample,
-                            event.what == "hand-over",
-                            learner.learned_weights,
-                            learner.problem,
-                            event.learning_since,
-                            event.error_old,
-                            event.error_new,
-                            event.message,
-                        )
-                    )
-    found.platform = np.concatenate(parts)
-    return found
+                    decisions.append(Decision(event, learner.learned_weights, learner.problem))
+    driven.platform = np.concatenate(parts)
+    return driven

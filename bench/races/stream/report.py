@@ -1,15 +1,14 @@
-"""What a stream race says and shows."""
+"""The report of a stream race."""
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
 import pandas as pd
 
 from bench.races.chosen_settings import definition, tier_label
 from bench.races.settings import settings_of
-from bench.races.stream import figures, plot_data
+from bench.races.stream import plot_data, summary
 from bench.races.stream.race import STREAM, StreamSettings
 from bench.report.plot import Axis, Plot, best_lines
 from bench.report.report import Figure, Report, Table, what_went_wrong
@@ -22,40 +21,40 @@ NAMES = ("solver", "lane", "tier", "settings")
 QUANTILE_NAMES = tuple(Percentile(q).name for q in QUANTILES)
 
 
-def definitions(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """What the words mean."""
+def definitions(settings: StreamSettings) -> tuple[str, ...]:
+    """Definitions of the terms."""
     return (
-        "Sample k is due at t₀ + k · 125 µs, whatever happened before. A solver that is still busy then takes the "
-        "newest due sample when it is done, with the data of those it missed. Response: from the due time of a sample "
-        "to the end of the first solve that includes it; service: from the begin to the end of a solve; a missed "
-        "deadline is a response above 125 µs.",
-        "P and q are brought up to date by the machine before the due time where there is time, and never in the "
-        "service time; solvers that take rows do it themselves, and theirs is timed. Service is update and solve.",
+        "Sample k is due at t₀ + k · 125 µs, whatever happened before. A solver that is still busy then continues with "
+        "the newest due sample and the data of the samples that it missed. Response time: from the due time of a "
+        "sample to the end of the first solve that includes it. Service time: from the start to the end of update and "
+        "solve. A deadline is missed if the response time is above 125 µs.",
+        "P and q are updated before the due time if there is time, and never within the service time. Solvers that "
+        "take rows update them themselves, and that is timed.",
         "The floor is a solver that answers at once: the machine itself. Beyond the floor are misses above the upper "
-        "95 % bound of its own, which counts stalls (runs of late samples) and takes as many misses with each as it "
-        "had. A percentile marked ≈ floor has an interval that reaches into the floor's.",
-        "Percentiles are order statistics with distribution-free 95 % intervals; one that the sample cannot support "
-        "is refused with the number it needs. The intervals take samples as independent; delays come in bursts, so "
-        "true ones are wider.",
+        "95 % bound of the floor's own, which bounds the rate of stalls (runs of late samples) and multiplies it by "
+        "the floor's misses per stall. The interval of a percentile marked ≈ floor overlaps that of the floor.",
+        "Percentiles are order statistics with distribution-free 95 % intervals; a percentile that the sample does not "
+        "support is refused with the number of samples it needs. The intervals assume independent samples; delays come "
+        "in bursts, so the true intervals are wider.",
         "Gap: the cost of the answer in use at the deadline of each sample above the optimum of that sample, over the "
-        f"optimal cost: of all samples in doubles against box_active_set, and exact at {settings.get('certified', 0)} "
-        "instants with proven optima. Own answers: the worst gap at the sample that each was computed for. Reused: "
-        "samples at whose deadline an older answer was in use.",
-        "The compiled loops take the same rows back to back, there and back again: no waiting, hot caches, no "
-        "response times. Corrected counts with each call longer than the period what would have waited behind it on a "
-        "schedule.",
-        f"A lane whose answers are late at each of the first {settings['give_up']} samples is stopped there. Every "
-        "lane runs in a fresh process after an untimed warm-up on the same rows, garbage collection off, one thread, "
-        "one core.",
-        definition(settings.get("settings_run", "")),
+        "optimal cost: in doubles at all samples, against box_active_set, and exact at "
+        f"{settings.certified} instants with proven optima. Own answers: the largest gap of an answer at "
+        "its own sample. Reused: samples at whose deadline an older answer was in use.",
+        "The compiled loops process the same rows back to back, forwards and backwards: no waiting, hot caches, no "
+        "response times. Corrected: each call longer than the period also counts for the samples that would have "
+        "waited behind it on a schedule.",
+        f"A lane whose answers to the first {settings.give_up} samples are all late is stopped there. Every lane "
+        "runs in a fresh process after an untimed warm-up on the same rows, without garbage collection, on one thread "
+        "and one core.",
+        definition(settings.settings_run),
         OURS_NOTE,
     )
 
 
 def report(run: Run) -> Report:
-    """Everything from the rows and times of a finished run."""
+    """The report of a finished run."""
     rows, times = run.rows(STREAM), run.times()
-    table = figures.summary(rows, times)
+    table = summary.summary(rows, times)
     lines = plot_data.lines(table, rows, times)
     shown = [
         Figure(
@@ -63,8 +62,7 @@ def report(run: Run) -> Report:
             "Latency tails",
             "Response time by percentile, as far as the number of samples supports it; lower is better, and above the "
             f"dashed line the deadline is missed. In colour: {plot_data.FLOOR_NAME}, a solver that answers at once, "
-            "and the lanes with the least p99. Compiled loops wait for no schedule and are drawn by their service "
-            "time.",
+            "and the lanes with the lowest p99. Compiled loops have no schedule and are drawn by their service time.",
             plot_data.latency_tails(lines),
             [
                 Plot(
@@ -95,11 +93,11 @@ def report(run: Run) -> Report:
             ],
         ),
     ]
-    return report_of(table, settings_of(run, StreamSettings).to_dict(), shown)
+    return report_of(table, settings_of(run, StreamSettings), shown)
 
 
-def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[Figure] = ()) -> Report:
-    """The report of a summary and the settings of a stream race, with its figures."""
+def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Figure] = ()) -> Report:
+    """The report of a summary, the settings of the race and its figures."""
     paced, kernel = ([line for _, line in part.iterrows()] for part in (table[table.paced], table[~table.paced]))
     tables = [
         _table(
@@ -146,7 +144,7 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
             kernel,
             lambda line: [
                 *_percentiles(line, "service"),
-                _or_needs(line[figures.CORRECTED], figures.FARTHEST),
+                _or_needs(line[summary.CORRECTED], summary.FARTHEST),
                 str(line.samples),
                 line.stopped,
                 line.status,
@@ -154,11 +152,11 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
         ),
     ]
     return Report(
-        figures.verdict(table, settings),
+        summary.verdict(table, settings),
         ranking(table),
         table,
         figures=shown,
-        notes=figures.notes(table, settings),
+        notes=summary.notes(table, settings),
         tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
         definitions=definitions(settings),
         limits=["The operating system is not a real-time one."],
@@ -166,16 +164,16 @@ def report_of(table: pd.DataFrame, settings: Mapping[str, Any], shown: Sequence[
 
 
 def ranking(table: pd.DataFrame) -> Table:
-    """Who keeps the schedule, the paper's method first and then the floor."""
+    """Which solvers keep the schedule; the paper's method first, then the floor."""
     paper = (table.solver == "projected_difference") & (table.settings == json.dumps({"steps": 1}))
-    tail = max((q for q in QUANTILES if table[figures.column("response", q)].notna().any()), default=QUANTILES[0])
+    tail = max((q for q in QUANTILES if table[summary.column("response", q)].notna().any()), default=QUANTILES[0])
     rows = [
         [
             marked(line.solver),
             line.lane,
             settings_label(str(line.settings)) or tier_label(line.tier, line.basis),
             _schedule(line),
-            *(number(line[figures.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
+            *(number(line[summary.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
             share(line.missed / line.samples if line.samples else math.nan),
             gap(line.gap_mean),
             gap(line.gap_max),
@@ -199,18 +197,19 @@ def ranking(table: pd.DataFrame) -> Table:
         rows,
         3,
         ("lane", "schedule"),
-        "Response time by percentile, of compiled loops the time of a row. Missed: answers later than "
-        f"{PERIOD_US:g} µs. Gap: the cost of the answer in use above that of the moment's optimum, over the "
-        f"latter. {OURS_NOTE}",
+        "Response time by percentile; for compiled loops the time of a row. Missed: answers later than "
+        f"{PERIOD_US:g} µs. Gap: the cost of the answer in use above the optimum of its sample, over that optimum. "
+        f"{OURS_NOTE}",
     )
 
 
 def _schedule(line: pd.Series) -> str:
+    """Whether a solver keeps the schedule, in one word."""
     if not line.paced or line.is_floor:
         return "floor" if line.paced else "loop"
     if line.keeps_up:
         return "kept"
-    return str(line.status) if line.machine_keeps or line.status in figures.FAILURES else "unknown"
+    return str(line.status) if line.machine_keeps or line.status in summary.FAILURES else "unknown"
 
 
 def _table(
@@ -239,13 +238,13 @@ def _percentiles(line: pd.Series, kind: str) -> list[str]:
 
 
 def _percentile(line: pd.Series, kind: str, q: float) -> str:
-    """Value and interval, or what is missing; marked where it is not above the machine's floor."""
-    value, low, high = (line[figures.column(kind, q, end)] for end in ("", "low", "high"))
+    """Value and interval, marked if it is not above the machine's floor; or the number of samples that it needs."""
+    value, low, high = (line[summary.column(kind, q, end)] for end in ("", "low", "high"))
     interval = "" if math.isnan(value) else f" ({number(low)} to {number(high)})"
     at_floor = kind == "response" and not line.is_floor and line[f"at_floor_{Percentile(q).name}"]
     return _or_needs(value, q) + interval + (" ≈ floor" if at_floor else "")
 
 
 def _or_needs(value: float, q: float) -> str:
-    """A percentile, or how many samples it needs."""
+    """A percentile, or the number of samples that it needs."""
     return f"needs {needed(q)}" if math.isnan(value) else number(value)

@@ -1,4 +1,4 @@
-"""Who takes part in a batch race with compiled code that is called once for a batch: a file a contestant.
+"""Contestants with compiled code that is called once per batch, one file each.
 
-A file is named like its contestant and defines one :class:`bench.races.batch.contestant.Contestant`.
+A file is named after its contestant and defines one :class:`bench.races.batch.contestant.Contestant`.
 """

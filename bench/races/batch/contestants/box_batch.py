@@ -1,4 +1,4 @@
-"""Our exact solver, one program after the other in compiled code: :class:`solvers.BoxBatch`."""
+"""Our exact solver, which solves one program after the other in compiled code: :class:`solvers.BoxBatch`."""
 
 from bench.races.batch.contestant import Contestant
 from solvers import BoxBatch

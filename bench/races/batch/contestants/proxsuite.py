@@ -1,8 +1,7 @@
 """ProxQP's own batch, solved by its threads; see ``solvers/direct/proxsuite.py``.
 
-Bounds are rows, which was quicker than the library's own box; a batch has them in no other way. Filling the objects of
-the batch before again took about as long as making new ones, which needs no rule on what is kept. With looser
-tolerances not all answers are right to 1e-9.
+Bounds are rows: a batch supports no other, and they were faster than the library's own box. Each batch makes new
+objects, since reusing those of the previous one took about as long. With looser tolerances some answers miss 1e-9.
 """
 
 import numpy as np

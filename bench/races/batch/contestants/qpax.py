@@ -1,5 +1,5 @@
-"""qpax mapped over the batch by ``jax.vmap`` and compiled for it; see ``solvers/direct/qpax.py``. Compiling is not
-timed."""
+"""qpax, mapped over the batch by ``jax.vmap`` and compiled for its size, which is not timed; see
+``solvers/direct/qpax.py``."""
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +14,7 @@ jax.config.update("jax_enable_x64", True)
 
 
 class Qpax(Contestant):
-    """``qpax.solve_qp`` with its implicit method, as far as it gets; infinite bounds become rows that are never
-    active."""
+    """``qpax.solve_qp`` with its implicit method at its smallest tolerance; infinite bounds become inactive rows."""
 
     algorithm, licence, distribution = known.QPAX.algorithm, known.QPAX.licence, known.QPAX.distribution
     compiles = True

@@ -1,8 +1,7 @@
-"""Every figure of a closed-loop race, computed here once and rendered elsewhere: whether the stage notices how exact
-its solver is.
+"""Numbers and sentences of a closed-loop race: whether the accuracy of the solver changes the tracking error.
 
-A *summary* row stands for one solver with its settings on one stage: errors of both axes together over the last window,
-and the worse axis for cost gap and time to learn.
+A row of the *summary* stands for one solver with its settings on one stage: the errors of both axes together over the
+last window, and the cost gap and time to learn of the worse axis.
 """
 
 from collections.abc import Iterator
@@ -16,20 +15,20 @@ from bench.report.words import format_distinct, gap, joined, marked, number, set
 from bench.stage.setup import RANGE_UM
 
 NOTICED = 1.1
-"""The stage notices where its error is more than 10 % above the least."""
+"""Smallest ratio to the least error that counts as a difference."""
 EXACT = 1e-6
-"""Cost gaps up to this are called exact."""
+"""Largest cost gap of an exact solution."""
 PAPERS_STEPS = '{"steps": 15200}'
 GROUP = ["problem", "solver", "lane", "tier", "settings"]
 
 
 def root_mean_square(values: pd.Series) -> float:
-    """Axes taken together."""
+    """RMS error of both axes together."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a stage, solver and settings; the nearest to the reference first, those that failed left out."""
+    """One row per stage, solver and settings, by tracking error; failures are left out."""
     last = rows[(rows.window >= 0) & (rows.window == rows.window.max())]
     table = (
         last.groupby(GROUP)
@@ -56,34 +55,21 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     return table.sort_values(["problem", "rms_percent"], ascending=[False, True], ignore_index=True)
 
 
-def by_learner(table: pd.DataFrame) -> list[tuple[str, str, dict[str, pd.Series]]]:
-    """Of a summary, each learner with its lane and its line on each stage, the paper's method first and then the
-    nearest to the reference.
-
-    Lines have ``times``, the error over the least on that stage.
-    """
-    table = table.assign(
-        times=table.rms_percent / table.groupby("problem").rms_percent.transform("min"),
-        paper=table.settings == PAPERS_STEPS,
-    )
-    found = [
-        (str(part.label.iloc[0]), str(part.lane.iloc[0]), {str(line.problem): line for _, line in part.iterrows()})
-        for _, part in table.groupby(["label", "lane"])
-    ]
-
-    def place(learner: tuple[str, str, dict[str, pd.Series]]) -> tuple[bool, float]:
-        lines = learner[2].values()
-        return not any(line.paper for line in lines), max(float(line.times) for line in lines)
-
-    return sorted(found, key=place)
+def learners(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Label and lane of each learner: the paper's method, then the others by their largest ratio to a stage's least
+    error."""
+    ratio = table.rms_percent / table.groupby("problem").rms_percent.transform("min")
+    by_learner = table.assign(ratio=ratio, paper=table.settings == PAPERS_STEPS).groupby(["label", "lane"])
+    order = by_learner.agg(paper=("paper", "any"), ratio=("ratio", "max"))
+    return list(order.sort_values(["paper", "ratio"], ascending=[False, True], kind="stable").index)
 
 
 def verdict(table: pd.DataFrame) -> list[str]:
-    """Say who tracks best, how exact a solver has to be, and where the paper's method stands."""
+    """The least tracking error, the accuracy that it needs, and the error of the paper's method."""
     stages = [(problem, part[part.cost_gap.notna()]) for problem, part in table.groupby("problem", sort=False)]
     stages = [(problem, part.reset_index(drop=True)) for problem, part in stages if len(part)]
     if not stages:
-        return ["No solver learned anything that the loop took over."]
+        return ["No solver learned weights that the loop used."]
     near, paper, far = [], [], []
     for problem, part in stages:
         inside = part.rms_percent <= NOTICED * part.rms_percent.min()
@@ -109,7 +95,7 @@ def verdict(table: pd.DataFrame) -> list[str]:
 
 
 def notes(table: pd.DataFrame) -> Iterator[str]:
-    """What the time to learn is worth among those that are exact and were refused no more often than the best."""
+    """Errors and times to learn of the exact learners that were refused no more often than the best one."""
     for problem, part in table.groupby("problem", sort=False):
         learned = part[part.cost_gap.notna()]
         exact = learned[(learned.cost_gap <= EXACT) & (learned.refused <= learned.refused.head(1).max())]
@@ -126,13 +112,8 @@ def _nm(um: float) -> str:
     return number(1e3 * um)
 
 
-def by_window(rows: pd.DataFrame) -> pd.DataFrame:
-    """RMS errors of both axes together, one row a stage, solver and settings, one column a window."""
-    return rows[rows.window >= 0].groupby([*GROUP, "window"]).rms_percent.agg(root_mean_square).unstack()
-
-
 def closed_loop(table: pd.DataFrame) -> pd.DataFrame:
-    """Of a summary the tracking error against the cost gap of the weights in use, one row a stage and learner."""
+    """Tracking error and cost gap of the weights in use, one row per stage and learner."""
     table = table[table.cost_gap.notna()]
     return (
         table.assign(front=table.settings == PAPERS_STEPS)

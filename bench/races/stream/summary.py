@@ -1,24 +1,26 @@
-"""Every figure of a stream race, computed here once and rendered elsewhere.
+"""Numbers and sentences of a stream race; `report` renders them.
 
-A *summary* row stands for one solver in one lane, at one tier, with its settings, over its processes. Misses are held
-against the machine's own. The null solver missed m of M deadlines in s stalls (runs of late samples), and
+A row of the *summary* stands for one solver in one lane, at one tier, with its settings, over its processes. Its missed
+deadlines are compared with those of the machine itself. The null solver missed m of M deadlines in s stalls (runs of
+late samples), and
 
     r = (upper 95 % bound of the rate s/M) · max(1, m/s)
 
-bounds the machine's share of late samples; where each stall costs one deadline it is the bound of m/M itself. Misses
-beyond the floor are those above r times the samples. Where the machine itself misses too many, nobody keeps the
-schedule. A percentile of response times whose interval reaches down into the floor's is not above the floor.
+bounds the machine's share of late samples; if each stall costs one deadline it is the bound of m/M itself. Misses
+beyond the floor are those above r times the number of samples. If the machine itself misses too many, no solver keeps
+the schedule. A percentile of response times is above the floor if its whole interval lies above the floor's.
 """
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.races.stream.race import StreamSettings
 from bench.report.words import marked, number, percent, solver_lanes
 from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, rate_bound
 from bench.timing.schedule import PERIOD_NS, PERIOD_US
@@ -27,44 +29,58 @@ from solvers import Status
 GROUP = ["solver", "lane", "tier", "settings"]
 FLOOR = "null"
 TOLERATED_FLOOR = 0.01
-"""Share of deadlines that the machine itself may miss before a run says nothing about who keeps the schedule."""
+"""Largest share of deadlines missed by the machine itself in a run that can tell who keeps the schedule."""
 FAILURES = tuple(
     str(status)
     for status in (Status.ADAPTER_FAILED, Status.UNSUPPORTED, Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY)
 )
+AGGREGATES = {
+    "gap_mean": "mean",
+    "gap_max": "max",
+    "exact_gap_mean": "mean",
+    "exact_gap_max": "max",
+    "exact_difference": "max",
+    "own_gap_max": "max",
+    "reused": "mean",
+    "data_us_p50": "median",
+    "update_us_p50": "median",
+    "solve_us_p50": "median",
+}
+"""Columns of the rows, and how the processes of a solver are combined."""
 
 
 def column(kind: str, q: float, end: str = "") -> str:
-    """Name of a percentile's column, such as ``response_p99.9_us`` or ``response_p99.9_low_us``."""
+    """Column of a percentile, such as ``response_p99.9_us`` or ``response_p99.9_low_us``."""
     return f"{kind}_{Percentile(q).name}{f'_{end}' if end else ''}_us"
 
 
 FARTHEST = QUANTILES[-1]
 CORRECTED = column("service_corrected", FARTHEST)
-"""Of a compiled loop, whose times are those of no schedule."""
+"""Column of a compiled loop's farthest percentile, corrected for the missing schedule."""
 
 
 def raw(times: pd.DataFrame, tasks: Iterable[str], what: str) -> NDArray[np.float64]:
-    """All microseconds of some tasks."""
-    found = times[times.task.isin(list(tasks)) & (times.what == what)].ns
-    return np.concatenate([np.asarray(ns, dtype=np.float64) for ns in found]) / 1e3 if len(found) else np.zeros(0)
+    """The raw times of some tasks, µs."""
+    parts = times[times.task.isin(list(tasks)) & (times.what == what)].ns
+    return np.concatenate([np.zeros(0), *parts]) / 1e3
 
 
 def percentiles(kind: str, microseconds: NDArray[np.float64]) -> dict[str, float]:
-    """Percentiles, ends of their intervals, maximum and number of samples by column; NaN where refused."""
-    figures: dict[str, float] = {}
+    """Percentiles, ends of their intervals, maximum and number of samples by column; NaN for a refused percentile."""
+    columns: dict[str, float] = {}
     for q in QUANTILES:
-        found = percentile(microseconds, q)
-        for end, value in (("", found.value), ("low", found.low), ("high", found.high)):
-            figures[column(kind, q, end)] = math.nan if value is None else value
-    figures[f"{kind}_max_us"] = float(microseconds.max()) if microseconds.size else math.nan
-    figures[f"{kind}_samples"] = microseconds.size
-    return figures
+        estimate = percentile(microseconds, q)
+        for end, value in (("", estimate.value), ("low", estimate.low), ("high", estimate.high)):
+            columns[column(kind, q, end)] = math.nan if value is None else value
+    columns[f"{kind}_max_us"] = float(microseconds.max()) if microseconds.size else math.nan
+    columns[f"{kind}_samples"] = microseconds.size
+    return columns
 
 
 def corrected(microseconds: NDArray[np.float64], period_us: float = PERIOD_US) -> NDArray[np.float64]:
-    """Times of calls back to back with what would have waited behind them on a schedule: a call of length t > T stands
-    for t, t − T, t − 2 T, … down to the first that is not above T (G. Tene, "How NOT to measure latency", 2013).
+    """Times of calls back to back, with the response times of the samples that would have waited behind them on a
+    schedule: a call of length t > T stands for t, t − T, t − 2 T, … down to the first that is at most T (G. Tene, "How
+    NOT to measure latency", 2013).
 
     Examples
     --------
@@ -77,7 +93,7 @@ def corrected(microseconds: NDArray[np.float64], period_us: float = PERIOD_US) -
 
 
 def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
-    """One row a solver, lane, tier and settings; the floor first, then who keeps up, by median response time."""
+    """One row per solver, lane, tier and settings: the floor, then those that keep up, by median response time."""
     bound = floor_bound(rows[rows.solver == FLOOR])
     table = pd.DataFrame(
         [
@@ -97,7 +113,7 @@ def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
 
 
 def floor_bound(floor: pd.DataFrame) -> float:
-    """Upper bound of the share of deadlines that the machine itself misses, from the rows of the null solver."""
+    """Upper bound of the share of deadlines missed by the machine itself, from the rows of the null solver."""
     samples, stalls, missed = (int(floor[name].sum()) for name in ("samples", "stalls", "missed"))
     return min(1.0, rate_bound(stalls, samples) * max(1.0, missed / max(stalls, 1))) if samples else 1.0
 
@@ -118,21 +134,6 @@ def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         if (ran.status != Status.OK).any()
         else str(Status.LATE if beyond else Status.OK)
     )
-    worth = {
-        name: float(getattr(ran[name], how)()) if len(ran) else math.nan
-        for name, how in (
-            ("gap_mean", "mean"),
-            ("gap_max", "max"),
-            ("exact_gap_mean", "mean"),
-            ("exact_gap_max", "max"),
-            ("exact_difference", "max"),
-            ("own_gap_max", "max"),
-            ("reused", "mean"),
-            ("data_us_p50", "median"),
-            ("update_us_p50", "median"),
-            ("solve_us_p50", "median"),
-        )
-    }
     return {
         **key,
         "setting": part.setting.iloc[0],
@@ -150,7 +151,7 @@ def _line(key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, bound
         "missed_beyond_floor": beyond,
         "keeps_up": bool(len(ran) and not len(failed) and paced and not beyond),
         "unanswered": int(ran.unanswered.sum()),
-        **worth,
+        **ran.agg(AGGREGATES),
         **percentiles("service", service),
         CORRECTED: (
             float(np.quantile(corrected(service), FARTHEST, method="inverted_cdf"))
@@ -165,23 +166,24 @@ def _first(values: Iterable[str]) -> str:
     return next((str(value) for value in values if value), "")
 
 
-def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
-    """Say whether the machine can tell, who keeps up, and what staleness costs."""
+def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
+    """Which solvers keep the schedule, if the machine is fit to tell, and the cost of stale answers."""
     floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
     sentences = []
     if not table.machine_keeps.all():
         sentences.append(
-            f"This run cannot say who keeps the schedule: the machine itself misses "
-            f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines, since it was "
-            "busy or is not fit for it."
+            "This run cannot say who keeps the schedule: the machine itself misses "
+            f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines; it was "
+            "busy or is too slow."
         )
     elif len(paced):
         kept = paced[paced.keeps_up & (paced.status == Status.OK)]
         sentences.append(
             f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they miss no "
-            "more deadlines than the machine itself does and answer as exactly as asked"
+            "more deadlines than the machine itself does and reach their tier"
             + (
-                f"; the quickest is {_name(kept.iloc[0])}, with a response time of {_tail(kept.iloc[0], 'response')}."
+                f"; the fastest is {marked(kept.solver.iloc[0])} ({kept.lane.iloc[0]}), with a response time of "
+                f"{_tail(kept.iloc[0], 'response')}."
                 if len(kept)
                 else "."
             )
@@ -189,33 +191,34 @@ def verdict(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     return sentences + _staleness(table, settings)
 
 
-def notes(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
-    """Say what the machine itself does, who was stopped, and what the compiled loops took."""
-    paced, found = table[table.paced & ~table.is_floor], []
+def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
+    """The machine's own response times, the solvers that were stopped, and the times of our compiled loop."""
+    paced, sentences = table[table.paced & ~table.is_floor], []
     for _, line in table[table.is_floor].iterrows():
-        found.append(
+        sentences.append(
             f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed} of "
             f"{line.samples} deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most "
             f"{number(line.response_max_us)} µs."
         )
     stopped = paced[paced.stopped != ""]
     if len(stopped):
-        found.append(
-            f"{len(stopped)} lanes were late at each of the first {settings['give_up']} samples and were "
-            f"stopped there; their median service takes {number(stopped['service_p50_us'].min())} to "
+        sentences.append(
+            f"{len(stopped)} lanes were late at each of the first {settings.give_up} samples and were "
+            f"stopped there; their median service times are {number(stopped['service_p50_us'].min())} to "
             f"{number(stopped['service_p50_us'].max())} µs."
         )
     for _, line in table[~table.paced & (table.solver == "recursive_active_set") & (table.samples > 0)].iterrows():
-        found.append(
-            f"Compiled and back to back, not on the schedule, {marked(line.solver)} takes {line.samples:,} rows with "
-            f"{_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
+        sentences.append(
+            f"Compiled and back to back, not on the schedule, {marked(line.solver)} processes {line.samples:,} rows "
+            f"with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
         )
-    return found
+    return sentences
 
 
-def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
+def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
+    """Cost gaps of the first answer, of the paper's method and of the exact recursive solver."""
     costs = []
-    for text, chosen in (
+    for text, selected in (
         ("the first answer, if it is kept,", table.is_floor),
         (
             "the paper's one projected step a sample (compiled, not on the schedule)",
@@ -228,20 +231,15 @@ def _staleness(table: pd.DataFrame, settings: Mapping[str, Any]) -> list[str]:
     ):
         costs += [
             f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
-            for _, line in table[chosen & table.gap_mean.notna()].head(1).iterrows()
+            for _, line in table[selected & table.gap_mean.notna()].head(1).iterrows()
         ]
-    seconds = settings["samples"] * PERIOD_NS * 1e-9
+    seconds = settings.samples * PERIOD_NS * 1e-9
     return [f"Over {seconds:.3g} s of drift {'; '.join(costs)}."] if costs else []
-
-
-def _name(line: pd.Series) -> str:
-    return f"{marked(line.solver)} ({line.lane})"
 
 
 def _tail(line: pd.Series, kind: str) -> str:
     """The median and the farthest percentile that the sample supports."""
-    known = [q for q in QUANTILES if not math.isnan(line[column(kind, q)])]
-    shown: Sequence[float] = known[:1] + known[1:][-1:]
-    return " and ".join(f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in shown) or (
-        "too few samples to say"
-    )
+    known = [
+        f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in QUANTILES if line[column(kind, q)] >= 0
+    ]
+    return " and ".join(known[:1] + known[1:][-1:]) or "too few samples to say"

@@ -1,11 +1,11 @@
-"""Every figure of a batch race, computed here once and rendered elsewhere.
+"""Numbers and sentences of a batch race; `report` renders them.
 
-A *summary* row stands for one contestant with a number of threads at one batch size, over its turns. Programs a second
-are by the clock; programs a second and core by what the process took of the processors, which other work on the machine
-lengthens far less:
+A row of the *summary* stands for one contestant with a number of threads at one batch size, over its turns. Programs
+per second come from wall time; programs per second and core from CPU time, on which other load of the machine has far
+less influence:
 
-    rate = 1 / clock time of a program,   core rate = 1 / processor time of a program,   both medians of the groups of
-    calls and of the turns, GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
+    rate = 1 / wall time of a program,   core rate = 1 / CPU time of a program,   both medians over the groups of calls
+    and over the turns, GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ ID_COLUMNS = ["d", "solver", "lane", "threads"]
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a contestant, number of threads and batch size."""
+    """One row per contestant, number of threads and batch size."""
     judged = rows.judged.to_numpy()
     table = (
         rows.assign(**{share: rows[share] * judged for share in SHARES})
@@ -50,35 +50,32 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def best(table: pd.DataFrame, rate: str = "core_rate") -> pd.DataFrame:
-    """Of each contestant with a number of threads the batch size that suits it best, the fastest first; those without a
-    time last."""
+    """The fastest batch size of each contestant and number of threads; fastest contestants first, those without a time
+    last."""
     order = table.sort_values(["d", rate], ascending=[True, False], na_position="last")
     return order.drop_duplicates(ID_COLUMNS).reset_index(drop=True)
 
 
 def everywhere_right(table: pd.DataFrame) -> pd.DataFrame:
-    """Of a summary those of whom every judged answer at every batch size that was run is right to 1e-9."""
-    right = table.assign(right=(table.share_high == 1.0) | (table.judged == 0), some=table.judged > 0).groupby(
-        ID_COLUMNS
-    )[["right", "some"]]
-    kept = right.agg(right=("right", "all"), some=("some", "any")).all(axis=1)
-    return table[[kept.loc[tuple(line)] for line in table[ID_COLUMNS].itertuples(index=False)]]
+    """Rows of the contestants whose judged answers are all right to 1e-9, at every batch size that was run."""
+    return table[table.groupby(ID_COLUMNS).share_high.transform("min") == 1.0]  # NaN where none was judged
 
 
 def verdict(table: pd.DataFrame) -> list[str]:
-    """Say how fast ours is beside the next who is as right, and what all cores do."""
+    """Our rate beside the best other contestant that is equally accurate, and the rate with all cores."""
     right = everywhere_right(table)
     sentences = []
     for d, part in best(right[right.threads == 1]).groupby("d"):
         ours, others = part[part.ours], part[~part.ours]
         if len(ours) and len(others):
-            first, after = ours.iloc[0], others.iloc[0]
-            times = first.core_rate / after.core_rate
+            first, other = ours.iloc[0], others.iloc[0]
+            judged = table[(table[ID_COLUMNS] == first[ID_COLUMNS]).all(axis=1)].judged.sum()
+            times = first.core_rate / other.core_rate
             compared = f"{number(times)} times as many" if times >= 1.0 else f"{number(100.0 * times)} % as many"
             sentences.append(
                 f"At d = {d} {first.label} solves {thousands(first.core_rate)} programs a second and core, each of "
-                f"{judged(table, first)} judged answers right to 1e-9: {compared} as {after.label}, the "
-                f"next that is as right, with {thousands(after.core_rate)}."
+                f"{judged} judged answers right to 1e-9: {compared} as {other.label}, the "
+                f"best other with equally accurate answers, with {thousands(other.core_rate)}."
             )
         elif len(part):
             sentences.append(
@@ -94,13 +91,8 @@ def verdict(table: pd.DataFrame) -> list[str]:
     return sentences or ["No contestant has answers that are right to 1e-9."]
 
 
-def judged(table: pd.DataFrame, line: pd.Series) -> int:
-    """How many answers of a contestant were judged."""
-    return int(table.loc[np.logical_and.reduce([table[name] == line[name] for name in ID_COLUMNS]), "judged"].sum())
-
-
 def thousands(rate: float) -> str:
-    """A rate in a sentence.
+    """A rate in a sentence, to three digits.
 
     Examples
     --------
@@ -111,8 +103,8 @@ def thousands(rate: float) -> str:
 
 
 def by_batch(table: pd.DataFrame) -> pd.DataFrame:
-    """Core rate against batch size, one row a line and size; a line has the number of its threads where that is not
-    one."""
+    """Core rate against batch size, one row per line and size; the name of a line has the number of threads if that is
+    not one."""
     shown = table[np.isfinite(table.core_rate)]
     name = shown.label + np.where(shown.threads > 1, ", " + shown.threads.astype(str) + " threads", "")
     table = ranked(shown.assign(name=name, view="d = " + shown.d.astype(str)), -shown.core_rate)
