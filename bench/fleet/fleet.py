@@ -20,7 +20,7 @@ from typing import Any
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.fleet.works import Work
 from bench.messages.progress import Progress
-from bench.processes.engine import Workers, each
+from bench.processes.engine import Workers, parallel_map
 from piezo_model.atomic_file import write_text
 from piezo_model.json_file import decoded, packed, unpacked
 
@@ -68,7 +68,7 @@ def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Ro
     """Process all parts that are not finished; return the rows of all in the order of the parts."""
     rows: dict[str, Row] = {}
     progress("starting", 0, len(parts))
-    for row in each(row_of, parts, workers):
+    for row in parallel_map(row_of, parts, workers):
         rows[row["name"]] = row
         progress(row["name"], len(rows), len(parts))
     return [rows[part.name] for part in parts]
@@ -76,7 +76,7 @@ def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Ro
 
 def drawn(parts: Sequence[Part], workers: Workers, progress: Progress) -> Iterator[tuple[str, str]]:
     """Write the pages of finished recordings; yield the name of each and the path of its page."""
-    for count, page in enumerate(each(draw, parts, workers), 1):
+    for count, page in enumerate(parallel_map(draw, parts, workers), 1):
         progress("drawing pages", count, len(parts))
         yield page
 
