@@ -42,13 +42,6 @@ def _character(byte: int) -> str:
     return sign if " " <= sign <= "~" else f"\\{byte:03o}"
 
 
-def c_identifier(text: str) -> str:
-    """The text, if C takes it for an identifier that is not reserved; ValueError otherwise."""
-    if not (text.isascii() and text.isidentifier() and not text.startswith("_")):
-        raise ValueError(f"{text!r} is not an identifier of C")
-    return text
-
-
 def xml(text: Any) -> Markup:
     """Text of an element or attribute; what XML 1.0 cannot hold becomes U+FFFD.
 

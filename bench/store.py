@@ -1,16 +1,16 @@
-"""A run is a folder, and every finished task is in it before the next one starts.
+"""The folder of a run; every finished task is saved in it before the next one starts.
 
     results/<run>/run.json        settings, seed, versions, machine
                   problems/       the problems with their certificates, NPZ
-                  models/         the model of a recording that is raced on, JSON
-                  tasks/          while the race runs one NPZ a finished task, and notes as JSON
+                  models/         the models of raced recordings, JSON
+                  tasks/          during the race: an NPZ for each finished task, and notes as JSON
                   rows.parquet    one row a task            } written at the end
                   times.parquet   raw nanoseconds           }
                   sentinel.parquet                          }
                   summary.csv, report.md
 
-Each file is written beside its place, flushed and renamed, so that an interruption at any moment leaves whole files
-only, and a resumed run finds what is done by the names of its files.
+Each file is written under a temporary name, flushed and renamed, so that an interruption at any moment leaves only
+complete files, and a resumed run knows its finished tasks by their file names.
 """
 
 import fcntl
@@ -42,12 +42,9 @@ from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName, decoded, packed, unpacked
 
 VERSION = 3
-"""Of run folders: another number says that settings, columns or what they mean have changed, so that no rows are
-misread."""
-
-
+"""Version of the run folder; raise it when the settings, the columns or their meaning change."""
 TIMES = columns.schema(("task", "repeat", "what", "ns"))
-LOOKS = columns.schema(("host", "core", "at_s", "ns", "level_ns", "ratio"))
+SENTINEL = columns.schema(("host", "core", "at_s", "ns", "level_ns", "ratio"))
 
 
 @dataclass(frozen=True)
@@ -57,9 +54,9 @@ class Schema:
     file: str
     columns: tuple[str, ...]
     order: tuple[str, ...]
-    """Columns by which the rows are sorted."""
+    """Columns by which the rows are sorted, and which identify a row."""
     types: Mapping[str, pa.DataType] = field(default_factory=dict)
-    """Of columns that `columns` does not know and that hold no doubles."""
+    """Types of the columns that only this table has; doubles may be omitted."""
 
     @property
     def arrow(self) -> pa.Schema:
@@ -67,31 +64,31 @@ class Schema:
         return columns.schema(("task", *self.columns), self.types)
 
     def row(self, **known: Any) -> Row:
-        """A row of what is known: elsewhere no text, 0, False, or no number."""
-        nothing = {pa.large_string(): "", pa.int64(): 0, pa.bool_(): False}
-        return {field.name: nothing.get(field.type, math.nan) for field in self.arrow} | known
+        """A row with the known values; other columns hold "", 0, False or NaN."""
+        empty = {pa.large_string(): "", pa.int64(): 0, pa.bool_(): False}
+        return {field.name: empty.get(field.type, math.nan) for field in self.arrow} | known
 
 
 class RunError(ValueError):
-    """A run that is not there or not whole; the message is one sentence."""
+    """A run is missing or damaged; the message is one sentence."""
 
 
 class Machine(TypedDict):
-    """What `timing.machine` says of itself."""
+    """Description of the machine by `timing.machine.describe`."""
 
     processor: str
     cores: int | None
     system: str
     python: str
     core: str
-    """Compiler and instruction set of our C core."""
+    """Instruction set and compiler of our C core."""
     versions: dict[str, str]
     load_at_start: list[float]
     warnings: list[str]
 
 
 class Notes(TypedDict):
-    """What was noted of a part of a race."""
+    """Notes on a finished part of a race: where it ran and what disturbed it."""
 
     host: str
     core: int
@@ -106,7 +103,7 @@ class Notes(TypedDict):
 
 
 class Conditions(TypedDict):
-    """How the machine fared."""
+    """Condition of the machine during the race."""
 
     sentinel_drift: float
     parts: list[Notes]
@@ -114,26 +111,25 @@ class Conditions(TypedDict):
 
 
 class Planned(TypedDict):
-    """What a one-shot race has in its second pass of a solver lane."""
+    """The setting of a solver lane in the second pass of a one-shot race."""
 
     scaling: str
     solver: str
     lane: str
     setting: str
     longer: bool
-    """Whether it is timed longer than in the first."""
+    """Whether it is timed longer than in the first pass."""
 
 
 class ModelNote(TypedDict):
-    """What was found of the model of a recording: its error on what it has not seen, per cent of the range, or why
-    there is none."""
+    """Error of a recording's model on unseen data, in per cent of the output's range, or the reason for its absence."""
 
     error_percent: NotRequired[float]
     refused: NotRequired[str]
 
 
 class RunFile(TypedDict):
-    """``run.json``; the settings are those of the kind of race."""
+    """``run.json``; the settings depend on the kind of race."""
 
     race: NotRequired[str]
     settings: dict[str, Any]
@@ -141,7 +137,7 @@ class RunFile(TypedDict):
     version: NotRequired[int]
     problems: NotRequired[dict[FileName, list[FileName]]]
     there_are: NotRequired[dict[str, int]]
-    """Problems of the sets of which not all are raced."""
+    """Number of problems of each set that was raced in part."""
     left_out: NotRequired[dict[str, dict[str, str]]]
     models: NotRequired[dict[str, ModelNote]]
     field: NotRequired[dict[str, str]]
@@ -158,9 +154,9 @@ class Run:
 
     @classmethod
     def create(cls, results: Path, settings: Mapping[str, Any], name: str | None = None) -> Self:
-        """Make a new folder, named by the time unless a name is given, and write ``run.json``.
+        """Create the folder with its ``run.json``; its name is the time by default.
 
-        It is made beside its place and renamed, so that a run that is there can be resumed.
+        It is created under a temporary name and renamed, so that every run with a name can be resumed.
         """
         name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
         if not name or not name.isprintable() or Path(name).name != name or name.startswith((".", "-")):
@@ -173,23 +169,19 @@ class Run:
             raise RunError(f"{run.path} is there already; give another name or resume it")
         try:
             results.mkdir(parents=True, exist_ok=True)
-            made = Path(tempfile.mkdtemp(prefix=f".{name}.", dir=results))
+            with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=results) as temporary:
+                new = Path(temporary, "run")
+                for folder in ("problems", "tasks"):
+                    (new / folder).mkdir(parents=True)
+                write_text(new / "run.json", json.dumps({**settings, "version": VERSION}, indent=1) + "\n")
+                new.rename(run.path)
         except OSError as error:
-            raise RunError(f"{run.path} cannot be made ({error.strerror})") from None
-        try:
-            for folder in ("problems", "tasks"):
-                (made / folder).mkdir()
-            write_text(made / "run.json", json.dumps({**settings, "version": VERSION}, indent=1) + "\n")
-            made.chmod(results.stat().st_mode & 0o777)  # mkdtemp is private
-            made.rename(run.path)
-        except OSError as error:
-            shutil.rmtree(made)
             raise RunError(f"{run.path} cannot be made ({error.strerror})") from None
         return run
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Open a run that is there, if it is of this version; the first runs do not say that they are of version 1."""
+        """Open an existing run of this version; one without a version is of version 1."""
         if not (path / "run.json").is_file():
             raise RunError(f"{path} is not a run folder: it has no run.json")
         run = cls(path)
@@ -200,13 +192,13 @@ class Run:
         return run
 
     def discard(self) -> None:
-        """Remove the folder, unless a task of it is done."""
-        if not self._done():
+        """Remove the folder, unless a task is done."""
+        if not self._task_files():
             shutil.rmtree(self.path)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep other processes from this run; the lock goes with the process, however that ends."""
+        """Lock the run against other processes; the lock ends with this process at the latest."""
         folder = os.open(self.path, os.O_RDONLY)
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -219,124 +211,123 @@ class Run:
 
     @property
     def settings(self) -> RunFile:
-        """What ``run.json`` says."""
+        """Contents of ``run.json``."""
         return json_file.read(self.path / "run.json", RunFile, RunError)
 
     def note(self, **notes: Any) -> None:
-        """Add to ``run.json`` what JSON can hold."""
+        """Set fields of ``run.json``."""
         write_text(self.path / "run.json", json.dumps({**self.settings, **notes}, indent=1) + "\n")
 
+    def note_of_set(self, problem_set: str, **notes: Any) -> None:
+        """Set the entries of a problem set in fields of ``run.json``."""
+        settings: Mapping[str, Any] = self.settings
+        self.note(**{name: {**settings.get(name, {}), problem_set: value} for name, value in notes.items()})
+
     def problem_path(self, problem_set: str, problem: str) -> Path:
-        """Where a problem is kept."""
+        """File of a problem."""
         return self.path / "problems" / f"{problem_set}--{problem}.npz"
 
     def model_path(self, problem_set: str) -> Path:
-        """Where the model of the recording that a set is made of is kept."""
+        """File of the model of a set's recording."""
         return self.path / "models" / f"{problem_set}.json"
 
     def problem(self, problem_set: str, name: str) -> RaceProblem:
-        """Load a problem of the run; RunError says in one sentence what is wrong with its file."""
+        """Load a problem of the run; RunError if its file is missing or damaged."""
         path = self.problem_path(problem_set, name)
         if not path.is_file():
-            raise RunError(f"{path} is not there, or not from {os.uname().nodename}, so the problem cannot be raced")
+            raise RunError(
+                f"{path} is missing, or not accessible from {os.uname().nodename}, so the problem cannot be raced"
+            )
         try:
             return RaceProblem.load(path)
         except ProblemFileError as error:
             raise RunError(f"{error}; remove the file and resume the run, and it is made again") from None
 
-    def _done(self) -> list[Path]:
-        """The files of the tasks that are done; an interrupted write leaves a hidden one."""
+    def _task_file(self, task: Task) -> Path:
+        return self.path / "tasks" / f"{task.key}.npz"
+
+    def _task_files(self) -> list[Path]:
+        """The files of the finished tasks; an interrupted write leaves a hidden file."""
         return sorted((self.path / "tasks").glob("[!.]*.npz"))
 
     def is_done(self, task: Task) -> bool:
-        """Whether the task's row is on disk, and whole."""
-        return zipfile.is_zipfile(self._task_path(task))
-
-    def _task_path(self, task: Task) -> Path:
-        return self.path / "tasks" / f"{task.key}.npz"
+        """Whether the file of the task is complete."""
+        return zipfile.is_zipfile(self._task_file(task))
 
     def save(self, task: Task, rows: Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
-        """Put one finished task on disk, with its rows and its raw times by what was timed."""
-        with replacing(self._task_path(task), durable=False) as temporary, temporary.open("wb") as file:
+        """Save the rows of a finished task, and its raw times by name."""
+        with replacing(self._task_file(task), durable=False) as temporary, temporary.open("wb") as file:
             np.savez(file, rows=np.array(json.dumps(packed(rows))), **times)
 
     def task(self, task: Task) -> tuple[list[Row], dict[str, Any]]:
-        """Rows and raw times of a task that is done."""
-        with _opened(self._task_path(task)) as data:
-            return _rows(data), {what: data[what] for what in data.files if what != "rows"}
+        """Rows and raw times of a finished task."""
+        return _load(self._task_file(task))
 
     def rows_so_far(self) -> list[Row]:
-        """The rows of all tasks of a race that is not finished."""
-        found: list[Row] = []
-        for path in self._done():
-            with _opened(path) as data:
-                found += _rows(data)
-        return found
+        """The rows of all finished tasks, during the race."""
+        return [row for path in self._task_files() for row in _load(path)[0]]
+
+    def _notes_file(self, name: str) -> Path:
+        return self.path / "tasks" / f"{name}.json"
 
     def save_notes(self, name: str, notes: Mapping[str, Any]) -> None:
-        """Keep what was noted of a part of the race; that they are there says that the part is done."""
+        """Save the notes on a part of the race, which mark it as finished."""
         os.sync()  # its tasks, which were not flushed one by one
-        write_text(self.path / "tasks" / f"{name}.json", json.dumps(notes))
+        write_text(self._notes_file(name), json.dumps(notes))
 
     def has_notes(self, name: str) -> bool:
-        """Whether there are notes of that name."""
-        return (self.path / "tasks" / f"{name}.json").is_file()
+        """Whether a part of the race is finished."""
+        return self._notes_file(name).is_file()
 
     def all_notes(self) -> list[Notes]:
-        """The notes of all parts of a race that is not finished."""
+        """The notes on all finished parts, during the race."""
         return [json_file.read(path, Notes, RunError) for path in sorted((self.path / "tasks").glob("[!.]*.json"))]
 
     def is_finished(self, schema: Schema) -> bool:
-        """Whether the tables were written."""
+        """Whether the tables are complete."""
         return (self.path / schema.file).is_file() and not (self.path / "tasks").exists()
 
     def finish(self, schema: Schema) -> None:
-        """Gather the tasks into tables; the single files go only after the tables are whole, and all at once."""
+        """Gather the tasks into tables; their files are removed, all at once, when the tables are complete."""
         rows, times = [], []
-        for path in self._done():
-            with _opened(path) as data:
-                some = _rows(data)
-                rows += some
-                of = {"task": some[0]["task"], "repeat": some[0].get("repeat", 0)}
-                times += [{**of, "what": what, "ns": data[what]} for what in data.files if what != "rows"]
+        for path in self._task_files():
+            of_task, raw = _load(path)
+            rows += of_task
+            key = {"task": of_task[0]["task"], "repeat": of_task[0].get("repeat", 0)}
+            times += [{**key, "what": what, "ns": ns} for what, ns in raw.items()]
         table = pa.Table.from_pylist(rows, schema.arrow).sort_by([(name, "ascending") for name in schema.order])
-        for file, whole in (("times.parquet", pa.Table.from_pylist(times, TIMES)), (schema.file, table)):
+        for file, content in (("times.parquet", pa.Table.from_pylist(times, TIMES)), (schema.file, table)):
             with replacing(self.path / file) as temporary:
-                parquet.write_table(whole, temporary)
+                parquet.write_table(content, temporary)
         shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))
 
     def rows(self, schema: Schema) -> pd.DataFrame:
-        """Return the table of a finished run."""
+        """The table of a finished run."""
         return self._table(schema.file, schema.arrow, ("task", *schema.order))
 
     def times(self) -> pd.DataFrame:
-        """Return the raw times of a finished run: task, what was timed, nanoseconds."""
+        """The raw times of a finished run."""
         return self._table("times.parquet", TIMES)
 
     def sentinel_samples(self) -> pd.DataFrame:
-        """Return what the sentinel saw."""
-        return self._table("sentinel.parquet", LOOKS)
+        """The sentinel's samples in a finished run."""
+        return self._table("sentinel.parquet", SENTINEL)
 
-    def _table(self, file: str, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFrame:
+    def _table(self, file: str, schema: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:
         path = self.path / file
         if not path.is_file():
             raise RunError(f"{self.path} has no {file}: the run was not finished, so resume it")
         try:
-            return columns.read(path, wanted, name)
+            return columns.read(path, schema, key)
         except columns.TableError as error:
             raise RunError(f"{path}: {error}") from None
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open the file of a task; RunError where it is none."""
+def _load(path: Path) -> tuple[list[Row], dict[str, Any]]:
+    """Rows and raw times in the file of a task; RunError if it is damaged."""
     try:
         with npz.opened(path) as data:
-            yield data
+            times = {name: data[name] for name in data.files if name != "rows"}
+            return unpacked(decoded(str(data["rows"]), list[Row])), times
     except ProblemFileError as error:
         raise RunError(f"{error}; remove the file and resume the run, and the task is done again") from None
-
-
-def _rows(data: Mapping[str, Any]) -> list[Row]:
-    """The rows of a task's file."""
-    return unpacked(decoded(str(data["rows"]), list[Row]))

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all: write beside the target, flush to disk, then rename over it."""
+"""Atomic replacement of files: write beside the target, flush to disk, then rename over it."""
 
 import os
 import tempfile
@@ -9,10 +9,9 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: str | Path, durable: bool = True) -> Iterator[Path]:
-    """Yield a temporary path in the target's folder; on success it replaces the target, on failure it goes.
+    """Yield a temporary path in the target's folder; on success it replaces the target, on failure it is deleted.
 
-    What is not ``durable`` is not flushed, which takes milliseconds: after a loss of power the file may be there and
-    broken.
+    Without ``durable`` nothing is flushed to disk, which saves milliseconds; a loss of power may then break the file.
 
     Examples
     --------
@@ -50,6 +49,6 @@ def _flush(path: Path) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a UTF-8 text file whole or not at all."""
+    """Replace a UTF-8 text file as a whole."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -1,9 +1,9 @@
 """Thousands of self-learning compensators of one structure: tiles of eight actuators, one in each lane of a vector
 (``core/bank.h``).
 
-Each actuator has weights, states, limits and a sensor guard of its own, and what one of them does changes no bit of
-another. The drive is that of `Compensator`; learning is that of the continuous mode of `SelfLearningCompensator` by
-blocks of rows, in the ranges of the structure as given.
+Each actuator has its own weights, states, limits and sensor guard, and affects no bit of another one. The drive is that
+of `Compensator`; learning is that of the continuous mode of `SelfLearningCompensator`, in the given ranges of the
+structure.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ Index = NDArray[np.int64]
 LANES = 8
 """Actuators of a tile."""
 GOLDEN = 0.6180339887498949
-"""Tile t begins the fraction of t times this of an interval late, evenly spread however many tiles there are, and t
-whole ones, so that checkpoints are spread, too."""
+"""Tile t begins late by the fractional part of t times this number in intervals, which is evenly spread for any number
+of tiles, and by t whole intervals, which spreads the checkpoints too."""
 LANE_BY_LANE = ("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "memory", "in_use", "candidate", "gram")
-"""Parts of a tile that have a number for each of its actuators."""
+"""Parts of a tile with a number for each of its actuators."""
 MOST_TILES = 2**24
 
 
@@ -57,7 +57,7 @@ class Options(TypedDict):
 
 
 class BankFile(Versioned):
-    """What a file says beside the arrays of the memory."""
+    """The content of a file besides the arrays."""
 
     FORMAT = "piezobench-bank"
     VERSION = 3
@@ -84,7 +84,7 @@ class CompensatorBank:
         Interval between exact optima of an actuator, rounded down to a multiple of equal blocks of at most 32 samples
         (:attr:`interval`).
     threads : int
-        Threads that share the tiles; the answers are the same to the last bit.
+        Number of threads; the results are the same to the last bit.
 
     Examples
     --------
@@ -134,7 +134,7 @@ class CompensatorBank:
         self.add(count, x_limits, learn)
 
     def _allocate(self, tiles: int) -> None:
-        """Make room for so many tiles, the first of them as they are."""
+        """Allocate tiles and keep the existing ones."""
         s, shape, before, tiles_before = self.structure, self.structure.shape, self._tables, self._tiles
         self._tiles = tiles
         core = State(
@@ -168,7 +168,7 @@ class CompensatorBank:
         self._workspaces = [block(bindings.bank_workspace_bytes(*shape, self.block)) for _ in range(self.threads)]
 
     def _place(self, slots: Index) -> None:
-        """Say in which lane of all tiles each actuator is."""
+        """Set the lane of each actuator, numbered over all tiles."""
         self._slots = slots
         self._in_order = slots.size == self._tiles * LANES and bool(np.all(slots[1:] > slots[:-1]))
 
@@ -182,8 +182,7 @@ class CompensatorBank:
         self._views[name][slots // LANES, :, slots % LANES] = values
 
     def add(self, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None, learn: ArrayLike = True) -> None:
-        """Add actuators behind those that are there; all of them are at rest in the middle of the range, on the
-        straight line through the ranges."""
+        """Append actuators, at rest at the centre of the range, with the straight line through the ranges as model."""
         s = self.structure
         low, high = (np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in x_limits or s.x_range)
         if not np.all(low < high):
@@ -202,7 +201,7 @@ class CompensatorBank:
         self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
-        """Remove actuators by their numbers; those behind them move up, and nothing else changes for them."""
+        """Remove actuators by their numbers; the later ones move up and are otherwise unchanged."""
         which = np.unique(np.atleast_1d(np.asarray(which, dtype=np.int64)))
         if which.size and not (which[0] >= 0 and which[-1] < len(self)):
             raise ValueError(
@@ -213,7 +212,7 @@ class CompensatorBank:
         self._place(np.delete(self._slots, which))
 
     def take(self, actuator: int, model: HysteresisCreepModel) -> None:
-        """Give an actuator a model of the bank's structure, from which it learns on; the drive jumps."""
+        """Set the model of an actuator, of the bank's structure; it learns from there, and its drive jumps."""
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
         self._take(self._slots[[actuator]], model)
@@ -234,8 +233,8 @@ class CompensatorBank:
 
     @property
     def learning(self) -> NDArray[np.bool_]:
-        """Which actuators learn (count,), a copy; assign to it to switch learning on and off. Off, everything learned
-        stays."""
+        """Flags (count,) of the actuators that learn, a copy; assign to switch learning on and off, which keeps what is
+        learned."""
         return self._get("memory", self._slots)[:, 0] > 0.0
 
     @learning.setter
@@ -247,9 +246,9 @@ class CompensatorBank:
 
     @property
     def counts(self) -> dict[str, Index]:
-        """How often what happened to each actuator: hand-overs, refusals of new weights, faults of the sensor."""
-        memory = self._get("memory", self._slots)
-        return {name: memory[:, MEMORY.index(name)].astype(np.int64) for name in ("hand_overs", "refusals", "faults")}
+        """Numbers of hand-overs, refusals of new weights and sensor faults of each actuator."""
+        memory = np.ascontiguousarray(self._get("memory", self._slots)).view(MEMORY)[:, 0]
+        return {name: memory[name].astype(np.int64) for name in ("hand_overs", "refusals", "faults")}
 
     @property
     def weights(self) -> Matrix:
@@ -262,14 +261,14 @@ class CompensatorBank:
         return [HysteresisCreepModel.from_all_weights(self.structure, weights) for weights in self.weights]
 
     def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
-        """One sample of every actuator.
+        """Process one sample of every actuator.
 
         Parameters
         ----------
         y_ref : array (count,)
             References in the output unit.
         y_measured_before : array (count,)
-            The outputs that the drives returned by the last call have produced; NaN where there is none.
+            Outputs that the drives of the last call produced; NaN if there is none.
 
         Returns
         -------
@@ -279,8 +278,8 @@ class CompensatorBank:
         return self.run(np.asarray(y_ref)[None], np.asarray(y_measured_before)[None])[0]
 
     def run(self, y_ref: ArrayLike, y_measured_before: ArrayLike | None = None) -> Matrix:
-        """Return what ``step`` returns for each row of references (N, count), to the last bit; without outputs nothing
-        is learned."""
+        """Return the drives (N, count) of ``step`` for rows of references and outputs, to the last bit; without outputs
+        nothing is learned."""
         y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
         y = (
             np.full_like(y_ref, math.nan)
@@ -310,17 +309,17 @@ class CompensatorBank:
         return x if self._in_order else x[:, self._slots]
 
     def _spread(self, values: Matrix) -> Matrix:
-        """Put the actuators' numbers where their lanes are."""
+        """Distribute values of the actuators to their lanes."""
         full = np.full((values.shape[0], self._tiles * LANES), math.nan)
         full[:, self._slots] = values
         return full
 
     def memory(self) -> dict[str, Any]:
-        """Everything that changes while it runs, copied."""
+        """A copy of the whole state, without the settings."""
         return {"core": self._core.block.copy(), "slots": self._slots.copy()}
 
     def restore(self, memory: dict[str, Any]) -> None:
-        """Go on, to the last bit, from the :meth:`memory` of a bank of the same settings and number of tiles."""
+        """Continue, to the last bit, from the :meth:`memory` of a bank of the same settings and number of tiles."""
         slots, lanes = memory["slots"], self._tiles * LANES
         if not (
             slots.dtype == np.int64
@@ -333,7 +332,7 @@ class CompensatorBank:
         self._place(slots.copy())
 
     def save(self, path: str | Path) -> None:
-        """Write everything as NPZ; the file is there whole or not at all."""
+        """Write settings and state as NPZ; the file is replaced as a whole."""
         about = {
             "format": BankFile.FORMAT,
             "version": BankFile.VERSION,
@@ -346,7 +345,7 @@ class CompensatorBank:
 
     @classmethod
     def load(cls, path: str | Path, threads: int = 1) -> CompensatorBank:
-        """Go on, to the last bit, from a file of :meth:`save`; ModelError says what is wrong with it."""
+        """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 about, memory = decoded(str(file["about"]), BankFile), {name: file[name] for name in ("core", "slots")}

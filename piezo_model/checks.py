@@ -1,6 +1,8 @@
-"""Checks of arguments that many functions share; each refuses with a ValueError that names the argument."""
+"""Checks of arguments that many functions share; each raises a ValueError that names the argument."""
 
 import math
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,50 +10,48 @@ from numpy.typing import ArrayLike
 from solvers.arrays import Vector
 
 
-def positive(**arguments: float) -> None:
-    """Refuse what is not a positive number."""
+def _require(arguments: Mapping[str, Any], valid: Callable[[Any], Any], what: str) -> None:
     for name, value in arguments.items():
-        if not 0.0 < value < math.inf:
-            raise ValueError(f"{name} must be a positive number, not {value}")
+        if not valid(value):
+            raise ValueError(f"{name} must be {what}, not {value}")
+
+
+def positive(**arguments: float) -> None:
+    """Require positive numbers."""
+    _require(arguments, lambda value: 0.0 < value < math.inf, "a positive number")
 
 
 def not_negative(**arguments: float) -> None:
-    """Refuse what is not a finite number of at least 0."""
-    for name, value in arguments.items():
-        if not 0.0 <= value < math.inf:
-            raise ValueError(f"{name} must be a finite number of at least 0, not {value}")
+    """Require finite numbers of at least 0."""
+    _require(arguments, lambda value: 0.0 <= value < math.inf, "a finite number of at least 0")
 
 
 def finite(**arguments: float) -> None:
-    """Refuse what is not a finite number."""
-    for name, value in arguments.items():
-        if not math.isfinite(value):
-            raise ValueError(f"{name} must be a finite number, not {value}")
+    """Require finite numbers."""
+    _require(arguments, math.isfinite, "a finite number")
 
 
 def whole(least: int, **arguments: int) -> None:
-    """Refuse what is not a whole number of at least ``least``."""
-    for name, value in arguments.items():
-        if not (isinstance(value, int | np.integer) and value >= least):
-            raise ValueError(f"{name} must be a whole number of at least {least}, not {value}")
+    """Require integers of at least ``least``."""
+    _require(
+        arguments,
+        lambda value: isinstance(value, int | np.integer) and value >= least,
+        f"a whole number of at least {least}",
+    )
 
 
 def between(low: float, high: float, **arguments: float) -> None:
-    """Refuse what is not strictly between two numbers."""
-    for name, value in arguments.items():
-        if not low < value < high:
-            raise ValueError(f"{name} must be above {low:g} and below {high:g}, not {value}")
+    """Require numbers strictly between two limits."""
+    _require(arguments, lambda value: low < value < high, f"above {low:g} and below {high:g}")
 
 
 def ascending(**arguments: tuple[float, float]) -> None:
-    """Refuse what is not two finite numbers in ascending order."""
-    for name, (low, high) in arguments.items():
-        if not -math.inf < low < high < math.inf:
-            raise ValueError(f"{name} must be two finite numbers in ascending order, not ({low}, {high})")
+    """Require pairs of finite numbers in ascending order."""
+    _require(arguments, lambda pair: -math.inf < pair[0] < pair[1] < math.inf, "two finite numbers in ascending order")
 
 
 def vectors(**arguments: ArrayLike) -> list[Vector]:
-    """The arguments as arrays (N,) of doubles; refuse what are not vectors of the same length."""
+    """The arguments as arrays (N,) of doubles; require vectors of the same length."""
     arrays = [np.ascontiguousarray(values, dtype=np.float64) for values in arguments.values()]
     if arrays[0].ndim != 1 or len({array.shape for array in arrays}) > 1:
         shapes = " and ".join(str(array.shape) for array in arrays)
@@ -60,7 +60,7 @@ def vectors(**arguments: ArrayLike) -> list[Vector]:
 
 
 def finite_arrays(**arguments: Vector) -> None:
-    """Refuse an array with a number that is not finite, by the first."""
+    """Require arrays of finite numbers."""
     for name, values in arguments.items():
         if not np.all(np.isfinite(values)):
             raise ValueError(f"{name}[{int(np.argmin(np.isfinite(values)))}] is not a finite number")

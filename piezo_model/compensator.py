@@ -1,9 +1,8 @@
 """The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample, and integral
 action beside it.
 
-The compensator keeps the states of the *model*, H and K: what it returns after saturation and rate limits is
-what the actuator really sees, and that is what moves the states on. Whatever the reference is, NaN and infinity
-included, the drive is finite and inside its limits.
+Its state are the operator states of the *model*, H and K, advanced by the drive after saturation and rate limit, which
+the actuator receives. For any reference, NaN and infinity included, the drive is finite and inside its limits.
 """
 
 from __future__ import annotations
@@ -26,23 +25,22 @@ LIMITS = slice(0, 4)
 """Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and in unit
 amplitudes."""
 BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD, TURN = range(4, 10)
-"""Its other entries: what is still added to the drive since the last change of weights; the last finite reference and
-what integral action has added to it; the last reference as it was given, and 1 or -1 where the limits held the drive
-for it; which creep states are looked through next."""
+"""Its other entries: the bump added to the drive since the last change of weights; the last finite reference; the
+correction of integral action; the last reference given; 1 or -1 if the limits held its drive; the creep states to flush
+next."""
 DECAY = 5
-"""Entry of the drive's settings (``DriveSettings``): the factor by which a bump decays a sample."""
+"""Entry of the drive's settings (``DriveSettings``): the factor by which a bump decays for each sample."""
 
 
 def integral_share(gain: float, sample_time: float) -> float:
-    """Share of an error that integral action adds up a sample, of its gain in 1/s; ValueError where it is not between 0
-    and 1."""
+    """Gain of the integral action for each sample, from its gain in 1/s; ValueError if it is not between 0 and 1."""
     if not 0.0 <= gain * sample_time <= 1.0:
         raise ValueError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / sample_time:g} per second, not {gain}")
     return gain * sample_time
 
 
 class CompensatorMemory(TypedDict):
-    """What changes while a compensator runs."""
+    """State of a compensator."""
 
     model: ModelFile
     play: np.ndarray
@@ -52,12 +50,12 @@ class CompensatorMemory(TypedDict):
 
 
 def fade_factor(s: ModelStructure, fade_s: float) -> float:
-    """Factor by which a bump decays a sample, of its time constant; with 0 it is not there at all."""
+    """Factor by which a bump decays for each sample; 0 for the time constant 0."""
     return math.exp(-s.sample_time / fade_s) if fade_s > 0.0 else 0.0
 
 
 def drive_settings(s: ModelStructure, rate_limit: float | None, decay: float, integral_gain: float) -> Vector:
-    """The settings (7,) of the core's ``DriveSettings``; ValueError where they make no sense."""
+    """The core's ``DriveSettings`` (7,); ValueError if a setting is out of range."""
     if rate_limit is not None and not rate_limit > 0.0:
         raise ValueError(f"rate_limit must be positive, not {rate_limit}")
     max_step = math.inf if rate_limit is None else float(rate_limit) * s.sample_time / s.x_scale
@@ -66,8 +64,7 @@ def drive_settings(s: ModelStructure, rate_limit: float | None, decay: float, in
 
 
 def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:
-    """The core's ``DriveMemory`` of a drive that begins, inside these limits: (10,), or (10, count) where these are
-    arrays (count,)."""
+    """The core's initial ``DriveMemory`` for these limits: (10,), or (10, count) for limits (count,)."""
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     memory = np.zeros((10, *low.shape))
     memory[LIMITS] = low, high, s.unit_input(low), s.unit_input(high)
@@ -136,7 +133,7 @@ class Compensator:
 
     @property
     def state(self) -> OperatorState:
-        """The operators' states before the coming sample; what is written to its arrays is taken."""
+        """States of the operators before the next sample, as writable views."""
         return OperatorState(self._core["play"], self._core["creep"])
 
     @state.setter
@@ -146,16 +143,16 @@ class Compensator:
 
     @property
     def drive(self) -> Vector:
-        """The drive's memory (10,); what is written to it is taken."""
+        """The core's ``DriveMemory`` (10,), a writable view."""
         return self._core["memory"]
 
     @property
     def block(self) -> NDArray[np.uint8]:
-        """The state of the core; another one after :meth:`change_model` and :meth:`restore`."""
+        """The state of the core; :meth:`change_model` and :meth:`restore` replace it."""
         return self._core.block
 
     def fade_over(self, fade_s: float) -> None:
-        """Let what a hand-over of weights adds to the drive decay with the time constant ``fade_s``."""
+        """Set the time constant with which the bump of a hand-over decays."""
         self._core["settings"][DECAY] = fade_factor(self._model.structure, fade_s)
 
     @property
@@ -170,26 +167,26 @@ class Compensator:
         return self._model
 
     def correct(self, y_measured: float) -> None:
-        """Take the output (output unit) that the last drive produced, for the integral action; NaN is left out."""
+        """Integral action on the output (output unit) that the last drive produced; NaN is ignored."""
         bindings.compensator_correct(self._core.block, y_measured)
 
     def step(self, y_ref: float) -> float:
-        """Drive sample (input unit) that brings the actuator to the reference sample (output unit)."""
+        """Drive sample (input unit) for a reference sample (output unit)."""
         return float(bindings.compensator_step(self._core.block, y_ref))
 
     def run(self, y_ref: ArrayLike) -> Vector:
-        """Drive samples (N,) for reference samples (N,); the same, to the last bit, as ``step`` one by one."""
+        """Drive samples (N,) for reference samples (N,), to the last bit those of ``step``."""
         y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
         x = np.empty_like(y_ref)
         bindings.compensator_run(self._core.block, y_ref, x)
         return x
 
     def change_model(self, model: HysteresisCreepModel, fade_s: float = 0.0) -> None:
-        """Go on with another model of the same operators, without a bump.
+        """Change to another model of the same operators without a bump.
 
-        The states are those of the actuator and stay. What the new model would drive differently at this very moment is
-        added to its drive and decays with the time constant ``fade_s``; with 0 the drive jumps. The new structure may
-        have other ranges; the states are carried over to other thresholds of the drive as of ``OperatorState.on``.
+        The states are kept. The change of the drive at this moment is subtracted from it and decays with the time
+        constant ``fade_s``; with 0 the drive jumps. The new structure may have other ranges; the states are then
+        converted by ``OperatorState.on``.
         """
         old, new = self._model.structure, model.structure
         for name in ("play_thresholds", "creep_rates", "sample_time"):
@@ -205,7 +202,7 @@ class Compensator:
         self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if fade_s > 0.0 else 0.0
 
     def memory(self) -> dict[str, Any]:
-        """Everything that changes while it runs: the model, and copies of the arrays."""
+        """A copy of the whole state, including the model."""
         return {
             "model": self.model.to_dict(),
             "play": self.state.play.copy(),
@@ -215,7 +212,7 @@ class Compensator:
         }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on, to the last bit, from what :meth:`memory` gave; ValueError says why not."""
+        """Continue, to the last bit, from :meth:`memory`; ValueError names what is wrong."""
         found = json_file.convert(memory, CompensatorMemory)
         model, state, drive = (
             HysteresisCreepModel.from_file(found["model"]),
@@ -223,7 +220,7 @@ class Compensator:
             found["drive"],
         )
         state.require(model.structure)
-        # the last reference may have been none
+        # the last reference is NaN before the first one
         if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
             raise ValueError("the memory of the drive must be six finite numbers, but for the last reference")
         if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= found["decay"] < 1.0):

@@ -1,11 +1,11 @@
-"""The file of a self-learning compensator in operation: JSON that is there whole or not at all, arrays bit for bit.
+"""The file of a self-learning compensator in operation: JSON, replaced as a whole, with arrays to the bit.
 
-    {"format": "piezobench-learner", "version": 4,
-     "settings": {…},     fields of `learning_settings.LearningSettings`
-     "memory": {…},       everything that changes while it runs, the model and its structure included
+    {"format": "piezobench-learner", "version": 5,
+     "settings": {…},     fields of `learning.settings.LearningSettings`
+     "memory": {…},       the state, including the model and its structure
      "checksum": "…"}     SHA-256 of the rest
 
-Arrays are packed as `json_file` says. The file that a compensator starts from afresh is another one, `deployment`.
+Arrays are packed as in `json_file`. A new compensator starts from another kind of file, `deployment`.
 """
 
 import hashlib
@@ -21,10 +21,10 @@ from piezo_model.model import ModelError
 
 
 class LearnerFile(json_file.Versioned):
-    """What :func:`write` writes."""
+    """The content of the file."""
 
     FORMAT = "piezobench-learner"
-    VERSION = 4
+    VERSION = 5
     AGAIN = "save its model, the field memory.compensator.model, as a file of its own, and start from that"
     settings: dict[str, Any]
     memory: dict[str, Any]
@@ -47,7 +47,7 @@ def write(path: str | Path, settings: Mapping[str, Any], memory: Mapping[str, An
 
 
 def read(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Settings and memory, arrays as arrays; ModelError says what is wrong with the file."""
+    """Settings and memory; ModelError names what is wrong with the file."""
     file = json_file.read(path, LearnerFile, ModelError)
     content = {"format": file.format, "version": file.version, "settings": file.settings, "memory": file.memory}
     if file.checksum != _checksum(content):

@@ -5,11 +5,13 @@ V(w) = ½ wᵀP w + qᵀw + c with
 
     P = Σ λ^(N−k) Ξ Ξᵀ / W,   q = Σ λ^(N−k) Ξ x / W,   c = ½ Σ λ^(N−k) x² / W,   W = Σ λ^(N−k)
 
-where λ ≤ 1 forgets (λ = 1: W = N, plain means). Memory does not grow with the recording. Rows are gathered in blocks
-of fixed size, so that the same samples give the same bits in whatever chunks they come.
+where λ ≤ 1 forgets (λ = 1: W = N, plain means). Memory does not grow with the recording. Rows are added in blocks of a
+fixed size, so that the result does not depend on how the samples are cut into chunks.
 
 Source: the paper's equations (3) to (6); K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 """
+
+import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,13 +20,9 @@ from piezo_model import checks
 from piezo_model.core import bindings
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
-from piezo_model.regressors import new_basis, row_stride
+from piezo_model.regressors import full_gram, new_basis
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector
-from solvers.core import padded
-
-BLOCK = 64
-"""BASIS_BLOCK of ``core/data_basis.h``."""
 
 
 class DataBasis:
@@ -34,8 +32,8 @@ class DataBasis:
     ----------
     structure : ModelStructure
     state : OperatorState, optional
-        States of the operators before the first sample, at rest at the centre of the range by default. The basis
-        works on a copy of its own, ``basis.state``.
+        States of the operators before the first sample, at rest at the centre of the range by default; copied to
+        ``basis.state``.
     forgetting : float
         λ in (0, 1] per sample; 1 forgets nothing.
 
@@ -60,15 +58,17 @@ class DataBasis:
         state = OperatorState.at_rest(structure) if state is None else state
         state.require(structure)
         self.state.play[:], self.state.creep[:] = state.play, state.creep
+        self._start = state
+        self._span = np.array([np.inf, -np.inf, np.inf, -np.inf])
 
     @property
     def state(self) -> OperatorState:
-        """The operators' states before the coming sample; what is written to its arrays is taken."""
+        """States of the operators before the next sample, as writable views."""
         return OperatorState(self._core["play"], self._core["creep"])
 
     @property
     def samples(self) -> int:
-        """Samples counted so far."""
+        """Number of samples counted."""
         return int(self._core.whole("counts")[1])
 
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
@@ -79,36 +79,42 @@ class DataBasis:
         x, y : array (N,)
             Input and measured output in the structure's units; any N.
         count : bool
-            False moves the operator states on and leaves P, q and c alone, for samples that cannot be trusted.
+            False advances the operator states and leaves P, q and c unchanged, for samples that cannot be trusted.
 
         Raises
         ------
         ValueError
-            For arrays of different length and for values that are not finite; nothing is taken then.
+            For arrays of different length and for values that are not finite; the basis is unchanged.
         """
         s = self.structure
         x, y = checks.vectors(x=np.atleast_1d(x), y=np.atleast_1d(y))
         checks.finite_arrays(x=x, y=y)
         if x.size == 0:
             return
+        x, y = s.unit_input(x), s.unit_output(y)
         with self._core.alone():
-            if count:
-                bindings.basis_update(self._core.block, s.unit_input(x), s.unit_output(y))
-            else:
-                bindings.basis_advance(self._core.block, s.unit_input(x))
+            if not count:
+                bindings.basis_advance(self._core.block, x)
+                return
+            if self.samples == 0:
+                r, state = self._core["r"], self.state
+                first_play = np.maximum(x[0] - r, np.minimum(x[0] + r, state.play))
+                self._start = OperatorState(first_play, state.creep.copy())
+            low, high = self._span[::2], self._span[1::2]
+            self._span[::2] = np.minimum(low, (x.min(), y.min()))
+            self._span[1::2] = np.maximum(high, (x.max(), y.max()))
+            bindings.basis_update(self._core.block, x, y)
 
     def _mean_gram(self) -> Matrix:
         if self.samples == 0:
             raise ValueError("the data basis is empty: no sample was counted")
-        width, total_weight = self.structure.d + 1, float(self.samples)
-        gram = np.empty((width, padded(width)))
-        with self._core.alone():
-            bindings.basis_gram(self._core.block, np.empty((BLOCK, row_stride(self.structure))), gram)
+        total_weight = float(self.samples)
         if self.forgetting < 1.0:
             total_weight = float(-np.expm1(self.samples * np.log(self.forgetting)) / (1.0 - self.forgetting))
-        upper = np.triu(gram[:width, :width])
-        full: Matrix = (upper + np.triu(upper, 1).T) / total_weight
-        return full
+        with self._core.alone():
+            finished = copy.deepcopy(self._core)
+        bindings.basis_finish(finished.block)
+        return full_gram(finished["gram"], self.structure) / total_weight
 
     @property
     def P(self) -> Matrix:
@@ -127,12 +133,12 @@ class DataBasis:
 
     @property
     def excitation(self) -> Excitation:
-        """Range of input and output over the counted samples, and which operators moved in it."""
-        core = self._core
-        return Excitation.of(self.structure, core["span"], core["r"], core["start_play"], core["start_creep"])
+        """Range of input and output over the counted samples, and the operators that moved in it."""
+        start = self._start
+        return Excitation.of(self.structure, self._span, self._core["r"], start.play, start.creep)
 
     def problem(self, reference: ArrayLike | None = None, **options: float) -> IdentificationProblem:
-        """Return the quadratic program (6) of the samples so far; options as of ``IdentificationProblem``."""
+        """Quadratic program (6) of the samples counted; options as of ``IdentificationProblem``."""
         gram = self._mean_gram()
         return IdentificationProblem(
             self.structure,

@@ -1,4 +1,4 @@
-"""A decision that can be carried to a controller: model, solver and settings in one file, with the evidence for them.
+"""A deployment for a controller: model, solver and settings in one file, with the evidence for the choice.
 
 ``piezobench deploy`` writes it and ``SelfLearningCompensator.load`` starts from it.
 """
@@ -23,7 +23,7 @@ Model = TypeVar("Model", HysteresisCreepModel, ModelFile)
 
 
 class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
-    """What a self-learning compensator starts from; in a file the model is a :class:`ModelFile`."""
+    """Start of a self-learning compensator; in a file the model is a :class:`ModelFile`."""
 
     FORMAT = "piezobench-compensator"
     VERSION = 3
@@ -35,15 +35,14 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     lane: Lane
     """As of ``solvers.get``."""
     tier: Tier
-    """What its answers reached."""
+    """Accuracy that its answers reached."""
     settings: dict[str, Any]
-    """What the solver's ladder has for a problem whose constant is 1; the values of a problem follow from its own
-    constant."""
+    """A rung of the solver's ladder for a problem with the constant c = 1; other problems scale it by their own c."""
     mode: Mode
     x_limits: tuple[Number, Number]
     """Limits of the drive in the input unit."""
     evidence: dict[str, Any] = msgspec.field(default_factory=dict)
-    """Run, machine, rule, figures and certificate; kept for people, not acted on."""
+    """Run, machine, rule, figures and certificate, for people to read."""
 
     @property
     def options(self) -> dict[str, Any]:
@@ -51,13 +50,13 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
         return {"lane": self.lane, "setting": setting_text(self.settings)}
 
     def save(self: Deployment[HysteresisCreepModel], path: str | Path) -> None:
-        """Write it as JSON, whole or not at all."""
+        """Write JSON; the file is replaced as a whole."""
         data = {**msgspec.structs.asdict(self), "model": self.model.to_dict()}
         write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: str | Path) -> Deployment[HysteresisCreepModel]:
-        """Read what :meth:`save` wrote; ModelError names the file and what is wrong with it."""
+        """Read a file of :meth:`save`; ModelError names the file and what is wrong with it."""
         file = json_file.read(path, Deployment[ModelFile], ModelError)
         try:
             model = HysteresisCreepModel.from_file(file.model)

@@ -1,18 +1,18 @@
 """The quadratic program (6): minimise ½ wᵀP w + qᵀw + c over the admissible weights.
 
-Admissible are w_H ≥ 0, w_K ≥ 0 and slopes of S⁻¹ of at least ``min_slope``. The slopes are the partial sums of w'_S
-outwards from zero, so in slope coordinates v = T⁻¹ w the set is a box and in weight coordinates a polyhedral cone.
-The minimiser is the same in both; the path of a gradient method is not.
+Weights are admissible if w_H ≥ 0, w_K ≥ 0 and the slopes of S⁻¹ are at least ``min_slope``. The slopes are the partial
+sums of w'_S outwards from zero, so the set is a box in slope coordinates v = T⁻¹ w, and a polyhedral cone in weight
+coordinates. The minimiser is the same in both; the path of a gradient method is not.
 
-What the drive did not excite must stay where it was. The problem is therefore made strictly convex by a proximal term
-towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and unit amplitudes, with ρ = ``proximal`` times the
-mean diagonal element of P. That alone is not enough for an operator that stood still: its column is a constant, which
-an offset or another such column could take over. So the data act on its weight no more, v_i = v_ref,i in their cost,
-and the proximal term keeps it there. Both are part of the problem in every form.
+Weights that the drive does not excite must keep their values. The problem is therefore made strictly convex by a
+proximal term towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and unit amplitudes, with ρ = ``proximal``
+times the mean diagonal element of P. That is not enough for an operator that stood still: its column is constant, and
+an offset or another such column could replace it. So its weight is fixed in the cost of the data, v_i = v_ref,i, and
+the proximal term keeps it there. Both are part of the problem in every form.
 
 Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` starts from unit amplitudes
 and scales the variables so that P has a unit diagonal, which keeps a box a box. With ‖x̃‖ ≤ 1 the cost is then of
-order one and needs no further factor for a solver's tolerances to mean something.
+order one, so that a solver's tolerances are meaningful without another factor.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ Coordinates = Literal["slope", "weight"]
 Scaling = Literal["scaled", "raw"]
 
 UNDETERMINED = 1e-11
-"""Share of the largest eigenvalue of the unit-diagonal P below which rounding decides and not the data."""
+"""Largest eigenvalue of the unit-diagonal P, as a share of the largest of all, that may be a rounding error."""
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """Range of input and output over the counted samples, in unit amplitudes, and which operators moved in it."""
+    """Ranges of input and output over the counted samples, in unit amplitudes, and the operators that moved."""
 
     x_min: float
     x_max: float
@@ -52,8 +52,8 @@ class Excitation:
 
     @classmethod
     def of(cls, s: ModelStructure, span: Vector, r: Vector, play: Vector, creep: Vector) -> Excitation:
-        """From lowest and highest x and y, the thresholds, and the states at the first counted sample: from there an
-        operator moves when the input leaves z − r … z + r."""
+        """The excitation by the lowest and highest x and y, the thresholds, and the states at the first counted sample:
+        an operator moves when the input leaves z − r … z + r."""
         x_min, x_max, y_min, y_max = span.tolist()
         play_moved = (x_max - r > play) | (x_min + r < play)
         creep = creep.reshape(-1, s.lanes)
@@ -70,15 +70,15 @@ class Excitation:
 
 @dataclass(frozen=True)
 class ExcitationReport:
-    """What the data say about the weights."""
+    """How well the data determine the weights."""
 
     unreached: tuple[str, ...]
     """Weights whose threshold the drive never reached."""
     undetermined: tuple[str, ...]
-    """Combinations of the other weights that the data leave open, strongest members first."""
+    """Combinations of the other weights that the data do not determine, largest members first."""
     condition: float
     """Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of the
-    machine, which is as far as rounding lets it be seen."""
+    machine, the limit of rounding."""
 
 
 @dataclass(frozen=True)
@@ -90,11 +90,11 @@ class Form:
     to_weights: Matrix
 
     def weights(self, z: Vector) -> Vector:
-        """Weights w (d,) in unit amplitudes of an answer z (d,)."""
+        """Weights w (d,) in unit amplitudes of a solution z (d,)."""
         return self.to_weights @ z
 
     def variables(self, w: Vector) -> Vector:
-        """The z (d,) of weights w (d,), for a warm start."""
+        """Variables z (d,) of weights w (d,), for a warm start."""
         return np.asarray(np.linalg.solve(self.to_weights, w), dtype=np.float64)
 
 
@@ -155,7 +155,7 @@ class IdentificationProblem:
 
     @cached_property
     def reached(self) -> NDArray[np.bool_]:
-        """Whether the data reached the threshold of each unknown, shape (d,); the others stay at their reference."""
+        """Whether the data reached the threshold of each weight, shape (d,); the others stay at their reference."""
         s, e = self.structure, self.excitation
         r_S = np.array(s.dead_zone_thresholds)
         entered = np.where(r_S > 0.0, e.y_max > r_S, (r_S == 0.0) | (e.y_min < r_S))
@@ -166,7 +166,7 @@ class IdentificationProblem:
 
     @cached_property
     def _in_slopes(self) -> tuple[Matrix, Vector, float]:
-        """P, q and c with the proximal term and the unreached weights held."""
+        """P, q and c with the proximal term and the unreached weights fixed."""
         s = self.structure
         P, q = self._data_in_slopes
         reference = s.straight_line if self.reference is None else np.asarray(self.reference, dtype=np.float64)
@@ -207,20 +207,20 @@ class IdentificationProblem:
         else:
             diagonal = np.diag(P if like is None else like._in_slopes[0])
             unit, cost = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0
-        D = 1.0 / unit  # the variable handed to the solver is z = unit · v, so v = D z
-        P, q, c, lb = cost * P * np.outer(D, D), cost * D * q, cost * c, lb * unit  # P stays symmetric to the last bit
+        D = 1.0 / unit  # the solver's variable is z = unit · v, so v = D z
+        P, q, c, lb = cost * P * np.outer(D, D), cost * D * q, cost * c, lb * unit  # P stays exactly symmetric
         if scaling == "scaled" and like is None:
             np.fill_diagonal(P, np.where(np.diag(P) > 0.0, 1.0, 0.0))
         upper = np.full(s.d, np.inf)
         if coordinates == "slope":
             return Form(Problem(P, q, lb=lb, ub=upper), c, s.slope_map * D)
-        row_unit = 1.0 / np.max(np.abs(rows * D), axis=1)  # rows of largest element one
+        row_unit = 1.0 / np.max(np.abs(rows * D), axis=1)  # the largest element of every row is 1
         G, h = -rows * D * row_unit[:, None], np.full(s.dead_zones, -self.min_slope) * row_unit
         return Form(Problem(P, q, G=G, h=h, lb=lb, ub=upper), c, np.diag(D))
 
     @property
     def qp(self) -> Problem:
-        """The box in slope coordinates, scaled: what is solved unless something else is asked for."""
+        """The default form: the box in slope coordinates, scaled."""
         return self.form().qp
 
     def cost(self, w: ArrayLike) -> float:
@@ -229,20 +229,20 @@ class IdentificationProblem:
         return float(0.5 * w @ self.P @ w + self.q @ w + self.c)
 
     def excitation_report(self) -> ExcitationReport:
-        """Say which thresholds the drive never reached and which directions the data do not determine."""
+        """Report unreached thresholds and undetermined directions."""
         P, reached = self._data_in_slopes[0], self.reached
         names = np.array(self.structure.weight_names)
         if not reached.any():
             return ExcitationReport(tuple(names.tolist()), (), 1.0)
         D = 1.0 / np.sqrt(np.diag(P)[reached])
         values, vectors = np.linalg.eigh(P[np.ix_(reached, reached)] * np.outer(D, D))
-        open_directions = []
+        undetermined = []
         for vector in vectors.T[values <= UNDETERMINED * values[-1]]:
             order = np.argsort(-np.abs(vector))
-            strong = order[np.abs(vector[order]) > 0.3 * np.abs(vector[order[0]])]
-            open_directions.append(", ".join(names[reached][strong]))
+            large = order[np.abs(vector[order]) > 0.3 * np.abs(vector[order[0]])]
+            undetermined.append(", ".join(names[reached][large]))
         return ExcitationReport(
             tuple(names[~reached].tolist()),
-            tuple(open_directions),
+            tuple(undetermined),
             float(values[-1] / max(values[0], np.finfo(float).eps * values[-1])),
         )

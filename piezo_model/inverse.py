@@ -2,11 +2,10 @@
 
 With the partial sums W_i = Σ_{j≤i} w_j of the weights over ascending thresholds 0 = r_0 < … < r_n:
 
-    w'_0 = 1/w_0,   w'_i = −w_i / (W_i W_{i−1}),   r'_i = Σ_{j≤i} w_j (r_i − r_j),   z'_i = W_i z_i + Σ_{j>i} w_j z_j
+    w'_0 = 1/w_0,   w'_i = −w_i / (W_i W_{i−1}),   r'_i = Σ_{j≤i} w_j (r_i − r_j)
 
-for the hysteresis operator H, where z' are the states of the inverse that belong to the states z of the operator, so
-that compensation can start at any time without a bump. The superposition operator S is inverted by the same two
-formulas for each side of zero alone; it has no states. Inverting twice gives the original back.
+for the hysteresis operator H, and for the superposition operator S on each side of zero alone. Inverting twice gives
+the original back. The states of H⁻¹ follow from those of H (``core/compensator.c``).
 
 Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 """
@@ -41,13 +40,6 @@ def invert_play(weights: Vector, thresholds: Vector) -> tuple[Vector, Vector]:
     inverse_thresholds = np.zeros_like(thresholds)
     np.cumsum(W[:-1] * np.diff(thresholds), out=inverse_thresholds[1:])  # Σ_{j≤i} w_j (r_i − r_j), summed by parts
     return inverse, inverse_thresholds
-
-
-def inverse_play_states(weights: Vector, states: Vector) -> Vector:
-    """States z' of H⁻¹ that belong to the states z of H; both have shape (n + 1,), z_0 being the input itself."""
-    outside = np.cumsum((weights * states)[::-1])[::-1] - weights * states
-    result: Vector = np.cumsum(weights) * states + outside
-    return result
 
 
 def invert_superposition(weights: Vector, thresholds: Vector) -> tuple[Vector, Vector]:

@@ -1,10 +1,9 @@
-"""JSON files: what each holds is a type, and what does not fit it is one sentence with the file and the field.
+"""JSON files with schemas; any violation is one sentence that names the file and the field.
 
-A schema is a dataclass, a ``TypedDict`` or a ``msgspec.Struct`` whose annotations may carry ranges. Numbers beyond
-those of doubles, fields that a schema does not have, bytes that are no UTF-8 and nesting without end are refused like
-wrong types. A file that has to say what it is begins with two more fields, ``{"format": …, "version": …}``. Where a
-file holds arrays, each of them is ``{"dtype": …, "shape": […], "base64": …}``, and numbers that JSON lacks are
-``{"float": "nan"}`` and the like.
+A schema is a dataclass, a ``TypedDict`` or a ``msgspec.Struct`` whose annotations may have ranges. Numbers beyond
+doubles, unknown fields, invalid UTF-8 and endless nesting are refused like wrong types. A versioned file begins with
+two more fields, ``{"format": …, "version": …}``. An array is ``{"dtype": …, "shape": […], "base64": …}``, and numbers
+that JSON lacks are ``{"float": "nan"}`` and the like.
 """
 
 import base64
@@ -21,25 +20,25 @@ import numpy as np
 T = TypeVar("T")
 
 LARGEST = 1e100
-"""Of any number of a model: far above all quantities, and far enough below the largest double for sums of squares."""
+"""Largest number of a model: far above all quantities, and small enough for sums of squares in doubles."""
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 FileName = Annotated[str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\x00-\x1f]+$")]
 
 
 class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """A file that says what it is."""
+    """A file with a format and a version."""
 
     FORMAT: ClassVar[str]
     VERSION: ClassVar[int]
     AGAIN: ClassVar[str] = ""
-    """What to do about a file of another version."""
+    """Advice for a file of another version."""
     format: str
     version: int
 
 
 def read(path: str | Path, schema: type[T], refused: type[ValueError] = ValueError) -> T:
-    """What a file holds; the error names it, and says in one sentence why it cannot be read or what in it does not
-    fit."""
+    """The content of a file; the error is one sentence that names the file, and why it cannot be read or which field is
+    wrong."""
     try:
         return decoded(Path(path).read_bytes(), schema)
     except FileNotFoundError:
@@ -51,27 +50,27 @@ def read(path: str | Path, schema: type[T], refused: type[ValueError] = ValueErr
 
 
 def brief(error: Exception) -> str:
-    """What an error says, without all that a hostile file may have put into it."""
+    """An error's message, shortened: it may quote a hostile file."""
     return textwrap.shorten(str(error), 500, placeholder=" …") if len(str(error)) > 500 else str(error)
 
 
 def decoded(text: str | bytes, schema: type[T]) -> T:
-    """What a JSON text holds; ValueError says what does not fit."""
+    """The content of a JSON text; ValueError names a wrong field."""
     try:
         try:
-            found = msgspec.json.decode(text)
+            data = msgspec.json.decode(text)
         except msgspec.ValidationError:
-            msgspec.json.decode(text, type=schema)  # which says what field it is in
+            msgspec.json.decode(text, type=schema)  # whose error names the field
             raise
     except msgspec.ValidationError as error:
         raise ValueError(_sentence(error)) from None
     except (ValueError, RecursionError) as error:
         raise ValueError(f"is not a whole JSON file ({error})") from None
-    return convert(found, schema)
+    return convert(data, schema)
 
 
 def convert(data: Any, schema: type[T]) -> T:
-    """What decoded JSON holds; ValueError says what does not fit.
+    """The content of decoded JSON; ValueError names a wrong field.
 
     Examples
     --------
@@ -85,15 +84,15 @@ def convert(data: Any, schema: type[T]) -> T:
     if isinstance(kind, type) and issubclass(kind, Versioned):
         _check_version(data, kind)
     try:
-        found = msgspec.convert(data, schema)
-        unknown = _unknown(data, msgspec.to_builtins(found, enc_hook=lambda _: None))
+        result = msgspec.convert(data, schema)
+        unknown = _unknown(data, msgspec.to_builtins(result, enc_hook=lambda _: None))
     except msgspec.ValidationError as error:
         raise ValueError(_sentence(error)) from None
     except RecursionError:
         raise ValueError("is nested too deeply") from None
     if unknown:
         raise ValueError(f"there is no field {unknown!r}")
-    return found
+    return result
 
 
 class PackedArray(msgspec.Struct):
@@ -105,7 +104,7 @@ class PackedArray(msgspec.Struct):
 
 
 def packed(value: Any) -> Any:
-    """Return a value as JSON can hold it.
+    """Return a value that JSON can store.
 
     Examples
     --------
@@ -129,7 +128,7 @@ def packed(value: Any) -> Any:
 
 
 def unpacked(value: Any) -> Any:
-    """Undo :func:`packed`, and lists stay lists; ValueError for what is not an array."""
+    """The inverse of :func:`packed`, except that tuples become lists; ValueError for an invalid array."""
     if isinstance(value, list):
         return [unpacked(item) for item in value]
     if not isinstance(value, dict):
@@ -144,12 +143,11 @@ def unpacked(value: Any) -> Any:
 
 
 def format_of(path: str | Path) -> str:
-    """The format that a file says it has, or nothing; whoever reads the whole of it says what is wrong with it."""
+    """The format that a file states, or "" for any other file."""
     try:
-        found: Any = read(path, dict[str, Any]).get("format")
+        return str(read(path, dict[str, Any]).get("format", ""))
     except ValueError:
         return ""
-    return found if isinstance(found, str) else ""
 
 
 def _check_version(data: Any, schema: type[Versioned]) -> None:
@@ -164,7 +162,7 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
 
 
 def _unknown(data: Any, known: Any) -> str:
-    """Path of the first field that is in the data and not in what was made of them."""
+    """Path of the first field of the data that the schema does not have."""
     if isinstance(data, dict) and isinstance(known, dict):
         for name, value in data.items():
             if name not in known:
@@ -175,13 +173,13 @@ def _unknown(data: Any, known: Any) -> str:
 
 
 def _sentence(error: msgspec.ValidationError) -> str:
-    """The words of msgspec, "Expected `float`, got `str` - at `$.x[1]`", as one sentence with the field."""
-    what, _, where = str(error).partition(" - at `$")
-    where = where.rstrip("`").lstrip(".")
-    if named := re.fullmatch("Object missing required field `(.*)`", what):
-        return f"the field {'.'.join(filter(None, (where, named[1])))!r} is missing"
-    if named := re.fullmatch("Object contains unknown field `(.*)`", what):
-        return f"there is no field {'.'.join(filter(None, (where, named[1])))!r}"
-    if isinstance(error.__cause__, ValueError):  # a sentence of our own
-        return f"{where}: {what}" if where else what
-    return f"the field {where!r} is wrong: {what[0].lower()}{what[1:]}" if where else what[0].lower() + what[1:]
+    """A sentence with the field from msgspec's message "Expected `float`, got `str` - at `$.x[1]`"."""
+    message, _, field = str(error).partition(" - at `$")
+    field = field.rstrip("`").lstrip(".")
+    if match := re.fullmatch("Object (missing required|contains unknown) field `(.*)`", message):
+        name = f"{field}.{match[2]}".lstrip(".")
+        return f"the field {name!r} is missing" if "missing" in match[1] else f"there is no field {name!r}"
+    if isinstance(error.__cause__, ValueError):  # a schema's own sentence
+        return f"{field}: {message}" if field else message
+    message = message[0].lower() + message[1:]
+    return f"the field {field!r} is wrong: {message}" if field else message

@@ -40,11 +40,11 @@ StartChoice = Literal["identified", "rest"]
 
 
 class ModelError(ValueError):
-    """A model that is not valid, or a file that is not a model; the message is one sentence that says why."""
+    """An invalid model, or a file that is not a model; the message is one sentence with the reason."""
 
 
 class ModelFile(json_file.Versioned):
-    """What :meth:`HysteresisCreepModel.to_dict` gives."""
+    """The content of :meth:`HysteresisCreepModel.to_dict`."""
 
     FORMAT = "piezobench-model"
     VERSION = 1
@@ -73,9 +73,9 @@ class HysteresisCreepModel:
     offset : float
         Constant inside S, in unit amplitudes.
     report : mapping
-        What the identification found out; stored with the model.
+        Results of the identification; stored with the model.
     start : OperatorState, optional
-        States before the first sample of the recording that it was identified from, as the identification found them.
+        Identified states before the first sample of the recording that the model was identified from.
 
     Raises
     ------
@@ -125,14 +125,7 @@ class HysteresisCreepModel:
         w = np.asarray(w, dtype=np.float64)
         if w.shape != (structure.d,):
             raise ModelError(f"w must have {structure.d} values for this structure, not shape {w.shape}")
-        H, S, K = structure.slices
-        return cls(
-            structure,
-            np.concatenate([[1.0], w[H]]),
-            w[S],
-            w[K],
-            float(w[-1]) if structure.offset else 0.0,
-        )
+        return cls.from_all_weights(structure, np.concatenate([[1.0], w, [0.0] * (not structure.offset)]))
 
     @classmethod
     def from_all_weights(cls, structure: ModelStructure, weights: Vector) -> HysteresisCreepModel:
@@ -144,14 +137,13 @@ class HysteresisCreepModel:
 
     @property
     def all_weights(self) -> Vector:
-        """The weights in one vector, as the core's compensator keeps them: w_H0 … w_Hn, w'_S, w_K, offset."""
+        """All weights in the order of the core's compensator: w_H0 … w_Hn, w'_S, w_K, offset."""
         return np.concatenate([self.w_H, self.w_S_inverse, self.w_K, [self.offset]])
 
     @property
     def weights(self) -> Vector:
         """The unknowns w of the identification, scaled so that w_H0 = 1; shape (d,)."""
-        w = np.concatenate([self.w_H[1:], self.w_S_inverse, self.w_K, [self.offset] * self.structure.offset])
-        return w / self.w_H[0]
+        return self.all_weights[1 : self.structure.d + 1] / self.w_H[0]
 
     @cached_property
     def slopes(self) -> Vector:
@@ -163,7 +155,7 @@ class HysteresisCreepModel:
 
     @cached_property
     def _arrays(self) -> tuple[Vector | float, ...]:
-        """What the core's ``model_simulate`` takes before states and samples."""
+        """The first arguments of the core's ``model_simulate``."""
         s = self.structure
         w_S, r_S = invert_superposition(self.w_S_inverse, np.array(s.dead_zone_thresholds))
         w_K = np.tile(pad(self.w_K, s.lanes), len(s.creep_rates))  # for every state, rate by rate
@@ -178,9 +170,9 @@ class HysteresisCreepModel:
         x : array (N,) or Recording
             Input in the structure's input unit.
         state : OperatorState, optional
-            States before the first sample, moved on to those after the last one, so that a signal can be simulated
-            chunk by chunk. By default those that explain a recording best, as in the identification, and for an array
-            at rest at the centre of the range.
+            States before the first sample; updated in place to those after the last one, so that a signal can be
+            simulated chunk by chunk. By default, for a recording the states that fit it best, as in the identification;
+            for an array, at rest at the centre of the range.
 
         Returns
         -------
@@ -209,16 +201,13 @@ class HysteresisCreepModel:
 
     @property
     def warning(self) -> str:
-        """What speaks against a model that was forced, in one sentence; "" for any other."""
+        """The reason against a forced model, in one sentence; "" for any other model."""
         refusal = self.report.get("refusal")
         return "" if refusal is None else " ".join(f"The model was forced although {refusal}.".split())
 
     def initial_state(self, start: StartChoice = "identified") -> OperatorState:
-        """States to begin a signal with: those before the recording of the identification, or at rest at the centre of
-        the range.
-
-        Where no identification left a start, the actuator is at rest in either case.
-        """
+        """States before a signal: those before the recording of the identification, if there was one, or at rest at the
+        centre of the range."""
         if start not in get_args(StartChoice):
             raise ValueError(f"start must be one of {', '.join(get_args(StartChoice))}, not {start!r}")
         return (
@@ -233,14 +222,14 @@ class HysteresisCreepModel:
         Raises
         ------
         IdentificationError
-            The recording does not go with the model.
+            The recording does not fit the model.
         """
         from piezo_model.identification.validation import validate  # which simulates with this class
 
         return validate(self, recording)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as JSON can hold it; floats survive bit for bit."""
+        """The model as JSON types; floats are kept to the bit."""
         return {
             "format": ModelFile.FORMAT,
             "version": ModelFile.VERSION,
@@ -255,7 +244,7 @@ class HysteresisCreepModel:
 
     @classmethod
     def from_file(cls, file: ModelFile) -> HysteresisCreepModel:
-        """Make the model of :meth:`to_dict`; ValueError says what does not go together."""
+        """Make the model of :meth:`to_dict`; ValueError names what is inconsistent."""
         start = None if file.start is None else OperatorState.of(**file.start, structure=file.structure)
         return cls(
             file.structure,
@@ -268,7 +257,7 @@ class HysteresisCreepModel:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the model as JSON; the file is there whole or not at all."""
+        """Write the model as JSON; the file is replaced as a whole."""
         try:
             write_text(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
         except OSError as error:
@@ -285,5 +274,5 @@ class HysteresisCreepModel:
 
 
 def _is_recording(x: object) -> TypeGuard[Recording]:
-    """Whether it is a recording, without its class, which brings the readers of every format with it."""
+    """Whether it is a recording; its class is not imported, since that would import the readers of all formats."""
     return hasattr(x, "sample_time")

@@ -22,7 +22,7 @@ from solvers.core import padded
 
 
 class States(TypedDict):
-    """States as JSON can hold them, without padding: play (n + 1), creep (rates, n + 1)."""
+    """States as JSON types, without padding: play (n + 1), creep (rates, n + 1)."""
 
     play: list[Number]
     creep: list[list[Number]]
@@ -30,14 +30,14 @@ class States(TypedDict):
 
 @dataclass
 class OperatorState:
-    """States of the play and creep operators, in unit amplitudes; they follow the actuator while it is powered.
+    """States of the play and creep operators, in unit amplitudes.
 
     Attributes
     ----------
     play : array (lanes,)
-        Output of each play at the last sample; the first, of threshold 0, is the last input. Padding follows the input.
+        Output of each play at the last sample; the first, of threshold 0, is the last input, and so is padding.
     creep : array (rates · lanes,)
-        Creep states at the coming sample, rate by rate.
+        Creep states at the next sample, rate by rate.
 
     Examples
     --------
@@ -55,16 +55,16 @@ class OperatorState:
 
     @classmethod
     def at_rest(cls, structure: ModelStructure, x: float = 0.0, branch: float = 0.0) -> OperatorState:
-        """Everything settled at the constant input x, in unit amplitudes.
+        """States settled at the constant input x, in unit amplitudes.
 
-        ``branch`` says how it came there: +1 down from far above, −1 up from far below, 0 without any hysteresis; play
-        and creep then rest at x + branch · r.
+        ``branch`` is the history: +1 from far above, −1 from far below, 0 without hysteresis; play and creep rest at
+        x + branch · r.
         """
         r = padded_thresholds(structure)
         return cls(x + branch * r, np.tile(x + branch * r, len(structure.creep_rates)))
 
     def require(self, structure: ModelStructure) -> None:
-        """Refuse (ValueError) to be the states of a structure of another size, which would be taken for its own."""
+        """Raise ValueError if the states do not have the size of a structure."""
         needed = structure.lanes, len(structure.creep_rates) * structure.lanes
         if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
             raise ValueError(
@@ -73,7 +73,7 @@ class OperatorState:
             )
 
     def to_dict(self, structure: ModelStructure) -> States:
-        """States as JSON can hold them."""
+        """The states as JSON types."""
         return {
             "play": self.play[: structure.n + 1].tolist(),
             "creep": self.creep.reshape(-1, structure.lanes)[:, : structure.n + 1].tolist(),
@@ -81,7 +81,7 @@ class OperatorState:
 
     @classmethod
     def of(cls, play: ArrayLike, creep: Sequence[ArrayLike], structure: ModelStructure) -> OperatorState:
-        """Make the states of :meth:`to_dict`; ValueError where they are not those of the structure."""
+        """Make the states of :meth:`to_dict`; ValueError if they do not have the size of the structure."""
         rates, size = len(structure.creep_rates), structure.n + 1
         if np.shape(play) != (size,) or len(creep) != rates or any(np.shape(z) != (size,) for z in creep):
             raise ValueError(f"the operator states are not {size} numbers of play and {rates} times {size} of creep")
@@ -92,11 +92,9 @@ class OperatorState:
         return state
 
     def on(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
-        """Return the same memory over the thresholds and the input range of another structure that has the same creep
-        rates.
+        """Convert the states to the thresholds and input range of another structure with the same creep rates.
 
-        Beyond the largest old threshold the last state is taken; an input that goes through the range wipes out what is
-        wrong with it.
+        Beyond the largest old threshold the last state is used; a drive through the range wipes out its error.
         """
         scale, shift = other.x_scale / structure.x_scale, (other.x_centre - structure.x_centre) / structure.x_scale
         r, wanted = structure.thresholds, scale * other.thresholds
@@ -112,8 +110,7 @@ class OperatorState:
 
 
 def operator_arrays(structure: ModelStructure, dead_zones: ArrayLike) -> dict[str, Vector]:
-    """Thresholds and gains of play and creep, and the limits of dead zones of these thresholds, by their names in
-    ``core/operators.h``."""
+    """Thresholds and gains of play and creep, and limits of dead zones, by their names in ``core/operators.h``."""
     low, high = dead_zone_limits(dead_zones)
     return {
         "r": padded_thresholds(structure),
@@ -135,5 +132,5 @@ def padded_thresholds(structure: ModelStructure) -> Vector:
 
 
 def pad(values: Vector, size: int, filling: float = 0.0) -> Vector:
-    """Return the values followed by as much filling as it takes to have ``size`` of them."""
+    """Append a filling value up to ``size`` values."""
     return np.concatenate([values, np.full(size - values.size, filling)])

@@ -42,7 +42,7 @@ def play(x: ArrayLike, thresholds: ArrayLike, state: ArrayLike) -> tuple[Matrix,
     -------
     outputs : array (N, n)
     state : array (n,)
-        To be handed to the call with the next chunk.
+        State for the next chunk.
 
     Examples
     --------
@@ -115,11 +115,9 @@ def dead_zone(u: ArrayLike, thresholds: ArrayLike) -> Matrix:
     >>> dead_zone([-2.0, 0.5, 2.0], [-1.0, 0.0, 1.0]).tolist()
     [[-1.0, -2.0, 0.0], [0.0, 0.5, 0.0], [0.0, 2.0, 1.0]]
     """
-    u = _as_vector(u)
+    u = _as_vector(u)[:, None]
     low, high = dead_zone_limits(thresholds)
-    out = np.empty((u.size, low.size))
-    bindings.dead_zone(u, low, high, out)
-    return out
+    return np.fmax(u - high, 0.0) + np.fmin(u - low, 0.0)  # NaN gives 0
 
 
 def dead_zone_limits(thresholds: ArrayLike) -> tuple[Vector, Vector]:

@@ -16,8 +16,8 @@ from solvers.core import padded
 
 
 def outer_limits(s: ModelStructure) -> tuple[Vector, Vector]:
-    """Limits (low, high) of the dead zones that are taken off in slope coordinates, those of the next threshold
-    outwards; for the piece around zero on both sides."""
+    """Limits (low, high) of the dead zones that are subtracted in slope coordinates: those of the next threshold
+    outwards, and for the piece around zero those on both sides."""
     low, high = dead_zone_limits(s.dead_zone_thresholds)
     outer_low, outer_high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
     outer_low[1 : s.middle + 1] = low[: s.middle]
@@ -26,7 +26,7 @@ def outer_limits(s: ModelStructure) -> tuple[Vector, Vector]:
 
 
 def write_slope_regressors(core: State, s: ModelStructure) -> None:
-    """Write the parameters of the row in slope coordinates v = T⁻¹ w, Ξ_v = Tᵀ Ξ, to a state of the core."""
+    """Write the parameters of rows in slope coordinates v = T⁻¹ w, Ξ_v = Tᵀ Ξ, to a state of the core."""
     write_operators(core, s, s.dead_zone_thresholds)
     low, high = outer_limits(s)
     core["outer_low"][:] = pad(low, padded(low.size), -np.inf)
@@ -34,21 +34,24 @@ def write_slope_regressors(core: State, s: ModelStructure) -> None:
 
 
 def new_basis(s: ModelStructure, forgetting: float = 1.0) -> State:
-    """The data basis of ``core/data_basis.h``, whose rows are in weight coordinates."""
+    """A data basis of ``core/data_basis.h`` in weight coordinates."""
     core = State(bindings.basis_bytes(*s.shape), lambda block: bindings.basis_setup(block, *s.shape, forgetting))
     write_operators(core, s, s.dead_zone_thresholds)
     core["outer_low"][:], core["outer_high"][:] = -np.inf, np.inf
     return core
 
 
-def row_stride(s: ModelStructure) -> int:
-    """Length of a row in memory: blocks of eight are written and read beyond the last column."""
-    return padded(s.d + 2) + 8
+def full_gram(upper: Vector, s: ModelStructure) -> Matrix:
+    """Symmetric matrix (d + 1, d + 1) of the core's Gram matrix, which has the upper triangle only."""
+    gram = np.triu(upper.reshape(s.d + 1, padded(s.d + 1))[:, : s.d + 1])
+    full: Matrix = gram + np.triu(gram, 1).T
+    return full
 
 
 def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y: Vector) -> Matrix:
-    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes; the state moves on."""
-    core, rows = new_basis(structure), np.empty((x.size, row_stride(structure)))
+    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes; advances the state."""
+    stride = padded(structure.d + 2) + 8  # the core writes blocks of eight beyond the last column
+    core, rows = new_basis(structure), np.empty((x.size, stride))
     core["play"][:], core["creep"][:] = state.play, state.creep
     bindings.basis_rows(
         core.block, *(np.ascontiguousarray(v) for v in (structure.unit_input(x), structure.unit_output(y))), rows

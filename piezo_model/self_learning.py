@@ -2,10 +2,10 @@
 
     y_ref → compensator → x → actuator → y → data basis → solver → weights → inverse → compensator
 
-In cyclic operation a synchronous Moore machine builds the data basis, learns, and hands over; in
-continuous operation (the paper's outlook) the exact optimum of a forgetting data basis follows every interval. The two
-are settings of one learner (`learning.learner`). Both leave a compensator that works when the sensor does not: the
-drive is finite and inside its limits whatever comes in, learning pauses at a fault and goes on by itself.
+In cyclic operation a synchronous Moore machine builds the data basis, learns, and hands over; in continuous operation
+(the paper's outlook) it takes the exact optimum of a forgetting data basis at every interval. The two are settings of
+one learner (`learning.learner`). In both the drive is finite and inside its limits for any input, and learning pauses
+at a sensor fault and resumes by itself.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ from piezo_model.core import bindings
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import Number
 from piezo_model.learning.driven_range import DrivenRange, RangeMemory
-from piezo_model.learning.events import LEARN, PHASES, RESET, BlockEvent, Event, Phase, Verdict
+from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
 from piezo_model.learning.learner import Learner
-from piezo_model.learning.program import gathered
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
@@ -36,14 +35,14 @@ from solvers.arrays import Vector
 
 
 class LearnerMemory(TypedDict):
-    """What changes while the learner runs."""
+    """State of the learner."""
 
     core: np.ndarray
     driven: RangeMemory
 
 
 class Memory(TypedDict):
-    """What changes while a compensator runs."""
+    """State of a self-learning compensator."""
 
     compensator: CompensatorMemory
     learning: LearnerMemory
@@ -60,8 +59,8 @@ class SelfLearningCompensator(Learner):
     ----------
     structure : ModelStructure
     reset_s, build_s, learn_s : float
-        Lengths of the phases of cyclic operation in s; after a fault the sensor must be good for ``reset_s`` in both
-        modes.
+        Lengths of the phases of cyclic operation in s. In both modes the sensor must be good for ``reset_s`` after a
+        fault.
     solver : str
         Any registered solver. In cyclic operation the paper's ``projected_difference`` takes one step a sample; in
         continuous operation the default means the exact solver, at every interval.
@@ -77,36 +76,35 @@ class SelfLearningCompensator(Learner):
     rate_limit : float, optional
         Largest change of the drive per second.
     samples_to_solve : int
-        Of cyclic operation, the samples that a solver has which is not one of steps; 1 by default.
+        In cyclic operation, the samples after which the answer of any other solver is due; 1 by default.
     find_centre : bool, optional
-        Whether a structure without a constant term gets one, since no range given beforehand has the centre of the
-        actuator's loop in its middle. By default where the structure has none and no model is given.
+        Whether to add a constant term to a structure without one, since the centre of the actuator's loop is not known
+        beforehand. True by default if the structure has none and no model is given.
     follow_range : bool, optional
-        Whether the thresholds follow the range that is really driven (`driven_range`), which takes a structure with a
-        constant. By default where no model is given.
+        Whether the thresholds follow the range that is driven (`driven_range`), which needs a constant term. True by
+        default if no model is given.
     proximal : float
-        Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is of the order of
-        the variance of a sensor's noise: directions that are weaker than that in the data stay as they are.
+        Strength of the pull towards the weights in use, as of ``IdentificationProblem``. The default is about the
+        variance of a sensor's noise: directions that the data excite less than that stay unchanged.
     integral_gain : float
-        Of the integral action, in 1/s, as of ``Compensator``; samples that the guard of the sensor does not trust are
-        left out.
+        Gain of the integral action in 1/s, as of ``Compensator``; it ignores samples that the sensor guard rejects.
     solver_options : mapping, optional
-        Lane, setting and more settings of the solver as of :func:`piezo_model.learning.solving.solved`.
+        Lane and settings of the solver as of :func:`piezo_model.learning.solving.solved`.
     model : HysteresisCreepModel, optional
-        What it starts with; the straight line through the ranges by default.
+        Initial model; the straight line through the ranges by default.
     state : OperatorState, optional
-        What the actuator has seen before.
+        Initial states of the operators; at rest at the centre of the range by default.
 
     Attributes
     ----------
     compensator : Compensator
-        Whose weights it changes.
+        The compensator whose weights are learned.
     settings : LearningSettings
         The parameters above.
     log : deque of Event
-        What changes how learning goes on, the last thousand events.
+        The last thousand hand-overs, refusals, sensor faults and changes of ranges.
     problem : IdentificationProblem or None
-        What the last building phase has gathered, with what is recalled of the cycles before; None in continuous mode.
+        Program of the last building phase, with the share of the cycles before; None in continuous mode.
 
     Examples
     --------
@@ -169,7 +167,7 @@ class SelfLearningCompensator(Learner):
         elif model.structure != structure:
             raise ValueError("the model has another structure than the one given")
         if find_centre and not structure.offset:
-            model = replace(model, structure=replace(structure, offset=True))  # with a constant, which is zero so far
+            model = replace(model, structure=replace(structure, offset=True))
         super().__init__(
             Compensator(model, settings.x_limits, rate_limit, state, integral_gain=integral_gain), settings
         )
@@ -182,7 +180,7 @@ class SelfLearningCompensator(Learner):
 
     @property
     def learned_weights(self) -> Vector:
-        """The weights (d,) that were learned last; the drive takes them over a block later."""
+        """The weights (d,) of the last hand-over; the drive takes them over a block later."""
         return self.structure.slope_map @ self._core["in_use"]
 
     @property
@@ -197,8 +195,10 @@ class SelfLearningCompensator(Learner):
 
     @property
     def phase(self) -> Phase:
-        """The phase of the machine."""
-        return PHASES[self._clock("phase") if self._cyclic else RESET if self._count("left") > 0 else LEARN]
+        """The current phase."""
+        if self._cyclic:
+            return list(Phase)[self._clock["phase"]]
+        return Phase.RESET if self._memory["left"] > 0 else Phase.LEARN
 
     @property
     def samples(self) -> int:
@@ -207,32 +207,31 @@ class SelfLearningCompensator(Learner):
 
     @property
     def counts(self) -> dict[str, int]:
-        """How often what happened: verdicts on samples, hand-overs, refusals of new weights."""
+        """Numbers of verdicts on samples, of hand-overs, and of refusals of new weights."""
         verdicts = self._core["guard"][-len(Verdict) :]
         return {
             **{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, verdicts, strict=True)},
-            "hand_overs": self._count("hand_overs"),
-            "refusals": self._count("refusals"),
+            "hand_overs": int(self._memory["hand_overs"]),
+            "refusals": int(self._memory["refusals"]),
         }
 
     def samples_until_change(self) -> int:
-        """Samples for which neither the weights in use nor the ranges nor the integral action can change, so that their
-        drive can be computed in one go."""
+        """Number of samples whose drives can be computed at once, since nothing that they depend on can change."""
         if self.settings.integral_gain > 0.0:
             return 1
         weights = int(bindings.learner_quiet(self._core.block))
-        # Weights are taken over a block after the samples that they come from, and other ranges at once.
+        # New weights take effect a block after their last sample, new ranges at once.
         return weights - self._block if self.settings.follow_range and weights > self._block else weights
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
-        """One sample.
+        """Process one sample.
 
         Parameters
         ----------
         y_ref : float
             Reference in the output unit.
         y_measured_before : float
-            The output that the drive returned by the last call has produced; NaN where there is none.
+            Output that the drive of the last call produced; NaN if there is none.
 
         Returns
         -------
@@ -245,16 +244,16 @@ class SelfLearningCompensator(Learner):
                 self._core.block, self.compensator.block, float(y_ref), float(y_measured_before), observes
             )
             if events:
-                self._follow(BlockEvent(events))  # after which the compensator may have another state
+                self._follow(BlockEvent(events))  # may replace the compensator's state
                 x, _ = bindings.learner_step(self._core.block, self.compensator.block, float(y_ref), np.nan, False)
         self._last_x = float(x)
         return self._last_x
 
     def run(self, y_ref: ArrayLike, actuator: Callable[[Vector], Vector]) -> tuple[Vector, Vector]:
-        """Close the loop over an actuator, a function from drive samples to output samples that remembers its state.
+        """Close the loop over an actuator, a function from drive samples to output samples that keeps its state.
 
-        The same, to the last bit, as ``step`` sample by sample, in chunks that end where the weights may change. The
-        output of a ``step`` before it was never told, so that sample is taken for missing.
+        Returns the same bits as ``step`` sample by sample, in chunks that end where the weights may change. The output
+        of a preceding ``step`` counts as missing.
 
         Returns
         -------
@@ -274,8 +273,7 @@ class SelfLearningCompensator(Learner):
         return x, y
 
     def drive(self, y_ref: ArrayLike) -> Vector:
-        """Drives (N,) for references (N,), at most `samples_until_change` of them; their outputs are to be observed
-        next."""
+        """Drives (N,) for references (N,), at most `samples_until_change` of them; ``observe`` must follow."""
         y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
         x = np.empty_like(y_ref)
         with self._core.alone():
@@ -283,8 +281,7 @@ class SelfLearningCompensator(Learner):
         return x
 
     def observe(self, x: ArrayLike, y: ArrayLike) -> None:
-        """Learn from drive samples (N,) of the compensator and the outputs (N,) that they produced, NaN where
-        unknown."""
+        """Learn from drive samples (N,) of the compensator and their outputs (N,), NaN if unknown."""
         x, y = checks.vectors(x=x, y=y)
         checks.finite_arrays(x=x)
         self._until_done(
@@ -293,30 +290,18 @@ class SelfLearningCompensator(Learner):
         )
 
     def _observe_last(self, y: float) -> None:
-        """Observe the output that the drive of the last ``step`` has produced, if it is not known yet."""
+        """Observe the output of the last ``step``, unless that has been done."""
         if self._last_x is not None:
             self.observe([self._last_x], [y])
             self._last_x = None
 
     def replay(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
-        """Return what ``step`` returns for each pair of samples, to the last bit, in compiled code from end to end.
-
-        Parameters
-        ----------
-        y_ref, y_measured_before : array (N,)
-            As of :meth:`step`, one after the other.
-
-        Returns
-        -------
-        array (N,)
-            Drive.
-        """
+        """Return the drives (N,) of ``step`` for arrays (N,) of its arguments, to the last bit, in compiled code."""
         y_ref, y = checks.vectors(y_ref=y_ref, y_measured_before=y_measured_before)
         x = np.empty_like(y_ref)
         if x.size:
             self._observe_last(float(y[0]))
-            # The output of the last drive comes with the next call.
-            before, after, x_before = y_ref[:-1], y[1:], x[:-1]
+            before, after, x_before = y_ref[:-1], y[1:], x[:-1]  # each drive, then its output
             self._until_done(
                 x.size - 1,
                 lambda done, events: bindings.learner_replay(
@@ -327,7 +312,7 @@ class SelfLearningCompensator(Learner):
         return x
 
     def memory(self) -> dict[str, Any]:
-        """Everything that changes while it runs, copied; settings are not part of it."""
+        """A copy of the whole state, without the settings."""
         with self._core.alone():
             return {
                 "compensator": self.compensator.memory(),
@@ -337,36 +322,35 @@ class SelfLearningCompensator(Learner):
             }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
+        """Continue, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
         found = json_file.convert(memory, Memory)
         with self._core.alone():
             self.compensator.restore(found["compensator"])
             self._core.restore(found["learning"]["core"], bindings.learner_restore)
             self._driven = DrivenRange(self._driven.looks, **found["learning"]["driven"])
-            stepping = self._cyclic and self.phase is Phase.LEARN
-            self.problem = gathered(self._core, self.structure, self.settings.proximal) if stepping else None
+            self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
             self._last_x = found["last_x"]
             self.log.clear()
             self.log.extend(found["log"])
 
     def save(self, path: str | Path) -> None:
-        """Write everything as JSON, in the middle of a cycle too; the file is there whole or not at all."""
+        """Write settings and state as JSON, at any time; the file is replaced as a whole."""
         compensator_file.write(path, asdict(self.settings), self.memory())
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SelfLearningCompensator:
-        """Go on, to the last bit, from a file of :meth:`save`, or start from one of ``piezobench deploy``.
+        """Continue, to the last bit, from a file of :meth:`save`, or start from one of ``piezobench deploy``.
 
         Parameters
         ----------
         path : str or Path
         **options
-            Where it starts afresh: any other parameter of the class, or one that is to differ from the file.
+            Parameters of the class for a start, which override those of the file.
 
         Raises
         ------
         ModelError
-            The file is neither, or damaged; the message is one sentence that names it.
+            The file is neither of them, or damaged; the message names it.
         """
         if json_file.format_of(path) == LearnerFile.FORMAT:
             if options:
@@ -386,7 +370,7 @@ class SelfLearningCompensator(Learner):
         try:
             return cls(found.model.structure, **{**chosen, **options})
         except ValueError as error:
-            if options:  # which may be what is wrong
+            if options:  # the fault may be theirs
                 raise
             raise ModelError(f"{path}: {json_file.brief(error)}") from None
 

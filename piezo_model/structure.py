@@ -1,4 +1,4 @@
-"""What a model consists of before its weights are known: orders, thresholds, creep rates, ranges and units.
+"""The structure of a model, everything but its weights: orders, thresholds, creep rates, ranges and units.
 
 Inside, amplitudes are of unit size, x̃ = (x − x_centre) / x_scale and ỹ = (y − y_centre) / y_scale, and thresholds
 are given in them; outside, everything is in the units of the user. An output that falls as the input rises has
@@ -42,7 +42,7 @@ LONGEST_UNIT = 1000
 
 
 class StructureError(ValueError):
-    """A model structure that cannot be; the message is one sentence that names the field."""
+    """An invalid model structure; the message is one sentence that names the field."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class ModelStructure:
             raise StructureError(f"creep_rates must differ from each other, not {self.creep_rates}")
 
     def samples(self, seconds: float) -> int:
-        """The samples of a time, at least one."""
+        """Number of samples in a time, at least one."""
         return max(1, round(seconds / self.sample_time))
 
     @classmethod
@@ -154,7 +154,7 @@ class ModelStructure:
         return self.y_scale < 0.0
 
     def turned(self) -> ModelStructure:
-        """Return the structure of the same thresholds for an output of the other sign.
+        """The structure of the same thresholds for an output of opposite sign.
 
         Examples
         --------
@@ -195,7 +195,7 @@ class ModelStructure:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """How many there are of what, as the core asks for it: n, dead zones, creep rates, and 1 with an offset."""
+        """The core's ``Shape``: numbers of thresholds n, dead zones and creep rates, and 1 with an offset."""
         return self.n, self.dead_zones, len(self.creep_rates), int(self.offset)
 
     @property
@@ -215,7 +215,7 @@ class ModelStructure:
 
     @property
     def slices(self) -> tuple[slice, slice, slice]:
-        """Where w_H1…n, w'_S and w_K stand in w."""
+        """Slices of w_H1…n, w'_S and w_K in w."""
         a, b = self.n, self.n + self.dead_zones
         return slice(0, a), slice(a, b), slice(b, b + self.creep_weights)
 
@@ -260,7 +260,7 @@ class ModelStructure:
 
     @cached_property
     def straight_line(self) -> Vector:
-        """The weights of y in range for x in range without hysteresis or creep: what is believed before any data."""
+        """Weights of the line that maps the input range to the output range: the prior without data."""
         w = np.zeros(self.d)
         w[self.n + self.middle] = 1.0
         return w
@@ -274,7 +274,7 @@ class ModelStructure:
         return (y - self.y_centre) / self.y_scale
 
     def to_dict(self) -> dict[str, Any]:
-        """Fields as JSON can hold them."""
+        """Fields as JSON types."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 

@@ -1,6 +1,6 @@
-"""Units: read from the name of a column, kept in ASCII ("um"), shown as engineers write them ("37.9 µm").
+"""Units: read from the name of a column, stored in ASCII ("um"), shown as engineers write them ("37.9 µm").
 
-Units of the everyday are a table here; pint, which takes half a second to start, is asked only about the others.
+Common units are in a table; the others are parsed by pint, which takes half a second to start.
 """
 
 import math
@@ -14,7 +14,7 @@ VOLTAGES = ("V", "mV", "kV", "uV")
 LENGTHS = ("um", "nm", "mm", "pm", "m")
 ANGLES = ("rad", "mrad", "urad", "deg")
 UNITS = frozenset((*SECONDS, *VOLTAGES, *LENGTHS, *ANGLES, "A", "mA", "N", "mN"))
-"""Units known as a bare suffix; in brackets any unit is taken."""
+"""Units that are recognised as a bare suffix; in brackets any unit is."""
 _PREFIXES = {"n": "nano", "u": "micro", "m": "milli", "k": "kilo", "p": "pico", "c": "centi", "": ""}
 _WORDS = {
     "V": ("volt", "volts"),
@@ -92,7 +92,7 @@ NO_UNITS = frozenset(
         "smoothed",
     }
 )
-"""Words that stand in brackets and are not units; some of them pint would take for one."""
+"""Words in brackets that are not units, although pint parses some of them."""
 PREFIXED = ("rad", "V", "m", "s", "A", "N")
 PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _PREFIX_OF = {factor: prefix for prefix, factor in PREFIXES.items()}
@@ -100,7 +100,7 @@ SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
 
 
 def split_unit(column: str) -> tuple[str, str]:
-    """Stem and unit of a column name; the unit is "" where the name has none, and µ is written u.
+    """Stem and unit of a column name; the unit is "" if the name has none, and µ is written u.
 
     >>> split_unit("displacement_um"), split_unit("Weg [µm]"), split_unit("U in V"), split_unit("height (piezo)")
     (('displacement', 'um'), ('Weg', 'um'), ('U', 'V'), ('height (piezo)', ''))
@@ -119,7 +119,7 @@ def split_unit(column: str) -> tuple[str, str]:
 
 
 def canonical(text: str) -> str:
-    """A unit as it is stored, or "" where the text is none.
+    """A unit as it is stored, or "" for a text that is not a unit.
 
     >>> canonical("µm"), canonical("Volts"), canonical("kV/cm"), canonical("piezo")
     ('um', 'V', 'kV/cm', '')
@@ -132,11 +132,11 @@ def canonical(text: str) -> str:
             return SPELLINGS[spelling]
     if len(plain) < 2 or plain.lower() in NO_UNITS or not re.fullmatch(r"[^\W\d][\w°^*/·-]*", plain):
         return ""
-    return _asked_of_pint(plain)
+    return _by_pint(plain)
 
 
 def seconds(unit: str) -> float | None:
-    """Seconds in one unit of time, or None where the unit is not one of time; no unit means seconds.
+    """Seconds in one unit of time, or None for another unit; no unit means seconds.
 
     >>> seconds("ms"), seconds("d"), seconds("um")
     (0.001, 86400.0, None)
@@ -159,7 +159,7 @@ def shown(unit: str) -> str:
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """A value with its unit, the prefix chosen so that no power of ten is needed.
+    """A value with its unit, and a prefix that avoids powers of ten.
 
     >>> quantity(3.79e-5, "m"), quantity(1790.0, ""), quantity(0.005, "s"), quantity(-73.6357, "um")
     ('37.9 µm', '1790', '5 ms', '-73.64 µm')
@@ -191,7 +191,7 @@ def _registry() -> Any:
 
 
 @cache
-def _asked_of_pint(text: str) -> str:
+def _by_pint(text: str) -> str:
     import pint
 
     try:

@@ -1,11 +1,11 @@
-"""What calls leave allocated."""
+"""Memory that calls leave allocated."""
 
 import tracemalloc
 from collections.abc import Callable
 
 
 def left_by(call: Callable[[], object], times: int) -> int:
-    """Bytes that so many calls leave, after ten that may fill what is kept."""
+    """Bytes that this many calls leave allocated, after ten that may fill caches."""
     tracemalloc.start()
     try:
         for _ in range(10):

@@ -1,4 +1,4 @@
-"""Random programs in boxes: drawn from a seed, with every kind of bounds, and judged by the exact optimum."""
+"""Random box-constrained programs with every kind of bounds, judged by the exact optimum."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,14 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def spectrum_matrix(rng: np.random.Generator, d: int, decades: float) -> Array:
-    """A symmetric matrix of d variables with eigenvalues from 1 down to 10^-decades."""
+    """A symmetric d × d matrix with eigenvalues from 1 down to 10^-decades."""
     U = np.linalg.qr(rng.normal(size=(d, d)))[0]
     P: Array = U * 10 ** -(decades * np.linspace(0, 1, d)) @ U.T
     return (P + P.T) / 2
 
 
 def random_bounds(rng: np.random.Generator, d: int) -> tuple[Array, Array]:
-    """Free, lower, upper, two-sided and fixed variables in one."""
+    """Bounds of free, one-sided, two-sided and fixed variables."""
     lb = np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
     ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + np.abs(rng.normal(size=d)), INF)
     fixed = rng.random(d) < 0.1
@@ -28,7 +28,7 @@ def random_bounds(rng: np.random.Generator, d: int) -> tuple[Array, Array]:
 
 
 def random_program(seed: int, d: int, decades: float) -> tuple[Array, Array, Array, Array]:
-    """P, q, lb, ub; q is in the range of P more often than not."""
+    """P, q, lb, ub; q is usually in the range of P."""
     rng = np.random.default_rng(seed)
     P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
     q = -P @ rng.normal(size=d) if rng.random() < 0.7 else rng.normal(size=d)
@@ -36,12 +36,12 @@ def random_program(seed: int, d: int, decades: float) -> tuple[Array, Array, Arr
 
 
 def inside(x: Array, lb: Array, ub: Array) -> bool:
-    """Whether no bound is violated, not by the last digit."""
+    """Whether x satisfies all bounds exactly."""
     return bool(((lb <= x) & (x <= ub)).all())
 
 
 def gap(problem: Problem, x: Array, least: float = 0.0) -> float:
-    """The exact cost above the certified optimum, relative to that or to the least size that is given."""
+    """Exact cost above the certified optimum, relative to the optimum, or to ``least`` if that is larger."""
     problem = Problem((problem.P + problem.P.T) / 2, problem.q, lb=problem.lb, ub=problem.ub)
     proof = certify(problem, x)
     found = exact_cost_gap(problem, proof, x)

@@ -1,15 +1,15 @@
-"""Headless Chromium: opens pages and reports their plots, console and network requests."""
+"""Headless Chromium for tests of pages."""
 
 import base64
 import json
 import os
 import shutil
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from command_line import wait_until
 from programs import library, program
 
 FLAGS = (
@@ -24,7 +24,6 @@ FLAGS = (
     "--disable-dev-shm-usage",
 )
 WIDTHS = {"desktop": 1400, "phone": 390}
-PATIENCE_S = 60.0
 
 MARKS = """
 return [...document.querySelectorAll('.plot')].map(plot => {
@@ -54,8 +53,8 @@ class Browser:
         self.driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
 
     def open(self, page: Path | str, width: str = "desktop", dark: bool = False) -> None:
-        """Open a page from disk or by its address, and wait until its plots are drawn."""
-        self.console(), self.requests()  # discard what the previous page left
+        """Open a page from disk, or at an address, and wait until its plots are drawn."""
+        self.console(), self.requests()  # drops the entries of the page before
         pixels = WIDTHS[width]
         self.driver.execute_cdp_cmd(
             "Emulation.setDeviceMetricsOverride",
@@ -68,23 +67,20 @@ class Browser:
         self.driver.get(page if isinstance(page, str) else page.resolve().as_uri())
         self.wait_until(lambda: all(plot["drawn"] for plot in self.plots()))
 
-    def wait_until(self, done: Callable[[], bool]) -> None:
-        """Wait for a condition; the test fails after PATIENCE_S."""
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, (self.plots(), self.console())
-            time.sleep(0.1)
+    def wait_until(self, condition: Callable[[], object]) -> None:
+        """Wait until a condition holds; if it never does, the test fails with the state of the page."""
+        wait_until(condition, lambda: (self.plots(), self.console()))
 
     def run(self, script: str, *arguments: Any) -> Any:
-        """Run JavaScript; returns its value."""
+        """Run JavaScript and return its result."""
         return self.driver.execute_script(script, *arguments)
 
     def plots(self) -> list[dict[str, Any]]:
-        """State, size and number of visible marks of each plot."""
+        """State of each plot."""
         return self.run(MARKS)
 
     def console(self) -> list[str]:
-        """Console messages since the last call."""
+        """Messages on the console since the last call."""
         return [entry["message"] for entry in self.driver.get_log("browser")]
 
     def requests(self) -> list[str]:
@@ -93,7 +89,7 @@ class Browser:
         return [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
 
     def picture(self, name: str) -> None:
-        """Save a screenshot of the complete page if PIEZOBENCH_SCREENSHOTS names a folder."""
+        """Save a screenshot of the whole page if PIEZOBENCH_SCREENSHOTS names a folder."""
         if folder := os.environ.get("PIEZOBENCH_SCREENSHOTS"):
             Path(folder).mkdir(parents=True, exist_ok=True)
             taken = self.driver.execute_cdp_cmd(
@@ -102,8 +98,7 @@ class Browser:
             Path(folder, f"{name}.png").write_bytes(base64.b64decode(taken["data"]))
 
     def sections(self, page: Path) -> list[str]:
-        """Names of the sections of a report's page, which must draw every plot, and within the screen at every
-        width."""
+        """Ids of the sections of a report; asserts that all plots are drawn and the page fits every screen."""
         for width, pixels in WIDTHS.items():
             self.open(page, width)
             assert self.console() == []
@@ -114,6 +109,6 @@ class Browser:
         return found
 
     def close(self) -> None:
-        """End the browser."""
+        """Quit the browser."""
         self.driver.quit()
         shutil.rmtree(self.profile, ignore_errors=True)

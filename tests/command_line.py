@@ -1,7 +1,7 @@
-"""The command line as processes of their own, without importing everything again for each of them.
+"""Run the command line in processes of its own, without the cost of importing everything each time.
 
-A server process imports the verbs once and forks: every call is a real process with its own arguments, folder, output
-and exit status, and the tests may kill it.
+A server process imports the verbs once and forks for every call, a real process with arguments, folder, output and exit
+status, which tests may kill.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+PATIENCE_S = 60.0
 SERVER = """
 import gc, json, os, resource, sys
 from bench.cli import standard_streams
 from bench.cli.app import command_line, run
 from bench.problems import sets
 command_line()  # imports every verb
-next(sets()["paper"]().problems())  # loads whatever is loaded at first use
+next(sets()["paper"]().problems())  # loads modules that load at first use
 gc.freeze()
 while line := sys.stdin.readline():
     call = json.loads(line)
@@ -40,15 +41,15 @@ while line := sys.stdin.readline():
             resource.setrlimit(resource.RLIMIT_FSIZE, (call["largest_file"],) * 2)
         status = run(call["words"])
         sys.stdout.flush()
-        os._exit(status)  # to take everything down in order costs a second
-    sys.stdin.readline()  # until then its number is its own, though it may have ended
+        os._exit(status)  # an orderly shutdown costs a second
+    sys.stdin.readline()  # until then the child stays a zombie and keeps its number
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
 
 @dataclass(frozen=True)
 class Finished:
-    """How a call ended."""
+    """Result of a call."""
 
     status: int
     stdout: str
@@ -56,7 +57,7 @@ class Finished:
 
     @property
     def refusal(self) -> str:
-        """The one sentence of a refused call."""
+        """The one sentence with which a call was refused."""
         lines = self.stderr.splitlines()
         assert self.status == 2, (self.status, self.stderr)
         assert len(lines) == 1, self.stderr
@@ -65,17 +66,17 @@ class Finished:
 
 
 class Call:
-    """A call that is under way."""
+    """A running call."""
 
     def __init__(self, server: CommandLine, pid: int, stdout: Path, stderr: Path, encoding: str) -> None:
         self.server, self.pid, self.stdout, self.stderr, self.encoding = server, pid, stdout, stderr, encoding
 
     def kill(self) -> None:
-        """``kill -9``; no harm to a call that has ended, whose process stays a zombie until :meth:`wait`."""
+        """``kill -9``; harmless after the end, since the process stays a zombie until :meth:`wait`."""
         os.kill(self.pid, 9)
 
     def kill_once(self, reached: Callable[[], bool]) -> Finished:
-        """:meth:`kill` as soon as something is so, unless it ends before; every process of its session is gone then."""
+        """Kill it once a condition holds, unless it ends before, and wait for every process of its session."""
         while self.running() and not reached():
             time.sleep(0.002)
         self.kill()
@@ -84,20 +85,20 @@ class Call:
         return ended
 
     def wait(self) -> Finished:
-        """Wait for its end."""
+        """Wait for the end."""
         self.server.ask("")
-        self.server.under_way = None
+        self.server.running_call = None
         return Finished(
             int(self.server.answer()), self.stdout.read_text(self.encoding), self.stderr.read_text(self.encoding)
         )
 
     def running(self) -> list[int]:
-        """Processes of its session that are there, itself and children of its race."""
+        """Running processes of its session: itself and its children."""
         return of_session(self.pid)
 
 
 def of_session(leader: int) -> list[int]:
-    """Processes of a session that are there."""
+    """Running processes of a session."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -110,7 +111,7 @@ def of_session(leader: int) -> list[int]:
 
 
 def command_lines(pids: Iterable[int]) -> list[str]:
-    """Those of processes, with blanks between the words; of those that are there."""
+    """Command lines of those processes that still run."""
     found = []
     for pid in pids:
         with suppress(FileNotFoundError, ProcessLookupError):
@@ -123,7 +124,7 @@ class CommandLine:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.calls = folder, 0
-        self.under_way: Call | None = None
+        self.running_call: Call | None = None
         self.log = (folder / "server.log").open("w")
         self.server = subprocess.Popen(
             [sys.executable, "-c", SERVER],
@@ -135,25 +136,25 @@ class CommandLine:
         )
 
     def ask(self, line: str) -> None:
-        """Say a line to the server."""
+        """Send a line to the server."""
         assert self.server.stdin is not None
         self.server.stdin.write(line + "\n")
         self.server.stdin.flush()
 
     def answer(self) -> str:
-        """The next line that the server says."""
+        """Read the next line of the server."""
         assert self.server.stdout is not None
         line = self.server.stdout.readline()
         assert line, Path(self.log.name).read_text()
         return line
 
     def start(self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8") -> Call:
-        """Start a call, on a terminal of an encoding; wait for its end before the next one."""
+        """Start a call with an encoding of its output; only one call runs at a time."""
         self.end_call()
         self.calls += 1
         stdout, stderr = (self.folder / f"call{self.calls}.{name}" for name in ("stdout", "stderr"))
         for path in (stdout, stderr):
-            path.touch()  # a process may be killed before it opens them
+            path.touch()  # the process may be killed before it opens them
         call: Mapping[str, object] = {
             "words": [str(word) for word in words],
             "stdout": str(stdout),
@@ -163,23 +164,23 @@ class CommandLine:
             "encoding": encoding,
         }
         self.ask(json.dumps(call))
-        self.under_way = Call(self, int(self.answer()), stdout, stderr, encoding)
-        return self.under_way
+        self.running_call = Call(self, int(self.answer()), stdout, stderr, encoding)
+        return self.running_call
 
     def end_call(self) -> None:
-        """Kill a call that a test left under way when it failed."""
-        if self.under_way is not None:
-            self.under_way.kill()
-            self.under_way.wait()
+        """Kill a call that a failed test left running."""
+        if self.running_call is not None:
+            self.running_call.kill()
+            self.running_call.wait()
 
     def __call__(
         self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8"
     ) -> Finished:
-        """Call and wait."""
+        """Run a call to its end."""
         return self.start(*words, folder=folder, largest_file=largest_file, encoding=encoding).wait()
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self.end_call()
         assert self.server.stdin is not None
         assert self.server.stdout is not None
@@ -189,10 +190,14 @@ class CommandLine:
         self.log.close()
 
 
+def wait_until(condition: Callable[[], object], details: Callable[[], object] = lambda: "") -> None:
+    """Wait until a condition holds; after a minute the test fails, with details."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, details()
+        time.sleep(0.05)
+
+
 def wait_until_gone(leader: int) -> None:
-    """Wait for every process of a session to end; one that never does fails the test."""
-    for _ in range(600):
-        if not of_session(leader):
-            return
-        time.sleep(0.1)
-    raise AssertionError(f"processes {of_session(leader)} outlive the race that started them")
+    """Wait until every process of a session has ended."""
+    wait_until(lambda: not of_session(leader), lambda: f"processes {of_session(leader)} outlive the race")

@@ -1,5 +1,5 @@
-"""What all tests share: why some were skipped; no deadline for property tests, since machines differ; one browser, one
-command line, one experiment."""
+"""Shared by all tests: order and reasons of skipped tests, profiles of Hypothesis, a browser, a command line, an
+experiment."""
 
 import os
 import sys
@@ -14,14 +14,14 @@ from command_line import CommandLine
 from figures import Figures
 from programs import ALL, RECORDING_ABSENT, program
 
-# The tests start hundreds of processes, each of which would compile every module of ours again.
+# Without cached bytecode, each of hundreds of processes would compile every module again.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 with suppress(ModuleNotFoundError):
     from hypothesis import settings
 
-    # The same draws in every run, so that only a change turns a test red; `--hypothesis-profile=drawn` draws others.
+    # The same cases in every run, so that only a change turns a test red; `--hypothesis-profile=drawn` draws others.
     settings.register_profile("drawn", deadline=None, max_examples=100 if ALL else 25)
     settings.register_profile("repeated", settings.get_profile("drawn"), derandomize=True)
     settings.load_profile("repeated")
@@ -42,13 +42,11 @@ SHARING = {
     "wide race": ("compare", "deploy", "html_report"),
     "experiment": ("experiment", "figure_4_staircase"),
 }
-"""Files whose tests share what takes long to make: one process runs them all."""
+"""Files whose tests share an expensive fixture: one process runs them all."""
 LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "export_fmu", "fleet")
-"""Groups that begin first, so that all processes end together; any other file is a group of its own."""
-
-
+"""Groups that start first, so that all processes end together; any other file is a group of its own."""
 LONG_TO_MAKE = {"drift_race", "scheduler", "slowed_races", "watched"}
-"""Fixtures that take more than ten seconds for a few tests; these are slow."""
+"""Fixtures that take more than ten seconds for a few tests, which count as slow."""
 
 
 def group_of(nodeid: str) -> str:
@@ -73,7 +71,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the cases beyond a sample as slow, before the slow ones are left out; let the longest groups begin."""
+    """Mark cases beyond a sample as slow, before slow tests are deselected; start with the longest groups."""
     cases: Counter[object] = Counter()
     for item in items:
         if LONG_TO_MAKE.intersection(getattr(item, "fixturenames", ())):
@@ -91,27 +89,27 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what is marked as needing a program that is not there, before anything is made for it."""
+    """Skip tests that need an absent program, before their fixtures are made."""
     for mark in item.iter_markers("needs"):
         for name in mark.args:
             program(name)
 
 
 def skip_reasons(config: pytest.Config) -> Counter[str]:
-    """Why tests were skipped, and how many for each reason."""
+    """Number of skipped tests by reason."""
     reports = config.pluginmanager.getplugin("terminalreporter").stats.get("skipped", [])
     return Counter(report.longrepr[2].removeprefix("Skipped: ") for report in reports)
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """A run that has to have everything fails where a test was skipped."""
+    """With all programs required, a skipped test fails the run."""
     if ALL and not hasattr(session.config, "workerinput") and skip_reasons(session.config).keys() - {RECORDING_ABSENT}:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Give one line to each reason."""
+    """Print one line for each reason."""
     for reason, count in sorted(skip_reasons(config).items()):
         terminalreporter.write_line(
             f"{'ERROR: ' if ALL and reason != RECORDING_ABSENT else ''}{count} skipped: {reason}"
@@ -126,8 +124,8 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def cache_of_its_own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What is kept between races is kept apart from the user's, for all processes of the session."""
+def own_cache(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """All processes of the session use a cache apart from the user's."""
     folder = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(

@@ -1,8 +1,8 @@
-"""Pages in Markdown whose examples are run as they stand.
+"""Run the examples of Markdown pages.
 
-```sh        lines of commands, each a process of its own that must succeed; ``sh fails``: each must refuse
+```sh        commands, each a process that must succeed; ``sh fails``: each must be refused
 ```python    executed, all blocks of a page in one namespace; ``python title="x.py"``: written to that file instead
-```text      what the block before it printed, line by line
+```text      expected output of the block before
 """
 
 import contextlib
@@ -30,7 +30,7 @@ SAMPLE_TIME = 1e-3
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: its language with what follows it on the fence's line, and its text."""
+    """A fenced block: its language, the rest of the fence's line, and its text."""
 
     language: str
     rest: str
@@ -38,7 +38,7 @@ class Block:
 
 
 def blocks(page: Path) -> Iterator[Block]:
-    """The blocks of a page in order; those in a list are indented."""
+    """Blocks of a page in order; those in a list are indented."""
     for found in re.finditer(
         r"^( *)```(\w+) *(.*?)\n(.*?)^\1```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
     ):
@@ -46,12 +46,12 @@ def blocks(page: Path) -> Iterator[Block]:
 
 
 def commands(text: str) -> list[list[str]]:
-    """The words of each line, without comments."""
+    """Words of each line, without comments."""
     return [words for line in text.splitlines() if (words := shlex.split(line, comments=True))]
 
 
 def lay_out(folder: Path) -> None:
-    """Put two recordings of a simulated actuator and a reference into a folder, as the pages assume."""
+    """Write the files that the pages assume: two recordings of a simulated actuator and a reference."""
     plant = plants.get("relay_preisach", sample_time=SAMPLE_TIME)
     for name, x in (
         ("another.csv", decaying_triangle(duration_s=2.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0)),
@@ -65,8 +65,7 @@ def lay_out(folder: Path) -> None:
 
 
 def run(page: Path, folder: Path, piezobench: CommandLine) -> None:
-    """Run the blocks of a page in a folder, which is the current one, and compare what they print with what the page
-    shows."""
+    """Run the blocks of a page in the current folder, and compare their output with the page."""
     names: dict[str, Any] = {"__name__": "__main__"}
     printed = ""
     for block in blocks(page):
@@ -85,7 +84,7 @@ def run(page: Path, folder: Path, piezobench: CommandLine) -> None:
 
 
 def call(words: list[str], folder: Path, piezobench: CommandLine, refused: bool = False) -> str:
-    """What a command prints; it must succeed, or be refused in one sentence."""
+    """Output of a command, which must succeed, or be refused in one sentence."""
     if words[0] == "piezobench":
         done = piezobench(*words[1:], folder=folder)
     else:

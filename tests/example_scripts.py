@@ -1,4 +1,4 @@
-"""Runs the scripts in ``examples/`` as a user does."""
+"""Run the scripts in ``examples/``."""
 
 import os
 import subprocess
@@ -9,7 +9,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def run_example(script: str, *words: object) -> str:
-    """Run a script; returns its output."""
+    """Output of a script, which must succeed."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, str(ROOT / "examples" / script), *map(str, words)],

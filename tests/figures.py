@@ -1,4 +1,4 @@
-"""What ``piezobench experiment`` made and said."""
+"""Files and output of ``piezobench experiment``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,7 @@
-"""Programs and libraries that a machine with Python and make alone lacks.
+"""Optional programs and libraries of the tests.
 
-A test that needs one is skipped there, and the end of the run says why, one line a reason. Where PIEZOBENCH_ALL_TESTS
-is set everything has to be there, and any test that is skipped fails the run, but for those of a recording that is not
-part of the project.
+A test that needs an absent one is skipped, and the run ends with one line for each reason. With PIEZOBENCH_ALL_TESTS a
+skipped test fails the run, unless it needs a recording that is not part of the project.
 """
 
 import importlib
@@ -25,29 +24,29 @@ PACKAGES = {
     "nm": "binutils",
     "qemu-arm": "qemu-user",
 }
-"""Debian's, where they are not named like the program."""
+"""Debian packages that are not named like their program."""
 RECORDINGS = (Path(os.environ.get("PIEZOBENCH_DATA", ".")), Path(__file__).parents[2] / "shared" / "data" / "dbo")
 RECORDING_ABSENT = "dbo_identification.csv, a recording of a real stage, is absent: PIEZOBENCH_DATA may name its folder"
 
 
 def program(name: str) -> str:
-    """Path of a program; a test that asks for one which is not installed ends here."""
+    """Path of a program; skips the test if it is absent."""
     return shutil.which(name) or lacking(name, PACKAGES.get(name, name))
 
 
 def lacking(name: str, package: str) -> NoReturn:
-    """Skip the test for want of a package of Debian."""
+    """Skip the test, which needs a package of Debian."""
     pytest.skip(f"{name} is not installed: apt-get install {package} brings it on Debian")
 
 
 def real_recording() -> Path:
-    """Path of the recording of a real stage; a test that asks for it where it is absent ends here."""
+    """Path of the recording of a real stage; skips the test if it is absent."""
     found = [path for folder in RECORDINGS if (path := folder / "dbo_identification.csv").is_file()]
     return found[0] if found else pytest.skip(RECORDING_ABSENT)
 
 
 def library(name: str) -> ModuleType:
-    """Import a library; a test, or a whole file, that asks for one which is not installed ends here."""
+    """Import a library; skips the test, or the whole file, if it is absent."""
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
@@ -55,15 +54,14 @@ def library(name: str) -> ModuleType:
 
 
 def solver_class(entry: Entry) -> type[Solver]:
-    """Import a solver; a test of one whose library is not installed ends here."""
+    """Import a solver; skips the test if its library is absent."""
     if absent := describe(entry).absent:
         pytest.skip(f"{absent}: make test ALL=1 installs it")
     return entry.load()
 
 
 def that_load(*names: str) -> list[str]:
-    """Those solvers of the lane direct whose libraries load here: some need a library of the system that comes with a
-    compiler."""
+    """Solvers of the lane direct whose libraries load: some need a system library that comes with a compiler."""
     absent = {name: describe(find(name, "direct")).absent for name in names}
     assert not (ALL and any(absent.values())), absent
     return [name for name in names if not absent[name]]

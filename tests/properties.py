@@ -1,4 +1,4 @@
-"""Hypothesis, or where it is absent the part of it that the tests of the paper use: the same laws on plain draws."""
+"""Hypothesis, or if it is absent a substitute for the part that the tests of the paper use."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ EXAMPLES = 25
 
 
 class Unmet(Exception):
-    """A draw that the law does not speak of."""
+    """A draw outside the assumptions of a test."""
 
 
 @dataclass(frozen=True)
 class Plain:
-    """What is drawn, as a function of the generator."""
+    """A strategy: a function of the random generator."""
 
     draw: Callable[[random.Random], Any]
 
@@ -25,7 +25,7 @@ class Plain:
 
 
 class PlainStrategies:
-    """The strategies in use; numbers lie at an end of their range in every fifth draw."""
+    """Strategies; every fifth number is an end of its range."""
 
     DrawFn = Callable[[Plain], Any]
 
@@ -55,7 +55,7 @@ class PlainStrategies:
 
 
 def plain_given(*places: Plain, **names: Plain) -> Callable[[Callable[..., None]], Callable[[], None]]:
-    """Call a test with draws from fixed seeds."""
+    """Run a test on draws from fixed seeds."""
 
     def drawn(test: Callable[..., None]) -> Callable[[], None]:
         def law() -> None:
@@ -76,12 +76,12 @@ def plain_given(*places: Plain, **names: Plain) -> Callable[[Callable[..., None]
 
 
 def plain_settings(**_: Any) -> Callable[[Callable[[], None]], Callable[[], None]]:
-    """Nothing to set."""
+    """Ignore settings."""
     return lambda law: law
 
 
 def plain_assume(condition: object) -> None:
-    """Leave a draw out."""
+    """Skip a draw."""
     if not condition:
         raise Unmet
 

@@ -1,4 +1,4 @@
-"""The three packages and the levels inside ``bench``: imports point down only."""
+"""Imports point down only: between the three packages and between the levels inside ``bench``."""
 
 import ast
 import json
@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-FLOORS = ("solvers", "piezo_model", "bench")
+PACKAGES = ("bench", "piezo_model", "solvers")
 LEVELS = (
+    {"solvers"},
+    {"piezo_model"},
     {"messages"},  # Task, Request, Outcome, Row
     {"timing"},
     {"processes"},
@@ -20,46 +22,45 @@ LEVELS = (
     {"problems", "stage"},
     {"store"},
     {"rendering"},
-    {"report"},  # what all reports are made of
-    {"derived"},  # what follows from a table of measurements
-    {"races"},  # what the kinds of race share
-    {"a race"},  # one kind of race, and nothing of another one
+    {"report"},  # common parts of all reports
+    {"derived"},  # computed from a table of measurements
+    {"races"},  # shared by the kinds of race
+    {"a race"},  # one kind of race
     {"comparison", "deploy", "experiment", "export", "fleet", "live"},
     {"cli"},
 )
-"""From the bottom up; a part imports itself and what lies below, nothing beside it."""
+"""From the bottom up, packages and then the parts of ``bench``; a part imports itself and lower levels only."""
 
 
-def imported(path: Path, typing: bool = True) -> set[str]:
-    """Modules that a file imports anywhere, and what it takes of them; those for the types alone where asked for."""
+def imports(path: Path, typing: bool = True) -> set[str]:
+    """Names that a file imports anywhere, with or without those for type checking alone."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    left_out = {
+    skipped = {
         id(node)
         for block in ast.walk(tree)
         if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING" and not typing
         for node in ast.walk(block)
     }
-    found: set[str] = set()
+    names: set[str] = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0 and id(node) not in left_out:
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.Import) and id(node) not in left_out:
-            found |= {alias.name for alias in node.names}
-    return found
+        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0 and id(node) not in skipped:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Import) and id(node) not in skipped:
+            names |= {alias.name for alias in node.names}
+    return names
 
 
 def circle(root: Path, package: str) -> list[str]:
-    """Modules of a package's rooms that import each other in a circle; packages' own files are doors and not
-    counted."""
+    """Modules of a package that import each other in a circle; ``__init__`` files do not count."""
     paths = {
         ".".join(path.relative_to(root).with_suffix("").parts): path
         for path in (root / package).rglob("*.py")
         if path.name != "__init__.py"
     }
-    names = {name: imported(path, typing=False) for name, path in paths.items()}
-    graph = {
-        name: {*found, *(each.rpartition(".")[0] for each in found)} & paths.keys() for name, found in names.items()
-    }
+    graph = {}
+    for module, path in paths.items():
+        names = imports(path, typing=False)
+        graph[module] = {*names, *(name.rpartition(".")[0] for name in names)} & paths.keys()
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -67,51 +68,35 @@ def circle(root: Path, package: str) -> list[str]:
     return []
 
 
-def files(root: Path, floor: str) -> list[Path]:
-    return sorted((root / floor).rglob("*.py"))
+def part_of(root: Path, name: str) -> tuple[int, str]:
+    """Level and name of the part that a module of ours belongs to."""
+    package, part, race, *_ = *name.split("."), "", ""
+    if package != "bench":
+        part = package
+    is_race = part == "races" and race != "" and (root / "bench" / "races" / race).is_dir()
+    return next(
+        i for i, parts in enumerate(LEVELS) if ("a race" if is_race else part) in parts
+    ), race if is_race else part
 
 
-def climbing(root: Path) -> list[str]:
-    """Imports of a floor above."""
-    return [
-        f"{path.relative_to(root)} imports {name}"
-        for level, floor in enumerate(FLOORS)
-        for path in files(root, floor)
-        for name in sorted(imported(path))
-        if name.partition(".")[0] in FLOORS[level + 1 :]
-    ]
-
-
-def looking_up(root: Path) -> list[str]:
-    """Imports inside ``bench`` that do not point down."""
-
-    def part(name: str) -> tuple[int, str]:
-        _, first, *rest = *name.split("."), ""
-        race = first == "races" and (root / "bench" / "races" / rest[0]).is_dir() and rest[0] != ""
-        return next(i for i, parts in enumerate(LEVELS) if ("a race" if race else first) in parts), rest[
-            0
-        ] if race else first
-
+def upward_imports(root: Path) -> list[str]:
+    """Imports of a higher level, or of another part on the same one."""
     found = []
-    for path in files(root, "bench"):
+    for path in sorted(path for package in PACKAGES for path in (root / package).rglob("*.py")):
         place = path.relative_to(root).with_suffix("").parts
-        if place[1:] in (("__init__",), ("__main__",)):
+        if place in (("bench", "__init__"), ("bench", "__main__")):
             continue
-        level, own = part(".".join(place))
-        found += [
-            f"{path.relative_to(root)} imports {name}"
-            for name in sorted(imported(path))
-            if name.startswith("bench.") and part(name)[1] != own and part(name)[0] >= level
-        ]
+        level, own = part_of(root, ".".join(place))
+        for name in sorted(imports(path)):
+            if name.partition(".")[0] in PACKAGES:
+                other_level, other = part_of(root, name)
+                if other != own and other_level >= level:
+                    found.append(f"{path.relative_to(root)} imports {name}")
     return found
 
 
-def test_no_file_imports_from_a_floor_above() -> None:
-    assert climbing(ROOT) == []
-
-
-def test_nothing_inside_the_bench_looks_up() -> None:
-    assert looking_up(ROOT) == []
+def test_imports_point_down_only() -> None:
+    assert upward_imports(ROOT) == []
 
 
 def test_no_modules_of_the_model_library_import_each_other_in_a_circle() -> None:
@@ -130,12 +115,13 @@ def test_an_import_that_points_up_or_into_another_race_is_found(tmp_path: Path) 
     }.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(line)
-    assert climbing(tmp_path) == ["solvers/a.py imports piezo_model.b", "piezo_model/b.py imports bench.store"]
-    assert looking_up(tmp_path) == [
+    assert upward_imports(tmp_path) == [
         "bench/deploy.py imports bench.export.fmu",
         "bench/races/kind.py imports bench.races.one.race",
         "bench/races/one/race.py imports bench.races.two.race.x",
         "bench/store.py imports bench.races.kind",
+        "piezo_model/b.py imports bench.store",
+        "solvers/a.py imports piezo_model.b",
     ]
 
 
@@ -168,14 +154,13 @@ def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) 
 
 
 def test_model_data_basis_and_compensator_need_numpy_msgspec_and_the_core_alone() -> None:
-    program = (
-        "import sys; before = set(sys.modules); from piezo_model import (Compensator, DataBasis, "
-        "HysteresisCreepModel, "
-        "ModelStructure, OperatorState); import json; "
-        "files = {name: getattr(sys.modules[name], '__file__', None) or '' for name in set(sys.modules) - "
-        "before}; "
-        "print(json.dumps([name for name, file in files.items() if 'site-packages' in file]))"
-    )
+    program = """
+import json, sys
+before = set(sys.modules)
+from piezo_model import Compensator, DataBasis, HysteresisCreepModel, ModelStructure, OperatorState
+new = set(sys.modules) - before
+print(json.dumps([name for name in new if "site-packages" in (getattr(sys.modules[name], "__file__", None) or "")]))
+"""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     found = {name.partition(".")[0] for name in json.loads(done.stdout)}
     assert found <= {"numpy", "lazy_loader", "msgspec", "typing_extensions"}  # the last comes with msgspec

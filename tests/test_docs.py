@@ -1,4 +1,4 @@
-"""The pages in docs/ match what the program does: their examples are run, their words and tables compared with it."""
+"""The pages in docs/ match the program: their examples run, and their words and tables are compared with it."""
 
 import re
 from collections.abc import Callable
@@ -68,8 +68,8 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
     assert all(figure in measured for figure in figures), figures
 
 
-def shown(which: int) -> Steps:
-    """Transitions of the first or second machine on the page."""
+def documented(which: int) -> Steps:
+    """Transitions of a state machine on the page, by its number."""
     table = re.findall(r"^\| from \|.*\n.*\n((?:\|.*\n)+)", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)[
         which
     ]
@@ -77,7 +77,7 @@ def shown(which: int) -> Steps:
 
 
 def taken(learner: SelfLearningCompensator, actuator: Callable[[int, float], float], samples: int = 1500) -> Steps:
-    """Transitions that a learner takes with an actuator, from its start on."""
+    """Transitions that a learner takes with an actuator, starting with the first phase."""
     steps, x = {("start", str(learner.phase))}, float("nan")
     for k in range(samples):
         before, x = learner.phase, learner.step(15.0 * np.sin(0.03 * k), actuator(k, x))
@@ -87,12 +87,12 @@ def taken(learner: SelfLearningCompensator, actuator: Callable[[int, float], flo
 
 
 def honest(k: int, x: float) -> float:
-    """The output of the actuator."""
+    """Output of the actuator."""
     return PLANT.step(x) if np.isfinite(x) else float("nan")
 
 
 def failing(learner: SelfLearningCompensator, phase: Phase) -> Callable[[int, float], float]:
-    """A sensor whose value is out of all range, for one sample of every time that the learner is in the phase."""
+    """A sensor that is out of range at every 50th sample while the learner is in the phase."""
     return lambda k, x: 1e3 if learner.phase is phase and k % 50 == 0 else honest(k, x)
 
 
@@ -109,7 +109,7 @@ def test_the_machine_on_the_page_is_the_one_that_runs() -> None:
         steps |= taken(learner, failing(learner, phase))
     still = cyclic()
     steps |= taken(still, lambda k, x: 0.001 * (k % 2)) | taken(cyclic(solver="box_active_set"), honest)
-    assert steps == shown(0)
+    assert steps == documented(0)
     assert {name for step in steps for name in step} == {"start", *Phase}
     table = re.findall(r"^\| `(\w+)` \| [^`]", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert table == [str(phase) for phase in Phase]
@@ -117,4 +117,4 @@ def test_the_machine_on_the_page_is_the_one_that_runs() -> None:
 
 def test_the_machine_on_the_page_of_continuous_operation_is_the_one_that_runs() -> None:
     learner = SelfLearningCompensator(STRUCTURE, reset_s=0.02, mode="continuous")
-    assert taken(learner, failing(learner, Phase.LEARN)) == shown(1)
+    assert taken(learner, failing(learner, Phase.LEARN)) == documented(1)

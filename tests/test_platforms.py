@@ -1,4 +1,4 @@
-"""On a system that is not Linux the library works, and what needs Linux says so: with everything of Linux hidden."""
+"""With the features of Linux hidden, the library works, and functions that need Linux say so."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 HIDE = """
 import os, signal, sys
-import numpy, pandas, pyarrow.parquet, qpsolvers, scipy.optimize, scipy.sparse, subprocess  # of this system, not ours
+import numpy, pandas, pyarrow.parquet, qpsolvers, scipy.optimize, scipy.sparse, subprocess  # they may use Linux
 
 HIDDEN = ("fcntl", "grp", "pwd", "resource", "termios")
 

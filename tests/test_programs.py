@@ -1,4 +1,4 @@
-"""Why tests are skipped is said once at the end, and a run that has to have everything fails then."""
+"""The run ends with the reasons of skipped tests, and fails if nothing may be skipped."""
 
 import os
 import re
@@ -20,7 +20,7 @@ NEEDING = {
 
 
 def on_a_bare_machine(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Tests that need a program, on a machine that has nothing but Python."""
+    """Run tests that need programs, on a machine that only has Python."""
     return subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "", *NEEDING.values()],
         cwd=ROOT,

@@ -1,4 +1,4 @@
-"""What the README tells a newcomer to type works as it stands."""
+"""The commands and figures of the README are right."""
 
 import re
 import shutil
@@ -73,7 +73,7 @@ def test_every_make_target_that_the_readme_shows_exists() -> None:
 
 
 def made(*words: str) -> subprocess.CompletedProcess[str]:
-    """What make would do, with this Python's folder in place of the environment that it would set up."""
+    """Run make with the current Python in place of the environment that it would set up."""
     return subprocess.run(
         ["make", "--no-print-directory", "--old-file=.venv/.field", f"BIN={Path(sys.executable).parent}", *words],
         cwd=ROOT,

@@ -60,20 +60,22 @@ def compare_verb(
         raise typer.BadParameter("a comparison needs two runs or more", param_hint="RUN_A RUN_B")
     opened = [open_run(path) for path in runs]
     with progress_bar() as progress:
-        found = []
+        comparisons = []
         for done, other in enumerate(opened[1:]):
             progress(f"{other.path.name} against {opened[0].path.name}", done, len(opened) - 1)
-            found.append(compare_runs(opened[0], other, smallest))
-        progress("writing the page", len(found), len(found))
+            comparisons.append(compare_runs(opened[0], other, smallest))
+        progress("writing the page", len(comparisons), len(comparisons))
         names = "-".join(run.path.resolve().name for run in opened)
-        report = comparison_report.report(found)
+        report = comparison_report.report(comparisons)
         page = comparison_report.write(
-            found, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
+            comparisons, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
         )
     files = ["", OURS_NOTE, f"Comparison: {page}"]
-    print_report(report, comparison_report.to_dict(found), as_json, lines_of(report.notes), files)
-    bad = sum(each.differences if fail_on == "difference" else each.regressions for each in found)
-    if fail_on != "nothing" and (bad or any(each.cannot_tell for each in found)):
+    print_report(report, comparison_report.to_dict(comparisons), as_json, lines_of(report.notes), files)
+    bad = sum(
+        comparison.differences if fail_on == "difference" else comparison.regressions for comparison in comparisons
+    )
+    if fail_on != "nothing" and (bad or any(comparison.cannot_tell for comparison in comparisons)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)
 
 
@@ -127,10 +129,10 @@ def deploy_verb(
         progress("weighing the solvers", 0, 2)
         decision = decide(opened, rule)
         progress("judging the model", 1, 2)
-        found = model_for(
+        actuator = model_for(
             opened, None if model is None else HysteresisCreepModel.load(model), problem, simulated, source=str(model)
         )
-    made = deployment(decision, found)
+    made = deployment(decision, actuator)
     made.save(target)
     document = {
         "file": target,
@@ -139,9 +141,9 @@ def deploy_verb(
         "tier": made.tier,
         "settings": dict(made.settings),
         "mode": made.mode,
-        "model_from": found.source,
-        "forced": found.model.warning,
-        "unseen_error_percent": found.error_percent,
+        "model_from": actuator.source,
+        "forced": actuator.model.warning,
+        "unseen_error_percent": actuator.error_percent,
         "rule": rule.sentence,
         "why": decision.sentences(),
         "figures": decision.chosen.figures(),
@@ -151,8 +153,8 @@ def deploy_verb(
     lines = [
         *decision.sentences(),
         *(f"Not qualified: {each.name} {why}." for each, why in decision.refused[:MOST_REFUSED]),
-        found.model.warning,
-        f"Model: from {found.source}.{found.sentence and f' {found.sentence}'}",
+        actuator.model.warning,
+        f"Model: from {actuator.source}.{actuator.sentence and f' {actuator.sentence}'}",
         OURS_NOTE,
         f"Compensator: {target}",
     ]

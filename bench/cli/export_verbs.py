@@ -112,21 +112,21 @@ def realtime_verb(
     if out is not None:
         check_writable(out)
     loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
-    found = real_time(loaded, settings, rate, seconds, priority, core)
+    result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
-        write_text(out, json.dumps(plain_json(found.to_dict()), indent=1) + "\n")
+        write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
     if as_json:
-        print_json(found.to_dict())
+        print_json(result.to_dict())
         return
-    step, null = found.step, found.null
+    step, null = result.step, result.null
     for what, said in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
         if step.allowed.get(what) != "yes":
             console.print(f"Without {said}: {step.allowed.get(what, 'not asked for')}.")
     print_table(
         ("µs", *(Percentile(q).name for q in QUANTILES), "max"),
-        [(name, *tail_cells(us, digits=2)) for name, us in found.times_us.items()],
+        [(name, *tail_cells(us, digits=2)) for name, us in result.times_us.items()],
     )
-    counts = found.histograms
+    counts = result.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
     print_table(
         ("up to, µs", *counts),

@@ -69,14 +69,14 @@ def validate_verb(
     if page is not None:
         check_writable(page, "--page")
     file = Path(only(context, recording, out_dir))
-    opened, loaded, found = work.judged(file, Path(model))
+    opened, loaded, result = work.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
         from piezo_model.identification.fit_review import review
 
-        recording_page.write(page, file.name, review(opened, loaded, found))
-    lines = [opened.describe(), *found.sentences(), f"Page: {page}" if page else ""]
-    print_result({"model": model, "page": page, **found.to_dict()}, lines, as_json)
+        recording_page.write(page, file.name, review(opened, loaded, result))
+    lines = [opened.describe(), *result.sentences(), f"Page: {page}" if page else ""]
+    print_result({"model": model, "page": page, **result.to_dict()}, lines, as_json)
 
 
 @reads_a_recording

@@ -157,13 +157,13 @@ def _problems(
 
 def _failures(problem: RaceProblem) -> dict[str, str]:
     """What is wrong with the proofs of a problem, by scaling."""
-    found = {}
+    wrong = {}
     for scaling, form in problem.forms.items():
         try:
             verify(form.qp, form.certificate)
         except (NotCertified, ValueError) as error:
-            found[str(scaling)] = str(error)
-    return found
+            wrong[str(scaling)] = str(error)
+    return wrong
 
 
 def _described(problem: RaceProblem) -> tuple[str, ...]:

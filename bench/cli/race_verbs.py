@@ -264,8 +264,8 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     opened = open_run(run)
     with progress_bar() as progress:
         progress("writing the report", 0, 1)
-        found = kind_of(opened).write(opened)
-    _show(opened, *found, as_json)
+        written = kind_of(opened).write(opened)
+    _show(opened, *written, as_json)
 
 
 def solvers_verb(as_json: AsJson = False) -> None:
@@ -278,18 +278,18 @@ def solvers_verb(as_json: AsJson = False) -> None:
         for done, child in enumerate(children):
             progress(child.entry.name, done, len(children))
             with child:
-                found = child.describe()
+                info = child.describe()
             rows.append(
                 (
-                    found.name,
-                    str(found.lane),
-                    found.algorithm,
-                    found.version,
-                    found.licence,
-                    "yes" if found.warm_start else "no",
+                    info.name,
+                    str(info.lane),
+                    info.algorithm,
+                    info.version,
+                    info.licence,
+                    "yes" if info.warm_start else "no",
                 )
-                if not found.absent
-                else (found.name, str(found.lane), f"absent: {found.absent}", "", "", "")
+                if not info.absent
+                else (info.name, str(info.lane), f"absent: {info.absent}", "", "", "")
             )
     headings = ("solver", "lane", "algorithm", "version", "licence", "warm start")
     show_table(headings, rows, 6, as_json)
@@ -305,13 +305,13 @@ def _finish(run: Run, workers: Workers, as_json: bool) -> None:
         with progress_bar() as progress:
             kind_of(run).carry_on(run, progress, workers)
             progress("writing the report", 0, 1)
-            found = kind_of(run).write(run)
+            written = kind_of(run).write(run)
     except OSError as error:
         raise RunError(f"{run.path}: {error.strerror or error}; {resume}") from None
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {resume}.", soft_wrap=True)
         raise
-    _show(run, *found, as_json)
+    _show(run, *written, as_json)
 
 
 def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:

@@ -46,8 +46,12 @@ DEFINITIONS = (
 
 def report(comparisons: Sequence[Comparison]) -> Report:
     """Report of comparisons with the same first run."""
-    tables = [_table(each) for each in comparisons]
-    rows = [[each.b.path.name, *row] for each, table in zip(comparisons, tables, strict=True) for row in _rows(table)]
+    tables = [_table(comparison) for comparison in comparisons]
+    rows = [
+        [comparison.b.path.name, *row]
+        for comparison, table in zip(comparisons, tables, strict=True)
+        for row in _rows(table)
+    ]
     changed = [row for row in rows if row[4] not in (SAME, "–") or row[-1] != "–"]
     first = 0 if len(comparisons) > 1 else 1
     grid = [
@@ -63,15 +67,15 @@ def report(comparisons: Sequence[Comparison]) -> Report:
             ("Solver lanes that differ, or of which it cannot be told", changed),
         )
     ]
-    runs = [comparisons[0].a, *(each.b for each in comparisons)]
+    runs = [comparisons[0].a, *(comparison.b for comparison in comparisons)]
     return Report(
         [
-            *(f"WARNING: {warning}" for each in comparisons for warning in warnings(each)),
-            *(sentence for each in comparisons for sentence in sentences(each)),
+            *(f"WARNING: {warning}" for comparison in comparisons for warning in warnings(comparison)),
+            *(sentence for comparison in comparisons for sentence in sentences(comparison)),
         ],
         grid[0],
-        figures=[_ratios(each, i) for i, each in enumerate(comparisons)],
-        notes=[note for each in comparisons for note in notes(each)],
+        figures=[_ratios(comparison, i) for i, comparison in enumerate(comparisons)],
+        notes=[note for comparison in comparisons for note in notes(comparison)],
         definitions=DEFINITIONS,
         environment=[(run.path.name, str(run.path)) for run in runs],
         terminal=grid[1],
@@ -79,11 +83,11 @@ def report(comparisons: Sequence[Comparison]) -> Report:
     )
 
 
-def write(comparisons: Sequence[Comparison], found: Report, folder: Path) -> Path:
+def write(comparisons: Sequence[Comparison], report: Report, folder: Path) -> Path:
     """Write ``comparison.html``, ``.md``, ``.json``, and the pictures with their data; returns the page's path."""
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "comparison.json", json.dumps(to_dict(comparisons), indent=1, allow_nan=False) + "\n")
-    return write_report(found, folder, "comparison", len(comparisons)).with_suffix(".html")
+    return write_report(report, folder, "comparison", len(comparisons)).with_suffix(".html")
 
 
 def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
@@ -95,66 +99,66 @@ def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
             "baseline": str(comparisons[0].a.path),
             "comparisons": [
                 {
-                    "run": str(each.b.path),
-                    "warnings": warnings(each),
-                    "notes": notes(each),
-                    "verdict": sentences(each),
-                    "difference": bool(each.differences),
-                    "regressions": each.regressions,
-                    "cannot_tell": each.cannot_tell,
-                    "smallest": each.smallest,
-                    "field": each.field.to_dict("index"),
-                    "lines": each.times.to_dict("records"),
-                    "lost": each.lost.to_dict("records"),
-                    "gained": each.gained.to_dict("records"),
+                    "run": str(comparison.b.path),
+                    "warnings": warnings(comparison),
+                    "notes": notes(comparison),
+                    "verdict": sentences(comparison),
+                    "difference": bool(comparison.differences),
+                    "regressions": comparison.regressions,
+                    "cannot_tell": comparison.cannot_tell,
+                    "smallest": comparison.smallest,
+                    "field": comparison.field.to_dict("index"),
+                    "lines": comparison.times.to_dict("records"),
+                    "lost": comparison.lost.to_dict("records"),
+                    "gained": comparison.gained.to_dict("records"),
                 }
-                for each in comparisons
+                for comparison in comparisons
             ],
         }
     )
 
 
-def sentences(each: Comparison) -> list[str]:
+def sentences(comparison: Comparison) -> list[str]:
     """The findings, and the changes that could not have been found."""
-    lanes = len(each.times)
+    lanes = len(comparison.times)
     counts = [
         f"{solver_lanes(count, lanes)} {'is' if count == 1 else 'are'} {finding}"
         for finding in (SLOWER, FASTER)
-        if (count := each.count(finding))
+        if (count := comparison.count(finding))
     ]
     counts += [
         f"{len(tiers)} tier{'s are' if len(tiers) > 1 else ' is'} {what}"
-        for what, tiers in (("lost", each.lost), ("gained", each.gained))
+        for what, tiers in (("lost", comparison.lost), ("gained", comparison.gained))
         if len(tiers)
     ]
-    name = f"{each.b.path.name} against {each.a.path.name}"
-    unseen = " that can be told" if each.cannot_tell else ""
+    name = f"{comparison.b.path.name} against {comparison.a.path.name}"
+    unseen = " that can be told" if comparison.cannot_tell else ""
     found = [f"{name}: {joined(counts) or f'no difference{unseen} in {solver_lanes(lanes)}'}."]
-    if count := each.count(CANNOT_TELL):
+    if count := comparison.count(CANNOT_TELL):
         noise = joined(
             f"{100.0 * deviation:.1f} % {timed}"
-            for timed, deviation in each.field.deviation.items()
+            for timed, deviation in comparison.field.deviation.items()
             if np.isfinite(deviation)
         )
         why = f"lanes deviate from each other by {noise}" if noise else "too few lanes race to tell a change from noise"
         found.append(
-            f"In {solver_lanes(count, lanes)} a change by a factor of {each.smallest:g} may have gone unseen: {why}. "
-            "A quiet machine, more problems and --repeats help."
+            f"In {solver_lanes(count, lanes)} a change by a factor of {comparison.smallest:g} may have gone unseen: "
+            f"{why}. A quiet machine, more problems and --repeats help."
         )
-    factors = joined(f"{factor:.2f} {timed}" for timed, factor in each.field.factor.items())
+    factors = joined(f"{factor:.2f} {timed}" for timed, factor in comparison.field.factor.items())
     beside = (
-        f", and the fixed piece of work timed beside it by {each.sentinel:.2f}: either the machine changed in a way "
-        "that this work does not feel, or most solvers did"
-        if each.moved
+        f", and the fixed piece of work timed beside it by {comparison.sentinel:.2f}: either the machine changed in a "
+        "way that this work does not feel, or most solvers did"
+        if comparison.moved
         else ", which is divided out"
     )
     return [*found, f"The field as a whole changed by a factor of {factors}{beside}."] if factors else found
 
 
-def notes(each: Comparison) -> list[str]:
+def notes(comparison: Comparison) -> list[str]:
     """A sentence for each run about the rows that only it has."""
     found = []
-    for run, rows in zip((each.a, each.b), each.alone, strict=True):
+    for run, rows in zip((comparison.a, comparison.b), comparison.alone, strict=True):
         names = [f"{marked(solver)} ({lane})" for solver, lane in rows[SOLVER_LANE].value_counts().index]
         more = f" and {len(names) - MOST_NAMED} others" if len(names) > MOST_NAMED else ""
         count = f"{len(rows)} row{'s' if len(rows) > 1 else ''}"
@@ -162,9 +166,9 @@ def notes(each: Comparison) -> list[str]:
     return found
 
 
-def warnings(each: Comparison) -> list[str]:
+def warnings(comparison: Comparison) -> list[str]:
     """Differences between machines, settings and versions."""
-    pairs = zip(_conditions(each.a.settings).items(), _conditions(each.b.settings).values(), strict=True)
+    pairs = zip(_conditions(comparison.a.settings).items(), _conditions(comparison.b.settings).values(), strict=True)
     found = []
     for (what, first), second in pairs:
         differ = [
@@ -195,11 +199,11 @@ def _text(value: Any) -> str:
     return (", ".join(sorted(map(str, value))) or "all") if isinstance(value, list) else str(value)
 
 
-def _table(each: Comparison) -> pd.DataFrame:
+def _table(comparison: Comparison) -> pd.DataFrame:
     """The times with the lost and gained tiers, changes first."""
     parts = [
         tiers.assign(tiers=what + tiers.tier.map(lambda tier: TIER_NAMES[Tier(tier)]) + " " + tiers.scaling)
-        for what, tiers in (("lost ", each.lost), ("gained ", each.gained))
+        for what, tiers in (("lost ", comparison.lost), ("gained ", comparison.gained))
         if len(tiers)
     ]
     changed = (
@@ -208,7 +212,9 @@ def _table(each: Comparison) -> pd.DataFrame:
         .tiers.agg(", ".join)
         .reset_index()
     )
-    table = each.times.merge(changed, on=SOLVER_LANE, how="outer").fillna({"tiers": "–", "timed": "–", "finding": "–"})
+    table = comparison.times.merge(changed, on=SOLVER_LANE, how="outer").fillna(
+        {"tiers": "–", "timed": "–", "finding": "–"}
+    )
     order = table.finding.map({finding: i for i, finding in enumerate(COLOURS)}) - len(COLOURS) * (table.tiers != "–")
     return (
         table.assign(order=order, size=-np.log(table.ratio).abs())
@@ -233,13 +239,13 @@ def _rows(table: pd.DataFrame) -> list[list[str]]:
     ]
 
 
-def _ratios(each: Comparison, number: int) -> Figure:
+def _ratios(comparison: Comparison, number: int) -> Figure:
     """Ratios of times with their intervals, the largest first."""
-    table = each.times[each.times.ratio_low > 0.0].sort_values("ratio", ascending=False)
+    table = comparison.times[comparison.times.ratio_low > 0.0].sort_values("ratio", ascending=False)
     table = table.assign(name=table.solver.map(marked) + " (" + table.lane + ")")
     return Figure(
         f"ratios_{number + 1}",
-        f"Times of {each.b.path.name} over those of {each.a.path.name}",
+        f"Times of {comparison.b.path.name} over those of {comparison.a.path.name}",
         "A point is a solver lane with its interval.",
         table,
         [

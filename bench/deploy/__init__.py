@@ -1,1 +1,1 @@
-"""From a run to a decision: which solver a controller gets, with what model, and why."""
+"""Choose the solver and the model for a controller from a run."""

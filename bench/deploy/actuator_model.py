@@ -1,7 +1,7 @@
-"""The model that a controller gets: of the recording that was raced on, of a file, or of a problem of the run.
+"""The model of the controller: from the recording of the race, from a file, or from a problem of the run.
 
-A race on a recording keeps the model that `identify` makes of the first four fifths, with its error on the last.
-Another model is judged on that last fifth, too, and refused where it errs more than 1.1 times as much.
+A race on a recording stores the model that `identify` makes of the first four fifths, with its error on the last fifth.
+Any other model is validated on that fifth, too, and refused if its error is more than 1.1 times as large.
 """
 
 from collections.abc import Mapping
@@ -19,34 +19,34 @@ from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel
 
 WORSE = 1.1
-"""Largest ratio of another model's error to that of the model that the run keeps."""
+"""Largest ratio of another model's error to that of the stored model."""
 SIMULATED = "simulated"
 
 
 @dataclass(frozen=True)
 class ChosenModel:
-    """A model and where it comes from."""
+    """A model and its source."""
 
     model: HysteresisCreepModel
     source: str
     certificate: Mapping[str, Any] = field(default_factory=dict)
     error_percent: float | None = None
-    """On the last fifth of the recording, which was kept back; None where the race was not on one."""
+    """RMS error on the last fifth of the recording, % of the range; None if the race was not on a recording."""
 
     @property
     def sentence(self) -> str:
-        """Its error; "" where there is nothing to tell it by."""
+        """The error in words, "" if it is unknown."""
         return (
             ""
             if self.error_percent is None
             else (
-                f"On the last fifth of the recording, which was kept back, it errs by {self.error_percent:.3g} % of "
-                "the range (RMS)."
+                f"On the last fifth of the recording, which was held out, its RMS error is "
+                f"{self.error_percent:.3g} % of the range."
             )
         )
 
     def evidence(self) -> dict[str, Any]:
-        """What the file says of it."""
+        """Evidence for the file of the decision."""
         return {
             "model_from": self.source,
             "certificate": dict(self.certificate),
@@ -61,24 +61,24 @@ def model_for(
     simulated: bool = False,
     source: str = "the model file that was given",
 ) -> ChosenModel:
-    """The model that is given, that of the problem "set/name", or that which the run keeps of a recording;
-    ``simulated`` says whether a simulated actuator will do, which is judged on no recording.
+    """The given model, that of the problem "set/name", or the one that the run stores of its recording.
 
-    RunError where there is none, or a worse one than the run keeps.
+    ``simulated`` permits the model of a simulated actuator, which is not validated. RunError if there is no model or it
+    is worse than the stored one.
     """
     if model is not None:
-        return _judged(run, ChosenModel(model, source, dict(model.report.get("certificate", {}))))
+        return _validated(run, ChosenModel(model, source, dict(model.report.get("certificate", {}))))
     if run.settings.get("race", "oneshot") == STREAM_KIND:
         raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
     if problem is None and not simulated and Recorded.name in run.settings.get("models", {}):
-        return _kept(run)
-    name, key = _named(run, problem, simulated)
-    found = _of_problem(run, name, key)
-    return found if problems.find(key[0]).origin == SIMULATED else _judged(run, found)
+        return _stored(run)
+    key = _find_problem(run, problem, simulated)
+    found = _of_problem(run, key)
+    return found if _is_simulated(key) else _validated(run, found)
 
 
-def _kept(run: Run) -> ChosenModel:
-    """The model that the run keeps of its recording."""
+def _stored(run: Run) -> ChosenModel:
+    """The model that the run stores of its recording."""
     note = run.settings["models"][Recorded.name]
     if "error_percent" not in note:
         raise RunError(
@@ -95,14 +95,12 @@ def _kept(run: Run) -> ChosenModel:
     )
 
 
-def _judged(run: Run, found: ChosenModel) -> ChosenModel:
-    """A model with its error on what was kept back of the recording; RunError where that of the model which the run
-    keeps is much smaller."""
+def _validated(run: Run, found: ChosenModel) -> ChosenModel:
+    """The model with its error on the last fifth of the recording; RunError if the stored one is much better."""
     names = run.settings.get("problems", {}).get(Recorded.name, ())
     if not names:
         return found
-    unseen = kept_back(run.problem(Recorded.name, names[0]))
-    error = found.model.validate(unseen).fit.rms_percent
+    error = found.model.validate(kept_back(run.problem(Recorded.name, names[0]))).fit.rms_percent
     known = run.settings.get("models", {}).get(Recorded.name, {}).get("error_percent")
     if known is not None and error > WORSE * known:
         raise RunError(
@@ -113,31 +111,36 @@ def _judged(run: Run, found: ChosenModel) -> ChosenModel:
     return ChosenModel(found.model, found.source, found.certificate, error)
 
 
-def _named(run: Run, asked: str | None, simulated: bool) -> tuple[str, tuple[str, str]]:
-    """The problem that is asked for, by default the first of a simulated actuator where one will do."""
+def _find_problem(run: Run, wanted: str | None, simulated: bool) -> tuple[str, str]:
+    """Set and name of the wanted problem; by default of the first simulated actuator, if those are permitted."""
     rows = run.rows(ONESHOT).drop_duplicates(["problem_set", "problem"])
-    names = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
-    if asked is not None and asked not in names:
-        raise RunError(f"{run.path} has no problem {asked!r}; there are {', '.join(names)}")
-    for name, key in names.items():
-        is_simulated = problems.find(key[0]).origin == SIMULATED
-        if name == asked and is_simulated and not simulated:
+    keys = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
+    if wanted is None:
+        found = next((key for key in keys.values() if simulated and _is_simulated(key)), None)
+        if found is None:
             raise RunError(
-                f"{run.path}: {name} is a simulated actuator; give a model with --model, or --simulated to "
-                "take it all the same"
+                f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
+                "with --model, as identify "
+                "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
             )
-        if name == asked or (asked is None and simulated and is_simulated):
-            return name, key
-    raise RunError(
-        f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
-        "with --model, as identify "
-        "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
-    )
+        return found
+    if wanted not in keys:
+        raise RunError(f"{run.path} has no problem {wanted!r}; there are {', '.join(keys)}")
+    if _is_simulated(keys[wanted]) and not simulated:
+        raise RunError(
+            f"{run.path}: {wanted} is a simulated actuator; give a model with --model, or --simulated to "
+            "take it all the same"
+        )
+    return keys[wanted]
 
 
-def _of_problem(run: Run, name: str, key: tuple[str, str]) -> ChosenModel:
-    """The proven optimum of a problem."""
-    problem = run.problem(*key)
+def _is_simulated(key: tuple[str, str]) -> bool:
+    return problems.find(key[0]).origin == SIMULATED
+
+
+def _of_problem(run: Run, key: tuple[str, str]) -> ChosenModel:
+    """The model at the proven optimum of a problem."""
+    problem, name = run.problem(*key), "/".join(key)
     if problem.validation is None:
         raise RunError(
             f"{run.path}: the problem {name} is a program from a file and holds no model; give one with "

@@ -1,32 +1,32 @@
-"""Solver lanes to choose from, each at its setting for the accuracy asked for: of a one-shot race, or of a stream."""
+"""The candidates of a one-shot race or a stream: solver lanes, each at its setting for the required accuracy."""
 
 import math
 from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
 
 from bench.deploy.floor import Floor
 from bench.deploy.rule import Candidate, Choice, Rule
 from bench.derived.accuracy import CHEATS, distance, tainted
 from bench.derived.measurements import FLOOR, WAYS, Measurements, by_task, pooled
+from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import PROBLEM, by_problem
+from bench.races.stream.race import STREAM
 from bench.races.stream.summary import floor_bound, raw
+from bench.store import Run, RunError
 
 
-def machine(found: Measurements) -> Floor:
-    """What the solver that does nothing took, on all data."""
-    calls, tasks = by_task(found.times, WAYS), found.rows[found.rows.solver == FLOOR].task
-    return Floor([one for task in dict.fromkeys(tasks) for one in calls.get(task, [])])
+def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
+    """Candidates on scaled data from a cold start, as the compensator solves them; times include update and solve.
 
-
-def of_oneshot(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candidate]:
-    """One a solver lane: scaled data from a cold start, as the compensator solves them; times of update and solve.
-
-    Accuracy is judged by the rows of all hosts, times are those of one. Deadlines count hot and in turns with others;
-    percentiles are hot, since only one setting takes turns.
+    Accuracy comes from the rows of all hosts, times from one of them. Deadlines count hot and interleaved calls;
+    percentiles hot calls only, since only one setting is interleaved.
     """
+    found = Measurements(run.rows(ONESHOT), run.times())
     hot, raw = by_task(found.times), by_task(found.times, WAYS)
+    null_tasks = found.rows[found.rows.solver == FLOOR].task.unique()
+    floor = Floor([series for task in null_tasks for series in raw.get(task, [])])
+    _require_useful_deadline(run, rule, int(np.count_nonzero(floor.calls > rule.deadline_us)), floor.calls.size)
     cheats = (
         found.every[found.every.status.isin([str(status) for status in CHEATS])]
         .groupby(["solver", "lane"])
@@ -59,13 +59,15 @@ def of_oneshot(found: Measurements, rule: Rule, floor: Floor) -> Iterator[Candid
         )
 
 
-def of_stream(rows: pd.DataFrame, times: pd.DataFrame, rule: Rule) -> Iterator[Candidate]:
-    """One a solver lane: each sample's own answer, and the times from its due time to its answer.
+def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
+    """Candidates by the answer to each sample, and the time from its due time to its answer.
 
-    Compiled loops are not on the schedule and are left out. Of several settings of a solver lane, the less exact one is
-    the looser.
+    Compiled loops are not on the schedule and are excluded. Of two settings of a lane, the less exact one is looser.
     """
-    bound = floor_bound(rows[rows.solver == FLOOR])
+    rows, times = run.rows(STREAM), run.times()
+    floor = rows[rows.solver == FLOOR]
+    _require_useful_deadline(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
+    bound = floor_bound(floor)
     field = rows[(rows.solver != FLOOR) & rows.paced.astype(bool) & rows.lane.isin([str(lane) for lane in rule.lanes])]
     gaps = field.own_gap_max.astype(float).where(field.unanswered == 0).fillna(math.inf)
     for (solver, lane), part in field.assign(gap=gaps).groupby(["solver", "lane"], sort=False):
@@ -83,4 +85,13 @@ def of_stream(rows: pd.DataFrame, times: pd.DataFrame, rule: Rule) -> Iterator[C
             rule.deadline_us,
             calls,
             float(np.median(calls)) if calls.size else math.nan,
+        )
+
+
+def _require_useful_deadline(run: Run, rule: Rule, missed: int, samples: int) -> None:
+    """RunError if the machine itself misses most deadlines."""
+    if missed > samples / 2:
+        raise RunError(
+            f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of "
+            f"{rule.deadline_us:g} µs, so this run says nothing about them"
         )

@@ -1,28 +1,19 @@
-"""From a run to a solver: the rule applied, and why in sentences.
+"""Choice of a solver by the rule, explained in sentences.
 
-In this order:
-
-1. Cost gap and violation of the answers to every problem are within the accuracy asked for, with a margin (`rule`).
+1. Cost gap and violation of the answers to every problem are within the required accuracy, with a margin (`rule`).
 2. No deadline is missed that the machine's floor does not explain (`floor`).
-3. Of those that are left, the one with the lowest p99.9 of the time of an answer (in a stream: of the response). Where
-not all of them have
-   calls enough for that, p99 decides, or the median: nobody is out for having been timed less often.
+3. Of the remaining candidates, the one with the lowest p99.9 of the answer's time (in a stream: of the response time)
+   is chosen. If one of them has too few calls for that, p99 decides, or the median.
 
-A deadline that the machine itself misses more often than not is refused, since nothing could be told by it.
+A deadline that the machine itself misses more often than not is refused, because the run says nothing about it.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from bench.deploy.candidates import machine, of_oneshot, of_stream
+from bench.deploy.candidates import of_oneshot, of_stream
 from bench.deploy.rule import QUANTILES, Candidate, Rule
-from bench.derived.measurements import Measurements
-from bench.derived.table import ONESHOT
-from bench.races.stream import summary as stream_summary
 from bench.races.stream.race import KIND as STREAM_KIND
-from bench.races.stream.race import STREAM
 from bench.report.words import gap, number, solver_lanes
 from bench.store import Run, RunError
 from bench.timing.percentiles import Percentile
@@ -30,20 +21,20 @@ from bench.timing.percentiles import Percentile
 
 @dataclass(frozen=True)
 class Decision:
-    """The choice and those that it was made among."""
+    """The chosen candidate and the others."""
 
     run: Run
     rule: Rule
     chosen: Candidate
     runners_up: tuple[Candidate, ...]
-    """Those that qualify, too, in order."""
+    """The others that qualify, in order."""
     refused: tuple[tuple[Candidate, str], ...]
-    """The others, with why, the nearest first."""
+    """Candidates that do not qualify, with the reason, the nearest first."""
     by: int
-    """Index in QUANTILES of the percentile that decided."""
+    """Index in QUANTILES of the deciding percentile."""
 
     def sentences(self) -> list[str]:
-        """Why, and what else there was."""
+        """The rule, the choice with its reasons, and the runners-up."""
         it, name = self.chosen, "median" if self.by == len(QUANTILES) - 1 else Percentile(QUANTILES[self.by]).name
         problems = "1 problem" if it.chosen.problems == 1 else f"{it.chosen.problems} problems"
         found = [
@@ -64,7 +55,7 @@ class Decision:
         return [*found, f"{solver_lanes(count)} do{'' if count != 1 else 'es'} not qualify."] if count else found
 
     def evidence(self) -> dict[str, Any]:
-        """What the file says about where it comes from."""
+        """Evidence for the file of the decision."""
         settings = self.run.settings
         return {
             "run": self.run.path.name,
@@ -79,14 +70,11 @@ class Decision:
 
 
 def decide(run: Run, rule: Rule) -> Decision:
-    """Apply the rule.
-
-    RunError where no solver qualifies, or the run is of a kind without deadlines.
-    """
+    """Apply the rule; RunError if no solver qualifies, or the run is of a kind without deadlines."""
     race = run.settings.get("race", "oneshot")
     if race not in ("oneshot", STREAM_KIND):
         raise RunError(f"{run.path} is a {race} race; a decision needs a one-shot race or a stream")
-    candidates = _of_stream(run, rule) if race == STREAM_KIND else _of_oneshot(run, rule)
+    candidates = of_stream(run, rule) if race == STREAM_KIND else of_oneshot(run, rule)
     verdicts = [(each, each.failing(rule)) for each in candidates]
     qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
     refused.sort(key=lambda pair: _distance(pair[0]))
@@ -108,28 +96,5 @@ def decide(run: Run, rule: Rule) -> Decision:
 
 
 def _distance(it: Candidate) -> tuple[bool, bool, float, float]:
-    """How far it is from qualifying."""
+    """Sort key: distance from qualifying."""
     return it.cheat != "", not it.chosen.margin, it.beyond_floor / max(it.samples, 1), it.chosen.worst
-
-
-def _of_oneshot(run: Run, rule: Rule) -> list[Candidate]:
-    found = Measurements(run.rows(ONESHOT), run.times())
-    floor = machine(found)
-    _require_judgement(run, rule, int(np.count_nonzero(floor.calls > rule.deadline_us)), floor.calls.size)
-    return list(of_oneshot(found, rule, floor))
-
-
-def _of_stream(run: Run, rule: Rule) -> list[Candidate]:
-    rows = run.rows(STREAM)
-    floor = rows[rows.solver == stream_summary.FLOOR]
-    _require_judgement(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
-    return list(of_stream(rows, run.times(), rule))
-
-
-def _require_judgement(run: Run, rule: Rule, missed: int, samples: int) -> None:
-    """RunError where the machine itself misses most deadlines."""
-    if missed > samples / 2:
-        raise RunError(
-            f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of "
-            f"{rule.deadline_us:g} µs, so this run says nothing about them"
-        )

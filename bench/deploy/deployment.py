@@ -1,4 +1,4 @@
-"""The file of a decision: solver, setting and model, from which a compensator starts."""
+"""The file of a decision: solver, setting and model for a compensator."""
 
 from bench.deploy.actuator_model import ChosenModel
 from bench.deploy.decision import Decision
@@ -8,11 +8,11 @@ from piezo_model.model import HysteresisCreepModel
 from solvers import Lane
 
 CONTINUOUS = "recursive_active_set"
-"""The solver that follows every sample."""
+"""Solver of the continuous mode."""
 
 
 def deployment(decision: Decision, found: ChosenModel) -> Deployment[HysteresisCreepModel]:
-    """The file's content."""
+    """Content of the file."""
     evidence = decision.evidence() | found.evidence()
     chosen = decision.chosen
     continuous = chosen.solver == CONTINUOUS and evidence["race"] == STREAM_KIND

@@ -1,22 +1,21 @@
-"""How many of a solver's missed deadlines the machine explains.
+"""Number of a solver's missed deadlines that the machine explains.
 
-A long call meets more of what takes a processor away than a short one, so the solver that does nothing is looked at in
-blocks that last as long as a call of the candidate. With the candidate's median T, the deadline D, the times n_i of all
-M calls of the solver that does nothing, one after the other, each less the median ñ of its own series, and blocks j of
-b consecutive ones:
+A long call is more likely to be interrupted than a short one, so the calls of the solver that does nothing (null) are
+grouped into blocks as long as a call of the candidate. Let T be the candidate's median time, D the deadline, n_i the
+times of the M null calls in order, ñ the median of the series of call i, and j a block of b consecutive calls:
 
     b = T / median(n), rounded        K = ⌊M / b⌋ blocks
-    S_j = Σ (n_i − ñ),  i in j        what happened to a block
+    S_j = Σ (n_i − ñ),  i in j        delay of a block
     k = #{j : T + S_j − median(S) > D}
 
-of K blocks would have been late although the candidate needs no more than T ≤ D. The share of late calls that the
+k of K blocks would have been late although the candidate itself needs only T ≤ D. The share of late calls that the
 machine explains is
 
     r = min(B(k, K), k / K + 0.01),   B the upper 95 % bound of Clopper and Pearson (`bench.timing.percentiles`),
 
-and of N calls of the candidate it explains ⌈r N⌉. The second term is for few blocks, whose bound says how little was
-seen and not what the machine does: what nobody has seen excuses one call in a hundred at most. Where T > D the solver
-is late by itself, and nothing is explained.
+and of N calls of the candidate it explains ⌈r N⌉. The second term matters if K is small and the bound reflects the
+sample size rather than the machine: delays that were not observed explain at most one call in a hundred. If T > D, the
+solver is late by itself, and nothing is explained.
 """
 
 import math
@@ -29,24 +28,23 @@ from bench.derived.measurements import Microseconds
 from bench.timing.percentiles import rate_bound
 
 UNSEEN = 0.01
-"""Share of calls that is explained at most by what was not seen."""
+"""Largest share of calls that unobserved delays may explain."""
 SHORTEST_US = 1e-3
 
 
 @dataclass(frozen=True)
 class Floor:
-    """What the solver that does nothing took, call by call, in series of calls that followed each other, µs."""
+    """Times of the solver that does nothing, in series of consecutive calls, µs."""
 
     series: Sequence[Microseconds]
 
     @property
     def calls(self) -> Microseconds:
-        """All of them."""
+        """Times of all calls."""
         return np.concatenate([np.zeros(0), *self.series])
 
     def explained(self, calls: Microseconds, deadline_us: float) -> int:
-        """How many late ones of a candidate's calls (N,) the machine explains at most; none where the floor was not
-        measured."""
+        """Most late calls of a candidate, of times (N,), that the machine explains; 0 if the floor was not measured."""
         if not calls.size or not self.calls.size or (T := float(np.median(calls))) > deadline_us:
             return 0
         n = self.calls

@@ -1,8 +1,8 @@
-"""What is asked of a solver, and who is asked.
+"""The rule of a decision, and its candidates.
 
-A candidate is a solver lane at one setting for all problems: the loosest at which cost gap and violation, of first and
-timed answers alike, are within the accuracy ten times over on every problem, else three times, else once. Who has none,
-and who was caught cheating anywhere in the run, does not qualify.
+A candidate is a solver lane at one setting for all problems: the loosest one at which cost gap and violation, of first
+and timed answers, are within the accuracy with a margin of ten on every problem, else of three, else of one. A lane
+without such a setting does not qualify, nor does one that was caught cheating anywhere in the run.
 """
 
 import math
@@ -24,20 +24,20 @@ from piezo_model.learning.solving import require_setting
 from solvers import Lane, Tier, find
 
 QUANTILES = (0.999, 0.99, 0.5)
-"""From the finest; the first that all who qualify have calls enough for decides."""
+"""The first one for which every qualified candidate has enough calls decides."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What is asked for."""
+    """Requirements on a solver."""
 
     accuracy: float = 1e-9
     """Largest relative cost gap and violation."""
     deadline_us: float = PERIOD_US
     lanes: tuple[Lane, ...] = (Lane.KERNEL, Lane.DIRECT)
-    """Lanes that a controller can have."""
+    """Lanes that the controller can run."""
     misses: int = 0
-    """Deadlines that may be missed beyond the floor."""
+    """Most deadlines missed beyond the floor."""
 
     @property
     def sentence(self) -> str:
@@ -52,24 +52,24 @@ class Rule:
 
 @dataclass(frozen=True)
 class Choice:
-    """A setting of a solver lane that was chosen by a table of errors."""
+    """The setting of a solver lane, chosen from a table of errors."""
 
     setting: str
-    """As of ``solvers.protocol.setting_text``."""
+    """In the format of ``solvers.protocol.setting_text``."""
     margin: float
-    """How many times over it is right everywhere; 0 where none is, and this is the one that is right most often."""
+    """Factor by which it is within the accuracy on every problem; 0 if no setting is, and this is right most often."""
     worst: float
-    """The largest relative cost gap or violation."""
+    """Largest relative cost gap or violation."""
     problems: int
     right: int
 
     @classmethod
     def of(cls, distances: NDArray[np.float64], settings: list[str], accuracy: float) -> Self:
-        """By the distances from the optimum (problems, settings from loose to tight)."""
+        """Choose by the distances from the optimum, shape (problems, settings from loose to tight)."""
         with np.errstate(divide="ignore", invalid="ignore"):
             errors = np.nan_to_num(distances / accuracy, nan=math.inf, posinf=math.inf)
         counts, found = (errors <= 1.0).sum(axis=0), choice(errors)
-        # of those that are right as often, the tightest
+        # of settings that are right on as many problems, the tightest
         at = int(counts.size - 1 - np.argmax(counts[::-1])) if found is None else found
         return cls(
             settings[at],
@@ -82,21 +82,21 @@ class Choice:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One solver lane at one setting, and how it stands to the rule."""
+    """One solver lane at one setting, with the figures that the rule needs."""
 
     solver: str
     lane: str
     chosen: Choice
     cheat: str
-    """As what it was caught, "" if it was not."""
+    """Status of a detected cheat, or ""."""
     samples: int
     missed: int
     explained: int
-    """Missed deadlines that the floor explains at most."""
+    """Most missed deadlines that the floor explains."""
     time_us: float
-    """Median as the report of the race has it."""
+    """Median, as in the report of the race."""
     tail: tuple[Percentile, ...]
-    """For QUANTILES, each with value or reason."""
+    """Percentiles of QUANTILES."""
 
     @classmethod
     def of(
@@ -110,7 +110,7 @@ class Candidate:
         tail: Microseconds,
         time_us: float,
     ) -> Self:
-        """Deadlines are judged by all calls, percentiles by ``tail``."""
+        """Count deadlines in all calls and take percentiles of ``tail``."""
         return cls(
             *key,
             chosen,
@@ -124,12 +124,12 @@ class Candidate:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the solver's ladder has for a problem whose constant is 1."""
+        """Settings on the solver's ladder, for a problem whose constant is 1."""
         return decoded(self.chosen.setting, dict[str, Any])
 
     @property
     def tier(self) -> Tier:
-        """The most exact that it reaches on every problem."""
+        """Most exact tier that it reaches on every problem."""
         return next(
             (tier for tier in (Tier.EXACT, Tier.HIGH, Tier.MID, Tier.LOW) if self.chosen.worst <= TOLERANCE[tier]),
             Tier.DEFAULT,
@@ -142,12 +142,12 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Solver, lane and setting, as shown to users."""
         label = settings_label(self.chosen.setting)
         return f"{marked(self.solver)} ({self.lane}{label and f', {label}'})"
 
     def failing(self, rule: Rule) -> str:
-        """Why it does not qualify; "" if it does. The number of its calls is not a reason."""
+        """Why it does not qualify, or "". Having few calls is no reason."""
         it = self.chosen
         if self.cheat:
             return f"was caught cheating ({self.cheat})"
@@ -177,11 +177,11 @@ class Candidate:
         return ""
 
     def time(self, by: int) -> float:
-        """What decides, µs: the percentile of that index, or the median."""
+        """Percentile of that index, or the median, µs."""
         return self.time_us if by == len(QUANTILES) - 1 else self.tail[by].value or math.nan
 
     def figures(self) -> dict[str, Any]:
-        """Figures as JSON can hold them, in the units of the report."""
+        """Figures for JSON, in the units of the report."""
         it = self.chosen
         return {
             "solver": self.solver,

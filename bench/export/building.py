@@ -1,4 +1,4 @@
-"""The exported source compiled on this machine, and written into a folder that is there whole or not at all."""
+"""Compile exported source on this machine, and write it to a folder, whole or not at all."""
 
 import os
 import shutil
@@ -11,19 +11,16 @@ from bench.export.settings import ExportError
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 EXACT = ("-ffp-contract=off",)
-"""No fused multiplication and addition, so that every compiler and machine gives the same numbers to rounding of
-sums."""
+"""No fused multiply-add, so that every compiler and machine gives the same bits."""
 COMPILERS = ("cc", "gcc", "clang")
 
 
 def compile_c(folder: Path, words: Sequence[str], what: str) -> None:
-    """Call this machine's C compiler in a folder; ExportError where there is none, or with the first error that it has
-    with ``what``."""
+    """Run the C compiler in a folder; ExportError if there is none, or with its first error on ``what``."""
     compiler = next(filter(shutil.which, COMPILERS), None)
     if compiler is None:
         raise ExportError("there is no C compiler on this machine; apt-get install gcc brings one on Debian")
-    # where what a compiler leaves that is killed goes with the folder
-    scratch = {**os.environ, "TMPDIR": str(folder.resolve())}
+    scratch = {**os.environ, "TMPDIR": str(folder.resolve())}  # a killed compiler leaves its files in the folder
     done = subprocess.run([compiler, *words], cwd=folder, env=scratch, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
@@ -31,7 +28,7 @@ def compile_c(folder: Path, words: Sequence[str], what: str) -> None:
 
 
 def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Write text files into a folder that is there, some into folders in it."""
+    """Write text files into an existing folder and its subfolders."""
     for name, text in files.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
@@ -40,7 +37,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 def write_folder(target: Path, files: Mapping[str, str]) -> None:
     """Write text files into a new or empty folder, all of them or none.
 
-    ExportError where the target is a file or a folder with something in it, or cannot be written.
+    ExportError if the target is a file, a folder with content, or cannot be written.
     """
     target = target.resolve()
     if target.exists() and not target.is_dir():
@@ -51,9 +48,9 @@ def write_folder(target: Path, files: Mapping[str, str]) -> None:
         if target.exists() and (first := min(target.iterdir(), default=None)):
             raise ExportError(f"{target}: the folder holds {first.name} already; name a new or an empty folder")
         with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as beside:
-            whole = Path(beside) / "whole"  # the temporary folder is private, this is an ordinary new one
+            whole = Path(beside) / "whole"  # with ordinary permissions, unlike the temporary folder
             whole.mkdir()
             write_files(whole, files)
-            whole.rename(target)  # an empty folder gives way, one that was filled meanwhile does not
+            whole.rename(target)  # replaces an empty folder, fails if it has been filled meanwhile
     except OSError as error:
         raise ExportError(f"{target}: cannot be written ({error.strerror or error})") from None

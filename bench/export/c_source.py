@@ -1,9 +1,8 @@
-"""A model as C99 source: the files of the core as they are, an interface, and what is data: parameters, an example, a
+"""Export of a model as C99: the files of the core unchanged, an interface, and rendered files: parameters, example,
 makefile.
 
-Memory is that of the core's states, which Python asks of the core itself.
-
-The interface and the templates have the prefix ``piezo``; another name is put in its place.
+The core itself reports the size of its states. Interface and templates have the prefix ``piezo``, which another name
+may replace.
 """
 
 import re
@@ -32,7 +31,7 @@ FILES = {
     "CMakeLists.txt": "CMakeLists.txt.jinja",
     "README.md": "README.md.jinja",
 }
-"""What is rendered."""
+"""Rendered files and their templates."""
 INTERFACE = Path(__file__).parent / "c"
 SHARED = ("vec8.h", "num.h", "arena.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
 LEARNER = (
@@ -55,27 +54,25 @@ LEARNER = (
     *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "optimum")),
     "learner.h",
 )
-"""The core's files, alone and with a learner; of the latter the compiler takes what the kind of learning needs."""
+"""Files of the core: always, and with a learner; preprocessor conditions select what the kind of learning needs."""
 FLOAT_BOUND = 1e-5
-"""Largest difference of the float from the double version in unit amplitudes of the drive, over a million samples."""
+"""Largest difference between the drives of the float and double versions over a million samples, unit amplitudes."""
 
 environment = c_templates("bench.export")
 
 
 def render(
     model: HysteresisCreepModel,
-    settings: ExportSettings | None = None,
-    title: str = "Compensator",
+    settings: ExportSettings,
+    title: str,
     files: Mapping[str, str] = FILES,
-    more: Mapping[str, Any] | None = None,
+    **more: Any,
 ) -> dict[str, str]:
-    """Return the text of each of the files, by name and template.
+    """Render files, given by name and template.
 
-    Every file begins with the title, which is one line; the templates may need ``more`` than what is known of any
-    model.
+    Every file begins with the title, one line; ``more`` are further variables of the templates.
     """
-    settings = settings or ExportSettings()
-    data = {**known(model, settings, title), **(more or {})}
+    data = {**variables_of(model, settings, title), **more}
     return {
         _named(name, settings.name): _named(environment.get_template(template).render(data), settings.name)
         for name, template in files.items()
@@ -83,8 +80,7 @@ def render(
 
 
 def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
-    """Text of the files that are the same for every model: the interface with ``more`` of its folder, and the core in a
-    folder of its own."""
+    """Files that are the same for every model: the interface, with ``more`` files of its folder, and the core."""
     learner = ("piezo_learner.h", "piezo_learner.c") if settings.learning else ()
     interface = ("piezo.h", "piezo.c", *learner, *more)
     core = (*SHARED, *(LEARNER if settings.learning else ()))
@@ -106,7 +102,7 @@ def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
 def export(
     model: HysteresisCreepModel, settings: ExportSettings | None = None, title: str = "Compensator"
 ) -> dict[str, str]:
-    """Return the text of each file of a folder that builds; names as of :func:`render` and :func:`sources`.
+    """Return the text of all files of a folder that builds, by name.
 
     Examples
     --------
@@ -140,15 +136,15 @@ def export(
 
 
 def _named(text: str, name: str) -> str:
-    """The text with the prefix in place of ``piezo``; ``piezobench`` stays."""
+    """The text with the prefix ``piezo`` replaced, but not in ``piezobench``."""
     if name == "piezo":
         return text
     text = re.sub(r"\bPIEZO(?=_)", name.upper(), text)
     return re.sub(r"\bpiezo(?=_|\b)", name, text).replace("PIEZO_H", f"{name.upper()}_H")
 
 
-def known(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> dict[str, Any]:
-    """What every template may refer to."""
+def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> dict[str, Any]:
+    """Variables of all templates."""
     s, precision = model.structure, settings.precision
     low, high = dead_zone_limits(s.dead_zone_thresholds)
     outer_low, outer_high = outer_limits(s)
@@ -185,20 +181,19 @@ def _period(seconds: float) -> str:
 
 
 HEAD = 128
-"""HEAD_BYTES of ``arena.h``."""
+"""HEAD_BYTES in ``arena.h``."""
 STACK = 6144
-"""More than all frames together need."""
+"""Upper bound for all stack frames together, bytes."""
 
 
 def compensator_bytes(s: ModelStructure, precision: Precision) -> int:
-    """Size of the compensator's state; in single precision creep states have a rest that rounding keeps from them."""
+    """Size of the compensator's state; in single precision creep states carry their rounding error."""
     size: int = bindings.compensator_bytes(*s.shape)
     return size if precision == "double" else HEAD + (size - HEAD) // 2 + 4 * len(s.creep_rates) * s.lanes
 
 
 def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLOCKS) -> int:
-    """Size of the learner's state and of what it shares with the step, with that of an exact solver beside it; 0
-    without learning."""
+    """Size of the learner, with the blocks it shares with the step and its exact solver; 0 without learning."""
     if not settings.learning:
         return 0
     numbers, way = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
@@ -211,7 +206,7 @@ def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLO
 
 
 def memory_figures(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:
-    """Bytes of both states, of a block between step and learner, of constants and of the stack."""
+    """Bytes of both states, of one block between step and learner, of constants and of the stack."""
     learner = learner_bytes(s, settings)
     constants = 8 * (2 * (s.n + 1) + len(s.creep_rates) + s.dead_zones * (7 if learner else 3) + s.creep_weights + 1)
     stack = 8 * (2 * s.d + 2 * s.lanes * (1 + len(s.creep_rates)) + 4 * s.d)

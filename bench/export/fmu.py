@@ -1,7 +1,7 @@
-"""The compensator as an FMU for Co-Simulation, FMI 2.0 or 3.0, from the same C source.
+"""Export of the compensator as an FMU for Co-Simulation, FMI 2.0 or 3.0, from the same C source.
 
-One communication step of one sampling period takes the reference at its start; the drive is there at its end. The FMU
-carries a binary for the machine it was made on and the source for any other.
+A communication step of one sampling period reads the reference at its start and gives the drive at its end. The FMU
+contains a binary for the machine it was built on and the source for any other.
 
 Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 """
@@ -12,12 +12,11 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from platform import machine
-from typing import Any
 
 from markupsafe import Markup
 
 from bench.export.building import EXACT, WARNINGS, compile_c, write_files
-from bench.export.c_source import known, render, sources
+from bench.export.c_source import render, sources, variables_of
 from bench.export.settings import ExportSettings
 from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel
@@ -44,7 +43,7 @@ BASE_UNITS = {
     "A": 'A="1"',
     "N": 'kg="1" m="1" s="-2"',
 }
-"""What the standard's base units make of the units of recordings; others are named without a definition."""
+"""Units of recordings in the standard's base units; any other unit is named without a definition."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Variable:
 
 
 def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
-    """Input, output and parameters with units and start values."""
+    """Inputs, output and parameters with units and start values."""
     numbers = settings.numbers(s)
     x, y, rate = s.input_unit, s.output_unit, settings.rate_limit or 0.0
     return [
@@ -100,41 +99,35 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
 
 
 def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, fmi: int = 3) -> None:
-    """Write the FMU of the compensator alone, in double precision, for FMI 2 or 3, whole or not at all; ExportError
-    where there is no C compiler."""
-    name = settings.name
+    """Write the FMU of the compensator, in double precision, whole or not at all; ExportError without a C compiler."""
     title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
     code = {
         **sources(settings, f"fmi{fmi}.c", "fmu.h"),
         **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"}),
     }
-    token = f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()))}}}"
-    about = _about(model.structure, settings, token, fmi)
-    code |= render(model, settings, title, {"piezo_fmu.h": "fmu.h.jinja"}, about)
-    data, templates = {**known(model, settings, title), **about}, xml_templates("bench.export")
-    contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in code.items()}
-    contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(data)
-    if fmi == 3:
-        contents["sources/buildDescription.xml"] = templates.get_template("buildDescription.xml.jinja").render(data)
-    platform = "linux64" if fmi == 2 and machine() == "x86_64" else f"{machine()}-linux"
-    contents[f"binaries/{platform}/{name}.so"] = _library(code, name, fmi)
-    with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path, content in contents.items():
-            archive.writestr(path, content)
-
-
-def _about(s: ModelStructure, settings: ExportSettings, token: str, fmi: int) -> dict[str, Any]:
-    found = variables(s, settings)
+    found = variables(model.structure, settings)
     units = dict.fromkeys(["s", *(v.unit for v in found if v.unit)])
-    return {
+    about = {
         "name": settings.name,
-        "token": token,
+        "token": f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()))}}}",
         "fmi": fmi,
         "variables": found,
         "units": {unit: Markup(BASE_UNITS.get(unit, "")) for unit in units},
         "rate_limit": settings.rate_limit or 0.0,
         "integral_gain": settings.integral_gain,
     }
+    code |= render(model, settings, title, {"piezo_fmu.h": "fmu.h.jinja"}, **about)
+    described, templates = {**variables_of(model, settings, title), **about}, xml_templates("bench.export")
+    contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in code.items()}
+    contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(described)
+    if fmi == 3:
+        description = templates.get_template("buildDescription.xml.jinja").render(described)
+        contents["sources/buildDescription.xml"] = description
+    platform = "linux64" if fmi == 2 and machine() == "x86_64" else f"{machine()}-linux"
+    contents[f"binaries/{platform}/{settings.name}.so"] = _library(code, settings.name, fmi)
+    with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path, content in contents.items():
+            archive.writestr(path, content)
 
 
 def _library(code: dict[str, str], name: str, fmi: int) -> bytes:

@@ -1,9 +1,9 @@
-"""The exported step in real time: an absolute schedule, and what the machine made of it.
+"""The exported step in real time, on an absolute schedule.
 
 Sample k is due at t₀ + k T. The loop sleeps until then (``clock_nanosleep`` with an absolute time, SCHED_FIFO and
-locked memory where the system allows), wakes up late by the *wake-up latency*, takes its step, the *service time*, and
-ends at the *response time* after t₀ + k T. A deadline is missed where that is above T. A step that does nothing on the
-same schedule is the floor of the machine.
+locked memory if the system allows them), wakes up late by the *wake-up latency*, needs the *service time* for its step,
+and ends at the *response time* after t₀ + k T. If that exceeds T, the deadline is missed. An empty step on the same
+schedule gives the machine's floor.
 """
 
 import os
@@ -27,24 +27,24 @@ FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-pthread")
 
 @dataclass(frozen=True)
 class Paced:
-    """One run on the schedule, times of shape (N,)."""
+    """Times of one run on the schedule, shape (N,)."""
 
     rate_Hz: float
     wake_ns: Nanoseconds
     service_ns: Nanoseconds
     response_ns: Nanoseconds
     allowed: dict[str, str]
-    """What the system allowed: memory, core, fifo → "yes" or why not."""
+    """memory, core, fifo → "yes" or why the system refused; with learning, counts of late offers and dropped blocks."""
 
     @property
     def missed(self) -> int:
-        """Samples whose response came after the next was due."""
+        """Number of samples whose response time exceeds the period."""
         return int(np.count_nonzero(self.response_ns > 1e9 / self.rate_Hz))
 
 
 @dataclass(frozen=True)
 class RealTime:
-    """What the machine made of the schedule, and of a step that does nothing."""
+    """Runs of the exported step, and of an empty one."""
 
     step: Paced
     null: Paced
@@ -62,11 +62,11 @@ class RealTime:
 
     @property
     def histograms(self) -> dict[str, dict[float, int]]:
-        """The same counted by :func:`histogram`."""
+        """Times by name, counted by :func:`histogram`."""
         return {name: histogram(us) for name, us in self.times_us.items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """Figures for JSON."""
         return {
             "rate_Hz": self.step.rate_Hz,
             "samples": self.step.response_ns.size,
@@ -91,10 +91,10 @@ def real_time(
     priority: int = 80,
     core: int | None = None,
 ) -> RealTime:
-    """Build the exported loop and run it at a rate, then the same with a step that does nothing.
+    """Build the exported loop and run it at a rate, then the same with an empty step.
 
-    It asks for a priority of SCHED_FIFO, 1 to 99, unless that is 0, and is pinned to a core, by default the last that
-    may be used. ExportError where there is no C compiler, or the time is shorter than a sampling period.
+    It requests a priority of SCHED_FIFO, 1 to 99, or none if that is 0, and is pinned to a core, by default the last
+    usable one. ExportError if there is no C compiler, or the time is shorter than a sampling period.
     """
     if rate_Hz * seconds < 1.0:
         raise ExportError(f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s")
@@ -117,7 +117,7 @@ def real_time(
 
 
 def histogram(times_us: Vector) -> dict[float, int]:
-    """Counts by upper bound in µs: powers of two from 1/8 µs on, from the first to the last that holds any.
+    """Counts by upper bound in µs, powers of two from 1/8 µs on, from the first to the last that is not zero.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""What an export is asked for, the numbers that follow from it, and how C writes them.
+"""Settings of an export, the numbers that follow from them, and C literals.
 
-Learning has the two ways of `piezo_model.self_learning`: *cyclic*, with one step of the projected difference equation a
-sample or with a solver that answers once the data are there, and *continuous* with the exact optimum at every interval.
+Learning has the two modes of `piezo_model.self_learning`: *cyclic*, with one step of the projected difference equation
+per sample or a solver at the end of each building phase, and *continuous*, with the exact optimum at every interval.
 """
 
 import math
@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from bench.rendering import c_identifier
 from piezo_model.compensator import integral_share
 from piezo_model.learning.layout import block_samples, continuous_numbers
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
@@ -18,11 +17,11 @@ from solvers.kernel.accelerated_projection import AcceleratedProjection
 
 Precision = Literal["double", "float"]
 LARGEST, SMALLEST = 3.4028234e38, 1.1754944e-38
-"""Of the normal numbers of single precision."""
+"""Magnitudes of the normal numbers of single precision."""
 Part = Literal["compensator", "learning"]
 LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
 SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
-"""Those that can be exported; the last one means continuous operation, which is exact."""
+"""Exportable solvers; the last one stands for the continuous mode."""
 LEARNS = (
     "one projected step a sample, in cycles",
     "accelerated projected steps at the end of each building phase",
@@ -30,14 +29,13 @@ LEARNS = (
     "the exact optimum of each interval, continuously",
 )
 BLOCKS = 8
-"""Of the ring between step and learner: it may fall so many blocks behind, less two, before samples are left out."""
-
+"""Blocks in the ring between step and learner; a learner that is more than BLOCKS − 2 behind loses samples."""
 LONGEST_NAME = 31
-"""Characters of an external identifier that C99 promises to look at."""
+"""Significant characters of an external identifier in C99."""
 
 
 class ExportError(ValueError):
-    """An export that cannot be; the message is one sentence that says why."""
+    """An export that is impossible; the message is one sentence."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +45,17 @@ class ExportSettings:
     Parameters
     ----------
     precision : "double" or "float"
-        Of signals, states and the model; sums of learning are double in either.
+        Precision of signals, states and model; sums of learning are always double.
     part : "compensator" or "learning"
-        Compensation alone, or the whole self-learning loop.
+        The compensator alone, or the self-learning loop.
     solver : one of SOLVERS
-        Of the learning.
+        Solver of the learning.
     x_limits : pair of float, optional
         Limits of the drive in the input unit; the model's range by default.
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
     reset_s, build_s, learn_s, integral_gain : float
-        As of ``SelfLearningCompensator``, whose defaults the other numbers of learning have.
+        As for ``SelfLearningCompensator``; all other numbers of learning are its defaults.
     name : str
         Prefix of files, functions and types.
 
@@ -85,10 +83,8 @@ class ExportSettings:
             )
         if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
             raise ExportError(f"the lowest drive {self.x_limits[0]:g} must be below the highest {self.x_limits[1]:g}")
-        try:
-            c_identifier(self.name)
-        except ValueError as error:
-            raise ExportError(f"the name {error}") from None
+        if not (self.name.isascii() and self.name.isidentifier() and not self.name.startswith("_")):
+            raise ExportError(f"the name {self.name!r} is not an identifier of C")
         if len(self.name) > LONGEST_NAME:
             raise ExportError(
                 f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every "
@@ -97,16 +93,16 @@ class ExportSettings:
 
     @property
     def learning(self) -> bool:
-        """Whether the learning is part of it."""
+        """Whether the export learns."""
         return self.part == "learning"
 
     @property
     def cyclic(self) -> bool:
-        """Whether it learns in cycles."""
+        """Whether it learns in cyclic mode."""
         return self.learning and self.solver != SOLVERS[-1]
 
     def numbers(self, s: ModelStructure) -> dict[str, float]:
-        """What the parameter file needs, in samples and unit amplitudes where the C has those."""
+        """Numbers of the parameter file, in the units of the C code: samples and unit amplitudes."""
         try:
             gain = integral_share(self.integral_gain, s.sample_time)
         except ValueError as error:
@@ -122,7 +118,7 @@ class ExportSettings:
         }
 
     def _learner_numbers(self, s: ModelStructure) -> dict[str, float]:
-        """Those of the learner; the ring, and when new weights are taken, as of `piezo_model.learning`."""
+        """Numbers of the learner: block length, ring and hand-over as in `piezo_model.learning`."""
         if self.cyclic:
             lasts = {f"{name}_lasts": s.samples(getattr(self, f"{name}_s")) for name in ("reset", "build", "learn")}
             block = block_samples(tuple(lasts.values()))
@@ -144,8 +140,7 @@ class ExportSettings:
 
 
 def literal(value: float, precision: Precision = "double") -> str:
-    """A constant that reads back as the number; ExportError where single precision would make it infinite or lose its
-    digits.
+    """A C constant that reads back as the number; ExportError if single precision would overflow or lose digits.
 
     Examples
     --------
@@ -163,7 +158,7 @@ def literal(value: float, precision: Precision = "double") -> str:
 
 
 def initialiser(values: Iterable[float], precision: Precision = "double") -> str:
-    """An array's initialiser; what is missing at the end is zero in C.
+    """The initialiser of an array; C sets missing elements at the end to zero.
 
     Examples
     --------

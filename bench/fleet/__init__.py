@@ -1,2 +1,2 @@
-"""Many recordings at once: the same work on each, on several workers, resumable, with one table and one page for
-all."""
+"""Batch processing of many recordings: the same work on each, on several workers, resumable, with one table and one
+page."""

@@ -1,41 +1,31 @@
-"""The same work on every recording of a fleet: each has a row on disk once it is done, and is not done again.
+"""The same work on every recording of a fleet. A finished recording has a row on disk and is not processed again.
 
-    OUT/NAME.json           what the work makes of a recording, such as its model
-    OUT/rows/NAME.json      its row, with a digest of this program's version, the work's settings and the content of
-                            what it read, and one of what was made
+    OUT/NAME.json           product of the work, such as the recording's model
+    OUT/rows/NAME.json      figures of the row, with a SHA-256 of the program's version, the work's settings, the files
+                            that were read and the product
 
-The row comes last and goes first, each file is written whole, and the digests decide: so an interruption at any moment
-costs the recordings that were under way, and other settings or another content, read or made, are done again. So is
-what was refused.
+The row is written last and removed first, and each file is replaced whole, so an interruption costs only the
+recordings in progress. A recording is processed again if the digest differs, and if it was refused.
 """
 
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.fleet.works import Work
 from bench.messages.progress import Progress
-from bench.processes.engine import Workers, each
+from bench.processes.engine import Workers, parallel_map
 from piezo_model.atomic_file import write_text
 from piezo_model.json_file import decoded, packed, unpacked
 
 Row = dict[str, Any]
-"""``recording``, ``name`` and ``refused``, the sentence that says why there is no more, or ""; then figures of the
-work."""
-
-
-class Kept(TypedDict):
-    """A row on disk: SHA-256 of all that decides what is made, and of what was made beside the row."""
-
-    digest: str
-    made: str
-    figures: dict[str, Any]
+"""``recording``, ``name`` and ``refused``, a sentence or ""; without a refusal, the figures of the work."""
 
 
 @dataclass(frozen=True)
@@ -47,71 +37,85 @@ class Part:
     name: str
     out: str
 
+    @property
+    def row(self) -> str:
+        """Path of the row in the folder."""
+        return f"rows/{self.name}.json"
+
+    @property
+    def product(self) -> str:
+        """Path of the product in the folder; that of the row if the work makes no file."""
+        return self.work.made.format(self.name) if self.work.made else self.row
+
+    @contextmanager
+    def inputs(self) -> Iterator[list[Path]]:
+        """Local copies of the files that are read, the recording first."""
+        with ExitStack() as stack:
+            places = (self.recording, *self.work.reads(self.name))
+            yield [stack.enter_context(file_here(place)) for place in places]
+
+    def digest(self, inputs: Sequence[Path], product: Path) -> str:
+        """SHA-256 of everything that determines the product, and of the product."""
+        settings = [version("piezobench"), type(self.work).__name__, asdict(self.work)]  # type: ignore[call-overload]
+        found = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+        for path in (*inputs, product) if self.work.made else inputs:
+            with path.open("rb") as file:
+                found.update(hashlib.file_digest(file, "sha256").digest())
+        return found.hexdigest()
+
 
 def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Row]:
-    """Do all parts, or find them done; returns their rows in the order of the parts."""
-    found: dict[str, Row] = {}
+    """Process all parts that are not finished; return the rows of all in the order of the parts."""
+    rows: dict[str, Row] = {}
     progress("starting", 0, len(parts))
-    for row in each(row_of, parts, workers):
-        found[row["name"]] = row
-        progress(row["name"], len(found), len(parts))
-    return [found[part.name] for part in parts]
+    for row in parallel_map(row_of, parts, workers):
+        rows[row["name"]] = row
+        progress(row["name"], len(rows), len(parts))
+    return [rows[part.name] for part in parts]
 
 
 def drawn(parts: Sequence[Part], workers: Workers, progress: Progress) -> Iterator[tuple[str, str]]:
-    """Draw the pages of recordings whose work is done; yields their names and places."""
-    for at, page in enumerate(each(draw, parts, workers)):
-        progress("drawing pages", at + 1, len(parts))
+    """Write the pages of finished recordings; yield the name of each and the path of its page."""
+    for count, page in enumerate(parallel_map(draw, parts, workers), 1):
+        progress("drawing pages", count, len(parts))
         yield page
 
 
 def draw(part: Part) -> tuple[str, str]:
-    """Write the page of a recording whose work is done; returns its name and place in the folder, "" where the work
-    has none."""
+    """Write the page of a finished recording; return its name and the path of the page, "" if the work has none."""
     from bench.report import recording_page  # plots take a second to import, and most workers draw none
 
-    with ExitStack() as stack:
-        recording, made, *further = (
-            stack.enter_context(file_here(place))
-            for place in (
-                part.recording,
-                f"{part.out}/{part.work.made or 'rows/{}.json'}".format(part.name),
-                *part.work.reads(part.name),
-            )
-        )
-        found = part.work.reviewed(recording, further, made)
-        if found is None:
+    with part.inputs() as (recording, *further), file_here(f"{part.out}/{part.product}") as product:
+        review = part.work.reviewed(recording, further, product)
+        if review is None:
             return part.name, ""
-        folder = stack.enter_context(folder_here(f"{part.out}/pages"))
-        recording_page.write(folder / f"{part.name}.html", recording.name, found)
+        with folder_here(f"{part.out}/pages") as folder:
+            recording_page.write(folder / f"{part.name}.html", recording.name, review)
     return part.name, f"pages/{part.name}.html"
 
 
 def row_of(part: Part) -> Row:
-    """The row of a recording, done now or before; whatever goes wrong is said in it, since the others are to have
-    theirs."""
-    row, kept = {"recording": part.recording, "name": part.name, "refused": ""}, f"{part.name}.json"
-    here: Path | None = None
+    """The row of a recording, from disk if it is finished; any error becomes its refusal, so that the others go on."""
+    row: Row = {"recording": part.recording, "name": part.name, "refused": ""}
+    recording: Path | None = None
     try:
-        with ExitStack() as stack:
-            here, *further = (
-                stack.enter_context(file_here(place)) for place in (part.recording, *part.work.reads(part.name))
-            )
-            digest = _digest(part.work, (here, *further))
-            if (before := _kept(part, digest)) is not None:
-                return {**row, **before}
-            _forget(part.out, f"rows/{kept}")
-            with folder_here(part.out) as folder:
-                target = folder / (part.work.made or ".").format(part.name)
-                figures = part.work.do(here, further, target)
-                made = hashlib.sha256(target.read_bytes() if part.work.made else b"").hexdigest()
-            with folder_here(f"{part.out}/rows") as folder:
-                write_text(folder / kept, json.dumps(Kept(digest=digest, made=made, figures=packed(figures))) + "\n")
+        with part.inputs() as inputs:
+            recording, *further = inputs
+            figures = _stored(part, inputs)
+            if figures is None:
+                _remove(part.out, part.row)
+                with folder_here(part.out) as folder:
+                    product = folder / part.product
+                    figures = part.work.do(recording, further, product)
+                    digest = part.digest(inputs, product)
+                with folder_here(f"{part.out}/rows") as folder:
+                    stored = json.dumps({"digest": digest, "figures": packed(figures)})
+                    write_text(folder / f"{part.name}.json", f"{stored}\n")
         return {**row, **figures}
     except Exception as error:
-        _forget(part.out, f"rows/{kept}", part.work.made.format(part.name))
-        said = _sentence(error)
-        return {**row, "refused": said if here is None else said.replace(str(here), here.name)}
+        _remove(part.out, part.row, part.product)
+        sentence = _sentence(error)
+        return {**row, "refused": sentence.replace(str(recording), recording.name) if recording else sentence}
 
 
 def _sentence(error: Exception) -> str:
@@ -121,35 +125,25 @@ def _sentence(error: Exception) -> str:
     return " ".join(f"{kind}{error}".split())
 
 
-def _digest(work: Work, files: Sequence[Path]) -> str:
-    settings = asdict(work)  # type: ignore[call-overload]
-    found = hashlib.sha256(json.dumps([version("piezobench"), type(work).__name__, settings], sort_keys=True).encode())
-    for path in files:
-        with path.open("rb") as file:
-            found.update(hashlib.file_digest(file, "sha256").digest())
-    return found.hexdigest()
-
-
-def _kept(part: Part, digest: str) -> Row | None:
-    """The figures of a row on disk with this digest whose work is there as it was made; None where it is to be done."""
-    fs, out = filesystem(part.out)
+def _stored(part: Part, inputs: Sequence[Path]) -> Row | None:
+    """The figures on disk, if the digest of inputs and product is still the same."""
     try:
-        found = decoded(fs.cat_file(f"{out}/rows/{part.name}.json"), Kept)
-        made = fs.cat_file(f"{out}/{part.work.made.format(part.name)}") if part.work.made else b""
-        figures: Row = unpacked(found["figures"])
-    except (OSError, ValueError):  # not there, of an older program, or damaged
+        with file_here(f"{part.out}/{part.row}") as path:
+            row = decoded(path.read_bytes(), dict[str, Any])
+        with file_here(f"{part.out}/{part.product}") as product:
+            return unpacked(row["figures"]) if row["digest"] == part.digest(inputs, product) else None
+    except (OSError, ValueError, KeyError):  # absent, damaged, or of an earlier version
         return None
-    return figures if (found["digest"], found["made"]) == (digest, hashlib.sha256(made).hexdigest()) else None
 
 
-def _forget(out: str, *files: str) -> None:
+def _remove(out: str, *files: str) -> None:
     fs, path = filesystem(out)
-    for file in filter(None, files):
+    for file in files:
         if fs.isfile(f"{path}/{file}"):
             fs.rm_file(f"{path}/{file}")
 
 
 def parts_of(work: Work, recordings: Sequence[str], out: str) -> Iterator[Part]:
-    """One part a recording, with places that are the same from every worker's folder."""
+    """One part for each recording, with absolute places, which do not depend on a worker's current folder."""
     for recording, name in zip(recordings, names_of(recordings), strict=True):
         yield Part(work, absolute(recording), name, absolute(out))

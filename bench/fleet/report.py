@@ -1,12 +1,12 @@
-"""What a fleet says and shows: one table, outliers first, and one page.
+"""Report of a fleet: one table with outliers first, and one page.
 
-With v a measure of a recording (the logarithm of its error, or a weight of its model), med and MAD the median over the
-fleet and the median absolute deviation from it, a measure's distance is
+Let v be a measure of a recording (the logarithm of its error, or a weight of its model), and med and MAD its median and
+median absolute deviation over the fleet. The distance of the measure is
 
     |v − med v| / max(1.4826 MAD v, LEAST),
 
-which is in standard deviations for the normal law, and which many outliers do not hide. That of a recording is the
-larger of the error's and of the median over the weights: single weights that the data hardly determine differ in any
+in standard deviations if v is normally distributed, and robust against outliers. The distance of a recording is the
+larger one of its error and of the median over its weights: single weights that the data hardly determine differ in any
 fleet. Source: P. J. Rousseeuw and C. Croux, J. Amer. Statist. Assoc. 88 (1993) 1273 to 1283.
 """
 
@@ -27,20 +27,20 @@ from bench.report.writing import write_page
 from piezo_model.atomic_file import replacing
 
 LEAST = {"log10 error": 0.02, "weight": 1e-3}
-"""Deviations below which nothing is told apart: of 5 % of the error, and of a thousandth of the unit amplitude."""
+"""Smallest deviation that counts as a difference: 5 % of the error, a thousandth of the unit amplitude."""
 DISTANT = 5.0
-"""Distance from which on a recording is called an outlier."""
+"""Distance beyond which a recording is an outlier."""
 LEAST_PERCENT = 1e-9
-"""Errors below this are taken for it."""
+"""Smaller errors are replaced by this one."""
 FIGURES = {"rms_percent": "RMS error, %", "max_percent": "largest, %", "line_percent": "with a line, %"}
-"""Of the short table, where the work has them."""
+"""Columns of the short table, if the work has them."""
 BINS = 24
 BLUE, RED = PALETTE[:2]
 SHARES = {"lowest": 0.0, "low": 0.05, "median": 0.5, "high": 0.95, "highest": 1.0}
 
 
 def table_of(rows: Sequence[Row]) -> pd.DataFrame:
-    """Rows with ``distance`` and ``unlike``, the measure it is in: what was refused first, then by distance."""
+    """Rows with ``distance`` and its measure, ``unlike``: refused recordings first, then by decreasing distance."""
     table = pd.DataFrame(rows).assign(distance=np.nan, unlike="")
     known = table.refused == ""
     if known.any():
@@ -62,34 +62,34 @@ def weights_in(table: pd.DataFrame) -> list[str]:
 
 
 def _score(measure: pd.Series, least: float) -> pd.Series:
-    off = (measure - measure.median()).abs()
-    return off / max(1.4826 * off.median(), least)
+    deviation = (measure - measure.median()).abs()
+    return deviation / max(1.4826 * deviation.median(), least)
 
 
 def sentences(table: pd.DataFrame, what: str) -> list[str]:
-    """How many there are, how well they fit, and which are refused."""
+    """Number of recordings, of outliers, and distribution of the errors."""
     fine = table[table.refused == ""]
-    said = [f"{len(fine)} of {len(table)} recordings {what}."]
+    found = [f"{len(fine)} of {len(table)} recordings {what}."]
     if len(fine):
         low, middle, high = fine.rms_percent.quantile([0.05, 0.5, 0.95])
-        said.append(
+        found.append(
             f"RMS error of the output, as a share of its range: {middle:.2g} % in the median, {low:.2g} % to "
             f"{high:.2g} % in nine of ten. Unlike the others by more than {DISTANT:g} standard deviations: "
             f"{int((fine.distance > DISTANT).sum())}."
         )
-    return said
+    return found
 
 
 def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mapping[str, str]] | None = None) -> Report:
-    """Everything that is said and shown; ``links`` has files of each name by what they are, "" for none."""
+    """The fleet's report; ``links`` maps each name to its files by kind, "" for none."""
     fine, refused = table[table.refused == ""], table[table.refused != ""]
-    there, links = [name for name in FIGURES if name in fine], links or {}
+    errors, links = [name for name in FIGURES if name in fine], links or {}
     pages, outliers = sum(bool(each["page"]) for each in links.values()), int((fine.distance > DISTANT).sum())
     kinds = [kind for kind in next(iter(links.values()), ()) if any(each[kind] for each in links.values())]
     rows = [
         [
             row["name"],
-            *(number(row[name]) for name in there),
+            *(number(row[name]) for name in errors),
             row["unlike"],
             number(row["distance"]),
             *(
@@ -101,7 +101,7 @@ def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mappi
         ]
         for row in fine.to_dict("records")
     ]
-    headings = ("recording", *(FIGURES[name] for name in there), "most unlike in", "standard deviations", *kinds)
+    headings = ("recording", *(FIGURES[name] for name in errors), "most unlike in", "standard deviations", *kinds)
     return Report(
         sentences(table, what),
         Table(
@@ -128,7 +128,7 @@ def write(out: str, table: pd.DataFrame, found: Report) -> None:
 
 
 def figures(fine: pd.DataFrame) -> list[Figure]:
-    """How error and weights are distributed."""
+    """Distributions of error and weights."""
     if fine.empty:
         return []
     errors, names = fine.rms_percent.clip(lower=LEAST_PERCENT), weights_in(fine)

@@ -1,6 +1,6 @@
-"""Files on this machine, or in a bucket or on a server by a URL that fsspec knows.
+"""Local files, and remote ones at URLs that fsspec knows.
 
-What is read is a local file, fetched where it is not one; what is written is written locally and whole, then uploaded.
+A remote file is downloaded before it is read; files are written locally and whole, then uploaded.
 """
 
 import os
@@ -17,7 +17,7 @@ from piezo_model.recordings import RecordingError
 
 
 def filesystem(place: str) -> tuple[Any, str]:
-    """The file system of a path or URL, and the path in it; RecordingError where fsspec knows none."""
+    """The file system of a path or URL, and the path in it; RecordingError if fsspec knows none."""
     if "://" not in place:
         return LocalFileSystem(), os.path.abspath(place)
     try:
@@ -27,26 +27,26 @@ def filesystem(place: str) -> tuple[Any, str]:
 
 
 def absolute(place: str) -> str:
-    """The place as it is called from every folder."""
+    """The place, independent of the current folder."""
     return place if "://" in place else os.path.abspath(place)
 
 
 def matching(places: Sequence[str]) -> list[str]:
-    """The places with patterns such as ``s3://bucket/*.parquet``, which no shell expands, replaced by what is there."""
+    """Places, with patterns such as ``s3://bucket/*.parquet``, which no shell expands, replaced by their matches."""
     found: list[str] = []
     for place in places:
         fs, path = filesystem(place)
         if "*" not in place or fs.exists(path):
             found.append(place)
-        elif there := sorted(fs.glob(path)):
-            found += [fs.unstrip_protocol(each) if "://" in place else each for each in there]
+        elif matches := sorted(fs.glob(path)):
+            found += [fs.unstrip_protocol(match) if "://" in place else match for match in matches]
         else:
             raise RecordingError(f"{place}: no file matches")
     return found
 
 
 def names_of(places: Sequence[str]) -> list[str]:
-    """Names for what is made of files: their own without suffix, with as many folders before it as tell all apart.
+    """Unique names for the products of files: their own without suffix, after as many parent folders as needed.
 
     Examples
     --------
@@ -55,10 +55,10 @@ def names_of(places: Sequence[str]) -> list[str]:
     """
     parts = [PurePosixPath(filesystem(place)[1]).with_suffix("").parts[1:] for place in places]
     for depth in range(1, max(map(len, parts)) + 1):
-        names = ["--".join(each[-depth:]) for each in parts]
+        names = ["--".join(path[-depth:]) for path in parts]
         if len(set(names)) == len(names):
             return names
-    twice = next(i for i, each in enumerate(parts) if each in parts[:i])
+    twice = next(i for i, path in enumerate(parts) if path in parts[:i])
     raise RecordingError(
         f"{places[twice]}: what is made of it would have the name of what is made of "
         f"{places[parts.index(parts[twice])]}"
@@ -66,14 +66,14 @@ def names_of(places: Sequence[str]) -> list[str]:
 
 
 def model_of(place: str, name: str) -> str:
-    """The model at a place, or in the folder there the one of a name."""
+    """Place of the model: the file itself, or the one of this name in a folder."""
     fs, path = filesystem(place)
     return f"{absolute(place)}/{name}.json" if fs.isdir(path) else absolute(place)
 
 
 @contextmanager
 def file_here(place: str) -> Iterator[Path]:
-    """The file at a place as a local one, of the same name."""
+    """A local file of the same name and content."""
     fs, path = filesystem(place)
     if isinstance(fs, LocalFileSystem):
         yield Path(path)
@@ -86,7 +86,7 @@ def file_here(place: str) -> Iterator[Path]:
 
 @contextmanager
 def folder_here(place: str) -> Iterator[Path]:
-    """A local folder to write whole files into: that at the place, or one whose files are uploaded at the end."""
+    """A local folder for output: the place itself, or a temporary one that is uploaded at the end."""
     fs, path = filesystem(place)
     if isinstance(fs, LocalFileSystem):
         Path(path).mkdir(parents=True, exist_ok=True)

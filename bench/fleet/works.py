@@ -1,4 +1,4 @@
-"""Identification, validation and compensation as the command line asks for them, of one recording or of each of a
+"""Identification, validation and compensation with the options of the command line, of one recording or of each of a
 fleet."""
 
 from abc import ABC, abstractmethod
@@ -21,28 +21,27 @@ from piezo_model.recordings.recording import HELD
 
 
 class Work(ABC):
-    """What is done with one recording; each is a frozen dataclass of settings, which can be sent anywhere."""
+    """A processing step of one recording; subclasses are frozen dataclasses of settings, sent to workers."""
 
     made = ""
-    """What is made of a recording, such as "{}.json" with its name, or ""."""
+    """Name of the file that is written, with {} for the recording's name, or ""."""
 
     def reads(self, name: str) -> Sequence[str]:
-        """Places of further files that are read for the recording of a name."""
+        """Places of the other files that are read for a recording of this name."""
         return ()
 
     @abstractmethod
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
-        """Do it and write what is made; returns figures."""
+        """Process a recording, write the product to the target, and return figures."""
 
     def reviewed(self, recording: Path, further: Sequence[Path], made: Path) -> Review | None:
-        """What the page of a recording shows; None where there is no page."""
+        """Content of the page of a recording; None if it has no page."""
         return None
 
 
 @dataclass(frozen=True)
 class Identifying(Work):
-    """Settings of `identify`, and keywords of ``Recording.open``; what is None of orders and rates is chosen from the
-    recording."""
+    """Settings of `identify`, which chooses orders and rates that are None, and keywords of ``Recording.open``."""
 
     opening: Mapping[str, Any] = field(default_factory=dict)
     n: int | None = None
@@ -55,7 +54,7 @@ class Identifying(Work):
     made = "{}.json"
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
-        """Write the model; returns figures of the fit, and the weights in unit amplitudes."""
+        """Write the model; return figures of the fit, and the weights in unit amplitudes."""
         model = self.of(self.opened(recording))
         model.save(target)
         s, fit = model.structure, model.report["fit"]
@@ -74,15 +73,15 @@ class Identifying(Work):
         }
 
     def reviewed(self, recording: Path, further: Sequence[Path], made: Path) -> Review:
-        """The fit of the model that was made."""
+        """Fit of the model that was written."""
         return review(self.opened(recording), HysteresisCreepModel.load(made))
 
     def opened(self, recording: Path) -> Recording:
-        """The recording; which column is the input is settled by a fit where their names do not say it."""
+        """Open the recording; a fit decides which column is the input if the names do not."""
         return check_direction(Recording.open(recording, hold=HELD, **self.opening))
 
     def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
-        """The model of a recording."""
+        """Identify the model of a recording."""
         return identify(
             recording,
             n=self.n,
@@ -98,23 +97,23 @@ class Identifying(Work):
 
 @dataclass(frozen=True)
 class WithModel(Work):
-    """``model`` is the place of a model, or of a folder with one NAME.json a recording; ``opening`` are keywords of
-    ``Recording.open`` or ``read_reference``."""
+    """Work that needs a model: ``model`` is the place of one, or of a folder with NAME.json for each recording;
+    ``opening`` are keywords of ``Recording.open`` or ``read_reference``."""
 
     model: str
     opening: Mapping[str, Any] = field(default_factory=dict)
 
     def reads(self, name: str) -> Sequence[str]:
-        """The model."""
+        """Place of the model."""
         return (model_of(self.model, name),)
 
 
 @dataclass(frozen=True)
 class Validating(WithModel):
-    """Judging a model on a recording that its identification has not seen."""
+    """Validation of a model on a recording that its identification has not used."""
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
-        """Figures of the fit, and the offset of the sensor against the session of the identification."""
+        """Return figures of the fit, and the change of the sensor's offset since the identification."""
         _, model, found = self.judged(recording, further[0])
         fit = asdict(found.fit)
         return {
@@ -126,23 +125,23 @@ class Validating(WithModel):
         }
 
     def reviewed(self, recording: Path, further: Sequence[Path], made: Path) -> Review:
-        """The fit of the model that is judged."""
+        """Fit of the model."""
         return review(*self.judged(recording, further[0]))
 
     def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
-        """The recording, the model and what it is worth there."""
+        """The recording, the model and its validation."""
         loaded = HysteresisCreepModel.load(model)
         opened = check_direction(Recording.open(recording, hold=HELD, **self.opening))
         return opened, loaded, loaded.validate(opened)
 
 
 FOLLOWED = 1e-3
-"""Share of the output's range within which the model follows a reference."""
+"""Largest error, as a share of the output's range, at which a reference counts as followed."""
 
 
 @dataclass(frozen=True)
 class Compensating(WithModel):
-    """Limits of the drive, the model's range by default, and the states to begin with."""
+    """Drive for a reference: its limits, the model's range by default, and the initial state."""
 
     low: float | None = None
     high: float | None = None
@@ -151,18 +150,18 @@ class Compensating(WithModel):
     made = "{}-drive.csv"
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
-        """Write the drive; returns how well the model follows the reference with it, and what keeps it from that.
+        """Write the drive; return how well the model follows the reference with it, and the share at the limits.
 
-        RecordingError where sampling or unit of the reference are not the model's, or the limits are none.
+        RecordingError if sampling time or unit of the reference are not the model's, or the limits are not ascending.
         """
         model = HysteresisCreepModel.load(further[0])
-        s, wanted = model.structure, read_reference(recording, **self.opening)
-        if abs(wanted.sample_time / s.sample_time - 1.0) > 0.01:
+        s, reference = model.structure, read_reference(recording, **self.opening)
+        if abs(reference.sample_time / s.sample_time - 1.0) > 0.01:
             raise RecordingError(
-                f"{recording}: is sampled every {wanted.sample_time:g} s and the model every {s.sample_time:g} s"
+                f"{recording}: is sampled every {reference.sample_time:g} s and the model every {s.sample_time:g} s"
             )
-        if wanted.unit and s.output_unit and wanted.unit != s.output_unit:
-            raise RecordingError(f"{recording}: is in {wanted.unit} and the model's output in {s.output_unit}")
+        if reference.unit and s.output_unit and reference.unit != s.output_unit:
+            raise RecordingError(f"{recording}: is in {reference.unit} and the model's output in {s.output_unit}")
         limits = (
             s.x_centre - s.x_scale if self.low is None else self.low,
             s.x_centre + s.x_scale if self.high is None else self.high,
@@ -170,10 +169,10 @@ class Compensating(WithModel):
         if not limits[0] < limits[1]:
             raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
         state = model.initial_state(self.start)
-        x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit, state=state).run(wanted.values)
-        times, name = np.arange(x.size) * wanted.sample_time, f"drive_{s.input_unit}".rstrip("_")
+        x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit, state=state).run(reference.values)
+        times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")
         write_table(target, {"time_s": times, name: x}, model.warning)
-        error, span = np.abs(model.simulate(x, state) - wanted.values), 2.0 * abs(s.y_scale)
+        error, span = np.abs(model.simulate(x, state) - reference.values), 2.0 * abs(s.y_scale)
         return {
             "forced": model.warning,
             "start": self.start if model.start is not None else "rest",

@@ -1,2 +1,1 @@
-"""A compensator on a stage while one watches: the loop in a process of its own, and beside it, in another one, its
-watchdog, its recording and its page."""
+"""A compensator on a running stage: the loop in one process, and its watchdog, recorder and page in another."""

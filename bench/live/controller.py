@@ -1,7 +1,7 @@
-"""What computes the drive of a live run: a compensator that stays as it is, or one that learns.
+"""Computes the drive of a live run: a compensator with a fixed model, or one that learns.
 
-It learns in the thread of the loop: a block takes some microseconds of compiled code, and at 8 kHz no more deadlines
-were missed with learning than without, while a second thread of Python would share the interpreter with the loop.
+Learning runs in the thread of the loop: a block takes microseconds of compiled code and at 8 kHz costs no deadlines,
+while a second Python thread would share the interpreter with the loop.
 """
 
 import math
@@ -13,23 +13,23 @@ from piezo_model.operator_state import OperatorState
 
 
 class Controller:
-    """The compensator of a run, whose actuator is at rest."""
+    """The compensator of a run, with its actuator at rest."""
 
     def __init__(self, task: Task) -> None:
-        s, declared = task.model.structure, task.declared
-        state = OperatorState.at_rest(s, (declared.rest - s.x_centre) / s.x_scale)
-        self.learning, self._told = task.learn != "off", 0
+        s, stage = task.model.structure, task.declared
+        state = OperatorState.at_rest(s, (stage.rest - s.x_centre) / s.x_scale)
+        self.learning, self._next_logged = task.learn != "off", 0
         self._compensator: Compensator | SelfLearningCompensator
         if task.learn == "off":
             self._compensator = Compensator(
-                task.model, declared.x_limits, declared.rate_limit, state, integral_gain=task.integral_gain
+                task.model, stage.x_limits, stage.rate_limit, state, integral_gain=task.integral_gain
             )
         else:
             self._compensator = SelfLearningCompensator(
                 s,
                 mode=task.learn,
-                x_limits=declared.x_limits,
-                rate_limit=declared.rate_limit,
+                x_limits=stage.x_limits,
+                rate_limit=stage.rate_limit,
                 integral_gain=task.integral_gain,
                 solver="box_active_set",
                 model=task.model if task.identified else None,
@@ -37,19 +37,20 @@ class Controller:
             )
 
     def step(self, y_ref: float, y: float) -> float:
-        """The drive for a reference, after what the last drive gave; while learning waits, that counts as not
-        measured."""
+        """Return the drive for a reference, given the output that the last drive produced.
+
+        While learning is paused, the learner takes the output as not measured.
+        """
         if isinstance(self._compensator, SelfLearningCompensator):
             return self._compensator.step(y_ref, y if self.learning else math.nan)
         self._compensator.correct(y)
         return self._compensator.step(y_ref)
 
-    def tell(self, board: Board) -> None:
-        """Show weights and events."""
+    def show(self, board: Board) -> None:
+        """Write the model and new events to the board."""
         board.show_model(self._compensator.model)
         if isinstance(self._compensator, SelfLearningCompensator):
-            board.note(hand_overs=self._compensator.counts["hand_overs"])
-            new = [event for event in self._compensator.log if event.sample >= self._told]
-            for event in new:
-                board.say(f"{event.what}: {event.message}")
-            self._told = max((event.sample + 1 for event in new), default=self._told)
+            board.set(hand_overs=self._compensator.counts["hand_overs"])
+            for event in [event for event in self._compensator.log if event.sample >= self._next_logged]:
+                board.log(f"{event.what}: {event.message}")
+                self._next_logged = event.sample + 1

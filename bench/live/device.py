@@ -8,8 +8,8 @@
         def exchange(self, x): ...                           # write the drive, return what was measured
         def close(self): ...
 
-Optional are ``timeout_s``, how long an exchange may take before the stage is taken for lost (0.5 s), and ``reopens``,
-whether a second process may open the stage after the first has died (True), which is what brings it to rest then.
+Optional are ``timeout_s``, the longest exchange before the stage counts as lost (0.5 s), and ``reopens``, whether a
+second process may open the stage after the first has died (True), to bring it to rest.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ LARGEST = 1e300
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
 RAMP_S = 0.01
-"""Of the fastest ramp over the whole range of a simulated stage."""
-MOST_AT_ONCE = 1_000
-"""Samples that a simulated stage catches up with after a pause."""
+"""Shortest time in which a simulated stage may cross its range."""
+MAX_CATCH_UP = 1_000
+"""Most samples that a simulated stage makes up for after a pause."""
 
 
 class DeviceError(ValueError):
@@ -42,20 +42,20 @@ class DeviceError(ValueError):
 
 
 class Device(Protocol):
-    """What a stage has; what it declares besides is checked by :meth:`Declared.of`."""
+    """Methods of a stage; its attributes are checked by :meth:`Declared.of`."""
 
     def open(self) -> None:
-        """Get ready; the drive is at rest."""
+        """Connect to the hardware, whose drive is at rest."""
 
     def exchange(self, x: float) -> float:
-        """Write the drive (input unit) and return what was measured (output unit), NaN where nothing was."""
+        """Write the drive (input unit) and return the measured output (output unit), NaN if there is none."""
 
     def close(self) -> None:
-        """Let go of the hardware."""
+        """Release the hardware."""
 
 
 class Declared(msgspec.Struct, frozen=True):
-    """What a stage says of itself."""
+    """Attributes that a stage declares."""
 
     input_unit: str
     output_unit: str
@@ -68,51 +68,46 @@ class Declared(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, device: Any, name: str) -> Declared:
-        """Check what a stage declares; DeviceError names what is missing or wrong."""
-        said = {field: getattr(device, field) for field in cls.__struct_fields__ if hasattr(device, field)}
+        """Check the attributes of a stage; DeviceError names a missing or wrong one."""
+        attributes = {field: getattr(device, field) for field in cls.__struct_fields__ if hasattr(device, field)}
         try:
-            found = json_file.convert(said, cls)
+            declared = json_file.convert(attributes, cls)
         except ValueError as error:
             raise DeviceError(f"{name}: the class {type(device).__name__}: {json_file.brief(error)}") from None
-        for what, (low, high) in (("x_limits", found.x_limits), ("y_range", found.y_range)):
+        for what, (low, high) in (("x_limits", declared.x_limits), ("y_range", declared.y_range)):
             if not low < high:
                 raise DeviceError(f"{name}: {what} must be in ascending order, not {(low, high)}")
-        if not found.x_limits[0] <= found.rest <= found.x_limits[1]:
-            raise DeviceError(f"{name}: rest {found.rest:g} is outside of x_limits {found.x_limits}")
-        return found
+        if not declared.x_limits[0] <= declared.rest <= declared.x_limits[1]:
+            raise DeviceError(f"{name}: rest {declared.rest:g} is outside of x_limits {declared.x_limits}")
+        return declared
 
 
 @dataclass(frozen=True)
 class DeviceFile:
-    """The stage of a user's file; each process makes its own."""
+    """A stage defined in a user's file; each process makes its own instance."""
 
     path: Path
 
     def make(self) -> Device:
-        """The stage, not opened yet; DeviceError where the file holds none."""
+        """Make the stage, not yet open; DeviceError if the file does not define exactly one."""
         try:
-            names = runpy.run_path(str(self.path), run_name="stage")
+            stages: list[Any] = [
+                value()
+                for value in runpy.run_path(str(self.path), run_name="stage").values()
+                if inspect.isclass(value)
+                and value.__module__ == "stage"
+                and all(callable(getattr(value, method, None)) for method in METHODS)
+            ]
         except OSError as error:
             raise DeviceError(f"{self.path}: {error.strerror}") from None
         except Exception as error:
             raise DeviceError(f"{self.path}: cannot be run: {type(error).__name__}: {error}") from None
-        found = [
-            value
-            for value in names.values()
-            if inspect.isclass(value)
-            and value.__module__ == "stage"
-            and all(callable(getattr(value, method, None)) for method in METHODS)
-        ]
-        if len(found) != 1:
+        if len(stages) != 1:
             raise DeviceError(
-                f"{self.path}: holds {len(found)} classes with the methods {', '.join(METHODS)}, and one is needed"
+                f"{self.path}: holds {len(stages)} classes with the methods {', '.join(METHODS)}, and one is needed"
             )
-        try:
-            made: Any = found[0]()
-        except Exception as error:
-            raise DeviceError(f"{self.path}: {found[0].__name__}() failed: {type(error).__name__}: {error}") from None
-        device: Device = made
-        return device
+        stage: Device = stages[0]
+        return stage
 
     def __str__(self) -> str:
         return str(self.path)
@@ -120,7 +115,7 @@ class DeviceFile:
 
 @dataclass(frozen=True)
 class Simulated:
-    """A simulated actuator with a sensor; it lives in the process of the loop."""
+    """A simulated actuator with a sensor, which lives in the process of the loop."""
 
     kind: str
     sample_time: float
@@ -129,45 +124,42 @@ class Simulated:
     """Standard deviation of the sensor's noise, output units."""
 
     def make(self) -> Device:
-        """The stage; DeviceError where there is no such plant."""
+        """Make the stage; DeviceError if there is no such plant."""
         if self.kind not in plants.names():
             raise DeviceError(f"there is no simulated actuator {self.kind!r}; known are {', '.join(plants.names())}")
-        return SimulatedStage(
-            plants.Sensor(plants.get(self.kind, sample_time=self.sample_time), noise_um=self.noise, seed=self.seed),
-            self.sample_time,
-        )
+        plant = plants.get(self.kind, sample_time=self.sample_time)
+        return SimulatedStage(plants.Sensor(plant, noise_um=self.noise, seed=self.seed), self.sample_time)
 
     def __str__(self) -> str:
         return f"simulated {self.kind}"
 
 
 class SimulatedStage:
-    """A plant as a stage, which goes on by the clock as hardware does: between two exchanges it keeps the drive of the
-    first."""
+    """A plant in real time: between two exchanges it holds the drive of the first, as hardware does."""
 
     input_unit, output_unit = "V", "um"
     reopens = False
 
     def __init__(self, plant: plants.Plant, sample_time: float) -> None:
-        self._plant, self._sample_time, self._opened, self._samples = plant, sample_time, math.nan, 0
+        self._plant, self._sample_time = plant, sample_time
         self.x_limits, self.y_range = plant.x_range, plant.y_range
         self.rest = self.x_limits[0]
         self.rate_limit = (self.x_limits[1] - self.x_limits[0]) / RAMP_S
-        self._x = self.rest
+        self._x, self._samples, self._started = self.rest, 0, math.nan
 
     def open(self) -> None:
-        """Nothing to open."""
+        """Do nothing."""
 
     def exchange(self, x: float) -> float:
-        """The samples of the plant that are due, at least one."""
+        """Advance the plant by the samples that are due, at least one, and return its output."""
         now = time.perf_counter()
         if not self._samples:
-            self._opened = now
-        due = round((now - self._opened) / self._sample_time)
-        for _ in range(min(due - self._samples, MOST_AT_ONCE)):
+            self._started = now
+        due = round((now - self._started) / self._sample_time)
+        for _ in range(min(due - self._samples, MAX_CATCH_UP)):
             self._plant.step(self._x)
         self._samples, self._x = max(due, self._samples) + 1, x
         return self._plant.step(x)
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing."""

@@ -1,22 +1,21 @@
-"""The loop: at every sampling period write the drive, take what is measured, and count what that took, on an absolute
+"""The control loop: at every sampling period it writes the drive and reads the measured output, on an absolute
 schedule.
 
-Sample k is due at t_0 + k T. Service is the time from its begin to its end, response that from its due time; where the
-response is above T the deadline was missed, and due times that have passed meanwhile are left out. Whatever the
-compensator wants, the drive moves by at most rate · T a sample and stays inside the limits; in the end it ramps to
-rest, however the end came.
+Sample k is due at t_0 + k T. The service time is from the start of a sample to its end, the response time from its due
+time to its end. If the response exceeds T, the deadline was missed, and the due times that have passed meanwhile are
+skipped. The drive always changes by at most rate · T a sample and stays within the limits; every run ends with a ramp
+to rest.
 
-The loop has a process of its own on a core of its own and waits for nobody: see `board`.
+The loop has a process and a core of its own and waits for no other process: see `board`.
 """
 
 import gc
 import math
 import os
-import shutil
 import signal
 import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
 
 from bench.live.board import FOLLOW, Board, State, bin_of
 from bench.live.controller import Controller
@@ -26,105 +25,109 @@ from bench.timing import cores
 from bench.timing.schedule import SPIN_NS, wait_until
 
 LEAD_NS = 20_000_000
+"""From the start of a schedule to its first due time."""
 NULL_S = 1.0
-"""Of the null loop, which does nothing on the same schedule before the stage is opened."""
+"""Length of the null loop, which does nothing on the same schedule before the stage is opened."""
 PRIORITY, WAKE_NS, SHORTEST_NS = 50, 40_000, 100_000
-"""With real-time scheduling: its priority, how long before a due time the loop watches the clock, and the shortest
-sampling period that leaves the system enough of the core, which otherwise stops such a loop for 50 ms of every
-second."""
-LOOK_AT_PARENT = 1_000
-"""Samples between two looks whether the process that watches is still there."""
+"""Real-time scheduling: priority, how long before a due time the loop begins to spin, and the shortest sampling period
+that leaves the system enough of the core; with a shorter one, Linux would stop the loop for 50 ms of every second."""
+CHECK_PARENT = 1_000
+"""Samples between checks that the parent process is alive."""
 SHOW_S = 0.5
-"""Between two times that the weights are shown."""
+"""Interval at which the model is shown."""
+
+
+def schedule(rate: float, spin_ns: int) -> Iterator[tuple[int, int]]:
+    """Wait for each sample and yield its number and due time, ns; due times that have passed are skipped."""
+    period, clock = round(1e9 / rate), time.perf_counter_ns
+    start, k = clock() + LEAD_NS, 0
+    while True:
+        wait_until(start + k * period, clock, time.sleep, spin_ns)
+        yield k, start + k * period
+        k = max(k + 1, (clock() - start) // period)
 
 
 class Loop:
-    """One run; ``controller`` is None where there is only the ramp to rest left, from the drive on the board."""
+    """One run from the drive on the board; if the board's state is RAMPING, only the ramp to rest."""
 
-    def __init__(
-        self, board: Board, device: Device, task: Task, controller: Controller | None, spin_ns: int = SPIN_NS
-    ) -> None:
-        self._board, self._device, self._task, self._controller = board, device, task, controller
-        self._declared, self._spin_ns = task.declared, spin_ns
-        self._y, self._set_point = math.nan, FOLLOW
-        self._ramping = controller is None
-        self._x = task.declared.rest if controller is not None else float(board.drive[0])
-        self._silent = self._refused = 0
+    def __init__(self, board: Board, device: Device, task: Task, spin_ns: int = SPIN_NS) -> None:
+        self._board, self._device, self._task, self._spin_ns = board, device, task, spin_ns
+        self._controller = Controller(task)
+        self._x, self._y, self._set_point = float(board.drive[0]), math.nan, FOLLOW
+        self._ramping = board.state == State.RAMPING
+        self._silent = self._failures = 0
 
-    def wanted(self, reference: float) -> float:
-        """The drive of a sample: what the compensator wants, or rest, as far as limits and rate allow."""
-        to, step = self._declared.rest, self._declared.rate_limit / self._task.rate
-        if self._controller is not None:
-            wanted = self._controller.step(reference, self._y)
-            to = to if self._ramping or not math.isfinite(wanted) else wanted
-        low, high = self._declared.x_limits
-        return min(max(to, self._x - step, low), self._x + step, high)
+    def next_drive(self, reference: float) -> float:
+        """The drive that the compensator requests, or rest, within limits and rate."""
+        stage, requested = self._task.declared, self._controller.step(reference, self._y)
+        target = stage.rest if self._ramping or not math.isfinite(requested) else requested
+        (low, high), step = stage.x_limits, stage.rate_limit / self._task.rate
+        return min(max(target, self._x - step, low), self._x + step, high)
 
     def exchange(self, x: float) -> None:
-        """Write the drive and take what is measured; what fails ends the run, and the same drive is written again."""
-        self._board.drive[0] = x  # before the stage has it: whoever goes on from here must not jump
+        """Write the drive and read the output; a failure ends the run, and the same drive is written again."""
+        self._board.drive[0] = x  # before the stage has it: a rescue must not jump
         try:
             measured = self._device.exchange(x)
             if isinstance(measured, bool) or not hasattr(measured, "__float__"):
                 raise TypeError(f"it returned {measured!r} and no number")
-            self._x, self._y, self._refused = x, float(measured), 0
+            self._x, self._y, self._failures = x, float(measured), 0
         except Exception as error:
-            self._y, self._refused = math.nan, self._refused + 1
+            self._y, self._failures = math.nan, self._failures + 1
             self.end(f"the stage failed: {' '.join(str(error).split()) or type(error).__name__}", failed=True)
         self._silent = 0 if math.isfinite(self._y) else self._silent + 1
-        if self._silent > self._declared.timeout_s * self._task.rate:
-            self.end(f"nothing was measured for {self._declared.timeout_s:g} s", failed=True)
+        if self._silent > self._task.timeout_samples:
+            self.end(f"no measurement for {self._task.declared.timeout_s:g} s", failed=True)
 
-    def end(self, why: str, failed: bool = False) -> None:
-        """Begin the ramp to rest, once."""
+    def end(self, reason: str, failed: bool = False) -> None:
+        """Begin the ramp to rest, unless it has begun."""
         if not self._ramping:
             self._ramping = True
-            self._board.end(why, failed)
+            self._board.begin_ramp(reason, failed)
 
     def obey(self) -> None:
-        """Do what the page asks for."""
+        """Carry out the requests on the board."""
         board, set_point = self._board, float(self._board.set_point[0])
+        if board.stop:
+            self.end("asked to stop")
         if set_point != self._set_point:
             self._set_point = set_point
-            board.say(f"follows {self._task.reference.words}" if set_point == FOLLOW else f"holds {set_point:.6g}")
-        if self._controller is not None and board.learning != self._controller.learning:
+            board.log(f"follows {self._task.reference.words}" if set_point == FOLLOW else f"holds {set_point:.6g}")
+        if board.learning != self._controller.learning:
             self._controller.learning = bool(board.learning)
-            board.say("learning" if board.learning else "learning waits")
+            board.log("learning" if board.learning else "learning paused")
 
     def run(self) -> bool:
-        """Follow until the end, then ramp to rest; whether it is there, since a stage that takes no drive any more is
-        given up."""
-        board, rate, clock = self._board, self._task.rate, time.perf_counter_ns
-        period, last = round(1e9 / rate), round(self._task.seconds * rate) or math.inf
-        parent, start, k, written = os.getppid(), clock() + LEAD_NS, 0, board.head
-        before, show_every = board.last[0] + 1.0 / rate if written else 0.0, max(1, round(SHOW_S * rate))
-        while self._refused <= self._declared.timeout_s * rate:
-            if board.stop or k >= last:
-                self.end("the time is over" if k >= last else "asked to stop")
-            if written % LOOK_AT_PARENT == 0 and os.getppid() != parent:
-                self.end("the process that watches the loop has died")
-            self.obey()
-            due = start + k * period
-            wait_until(due, clock, time.sleep, self._spin_ns)
-            begin = clock()
+        """Follow the reference until the end, then ramp to rest; False if the stage takes no drive any more."""
+        board, rate, parent = self._board, self._task.rate, os.getppid()
+        last, show_every = round(self._task.seconds * rate) or math.inf, max(1, round(SHOW_S * rate))
+        before = board.last[0] + 1.0 / rate if board.head else 0.0
+        for k, due in schedule(rate, self._spin_ns):
+            if k >= last:
+                self.end("the time is over")
+            start = time.perf_counter_ns()
             reference = self._task.reference.at(k) if self._set_point == FOLLOW else self._set_point
-            self.exchange(
-                float(board.drive[0]) if self._refused else self.wanted(reference)
-            )  # it may have been taken after all
-            end = clock()
-            board.write(written, (before + k / rate, reference, self._x, self._y))
-            board.note(beat_ns=end, missed=board.missed + (end - due > period))
-            board.service[bin_of(end - begin)] += 1
-            if self._ramping and self._x == self._declared.rest:
+            # a drive whose exchange failed is written again: the stage may have taken it
+            self.exchange(float(board.drive[0]) if self._failures else self.next_drive(reference))
+            end = time.perf_counter_ns()
+            board.write((before + k / rate, reference, self._x, self._y))
+            board.set(beat_ns=end, missed=board.missed + (end - due > 1e9 / rate))
+            board.service[bin_of(end - start)] += 1
+            if self._ramping and self._x == self._task.declared.rest:
                 return True
-            written, k = written + 1, max(k + 1, (clock() - start) // period)
-            if self._controller is not None and written % show_every == 0:
-                self._controller.tell(board)
+            if self._failures > self._task.timeout_samples:
+                break
+            if board.head % CHECK_PARENT == 0 and os.getppid() != parent:
+                self.end("the process that watches the loop has died")
+            if not self._ramping:
+                self.obey()
+                if board.head % show_every == 0:
+                    self._controller.show(board)
         return False
 
 
 def real_time(rate: float) -> int:
-    """Ask for real-time scheduling; how long before a due time to watch the clock, ns: a sleep ends late without it."""
+    """Request real-time scheduling; return how long before a due time to spin, ns: without it, sleeps end late."""
     if 1e9 / rate < SHORTEST_NS:
         return SPIN_NS
     try:
@@ -134,60 +137,55 @@ def real_time(rate: float) -> int:
     return WAKE_NS
 
 
-def null_loop(board: Board, rate: float, seconds: float, spin_ns: int) -> None:
-    """What the machine does to a loop that does nothing."""
-    period, clock = round(1e9 / rate), time.perf_counter_ns
-    start, count = clock() + LEAD_NS, max(1, round(seconds * rate))
-    late = 0
-    for k in range(count):
-        due = start + k * period
-        wait_until(due, clock, time.sleep, spin_ns)
-        late += clock() - due > period
-    board.note(late_null=late, null_samples=count)
+def null_loop(board: Board, rate: float, spin_ns: int) -> None:
+    """Count the deadlines that a loop that does nothing misses on this machine."""
+    samples = missed = 0
+    for k, due in schedule(rate, spin_ns):
+        if k >= NULL_S * rate:
+            break
+        samples, missed = samples + 1, missed + (time.perf_counter_ns() - due > 1e9 / rate)
+    board.set(null_missed=missed, null_samples=samples)
 
 
-def main(task: Task, path: Path, ready: Callable[[str], None]) -> None:
-    """The process of the loop; ``ready`` is told "" once the stage is open, or in a sentence why it is not."""
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # which a terminal sends to all; the process that watches says when to stop
-    board, parent = Board(path, task.rate, task.model), os.getppid()
-    signal.signal(signal.SIGTERM, lambda *_: board.note(stop=1))
+def main(task: Task, board: Board, ready: Connection) -> None:
+    """Process of the loop; sends "" once the stage is open, or a sentence why it is not."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all processes; the parent requests the stop
+    signal.signal(signal.SIGTERM, lambda *_: board.set(stop=1))
     with cores.claim() as core:
         os.sched_setaffinity(0, {core.number})
-        board.note(core=core.number)
+        board.set(core=core.number)
         spin_ns = real_time(task.rate)
-        null_loop(board, task.rate, NULL_S, spin_ns)
+        null_loop(board, task.rate, spin_ns)
+        board.drive[0] = task.declared.rest
         device = task.device.make()
-        loop = Loop(board, device, task, Controller(task), spin_ns)
+        loop = Loop(board, device, task, spin_ns)
         try:
             device.open()
         except Exception as error:
-            ready(f"{task.device}: cannot be opened: {error}")
+            ready.send(f"{task.device}: cannot be opened: {error}")
             return
-        ready("")
+        ready.send("")
         gc.collect()
         gc.disable()
-        board.note(state=State.FOLLOWING, learning=int(task.learn != "off"))
-        _end(board, device, loop.run())
-    if os.getppid() != parent:  # nobody else is left to do it
-        shutil.rmtree(path.parent, ignore_errors=True)
+        board.set(state=State.FOLLOWING, learning=int(task.learn != "off"))
+        _finish(board, device, loop)
 
 
-def rescue(task: Task, path: Path) -> None:
-    """The process that brings a stage to rest whose loop could not: it opens the stage anew and ramps from where the
-    drive was left."""
+def rescue(task: Task, board: Board) -> None:
+    """Process that takes over from a loop that died or hangs: it opens the stage anew and ramps it to rest from the
+    last drive."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    board, device = Board(path, task.rate, task.model), task.device.make()
-    board.note(followed=board.followed or board.head)
+    device = task.device.make()
+    board.set(followed=board.followed or board.head, state=State.RAMPING)
     device.open()
-    device.exchange(float(board.drive[0]))  # which the stage may have taken or not
-    _end(board, device, Loop(board, device, task, None).run())
+    device.exchange(float(board.drive[0]))  # the stage may have taken it or not
+    _finish(board, device, Loop(board, device, task))
 
 
-def _end(board: Board, device: Device, at_rest: bool) -> None:
-    """Let go of the stage, and say that it is at rest."""
+def _finish(board: Board, device: Device, loop: Loop) -> None:
+    """Run the loop and close the stage."""
+    at_rest = loop.run()
     device.close()
     if at_rest:
-        board.note(state=State.ENDED)
+        board.set(state=State.ENDED)

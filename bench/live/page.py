@@ -1,8 +1,8 @@
-"""The page of a live run: what the loop has written on the board, drawn by Bokeh's server, and buttons that write
-commands on it.
+"""The page of a live run: Bokeh's server draws what the loop has written on the board, and buttons write requests on
+it.
 
-It only reads and asks, so the loop goes on whatever becomes of it. The server is bound to this machine unless told
-otherwise, answers only at a path that nobody can guess, and serves its own scripts, so nothing leaves the machine.
+The loop does not depend on the page. The server is bound to this machine by default, answers only at a secret path and
+serves its own scripts, so nothing leaves the machine.
 """
 
 import asyncio
@@ -19,13 +19,13 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, NumericInput, Span
 from bokeh.plotting import figure
 from bokeh.server.server import Server
+from bokeh.themes import Theme
 from tornado.netutil import bind_sockets
 
 from bench.live.board import FOLLOW, Board, State, edges_us
 from bench.live.device import DeviceError
 from bench.live.task import Task
 from bench.report.plot import GREY, PALETTE
-from piezo_model import HysteresisCreepModel
 from piezo_model.units import quantity, shown
 from solvers.arrays import Vector
 
@@ -44,6 +44,32 @@ body { margin: 0 auto; max-width: 88rem; padding: 0 .8rem 2rem;
  background: light-dark(#fff, #15181c); color: light-dark(#1b1f24, #e3e6ea);
   font: 15px/1.45 system-ui, "DejaVu Sans", sans-serif; }
 """
+THEME = Theme(
+    json={
+        "attrs": {
+            "Plot": {
+                "height": 260,
+                "min_width": 330,
+                "sizing_mode": "stretch_width",
+                "toolbar_location": None,
+                "background_fill_alpha": 0.0,
+                "border_fill_alpha": 0.0,
+                "outline_line_color": None,
+                "styles": {"flex": "1 1 26rem"},
+            },
+            "Title": {"text_color": GREY},
+            "Axis": {"axis_label_text_color": GREY, "major_label_text_color": GREY},
+            "Grid": {"grid_line_color": "#80808040"},
+            "Legend": {
+                "background_fill_alpha": 0.0,
+                "border_line_alpha": 0.0,
+                "label_text_color": GREY,
+                "orientation": "horizontal",
+                "padding": 0,
+            },
+        }
+    }
+)
 TEMPLATE = f"""
 {{% block title %}}piezobench live{{% endblock %}}
 {{% block postamble %}}<meta name="viewport" content="width=device-width, initial-scale=1">
@@ -51,93 +77,85 @@ TEMPLATE = f"""
 """
 
 
-def straight_line(model: HysteresisCreepModel, y_ref: Vector) -> Vector:
-    """What the model in use says of a drive along the straight line through its ranges, shape (N,)."""
+def data_of(board: Board, rate: float) -> tuple[dict[str, dict[str, Vector]], tuple[float, float]]:
+    """Columns of each source of the plots, and the RMS errors: measured, and of a straight line by the model in use.
+
+    The straight line is a drive proportional to the reference, over the ranges of the model.
+    """
+    model, samples = board.shown_model(), board.read(max(0, board.head - round(WINDOW_S * rate)))[1]
     s = model.structure
-    line: Vector = model.simulate(s.x_centre + s.x_scale * np.clip((y_ref - s.y_centre) / s.y_scale, -1.0, 1.0))
-    return line
+    t, reference, _, measured = samples.T
+    line = model.simulate(s.x_centre + s.x_scale * np.clip((reference - s.y_centre) / s.y_scale, -1.0, 1.0))
+    window = {
+        "t": t,
+        "reference": reference,
+        "measured": measured,
+        "error": measured - reference,
+        "line": line,
+        "line_error": line - reference,
+    }
+    thin, edges, counts = max(1, len(samples) // MOST_POINTS), edges_us(), board.service
+    bins = np.flatnonzero(counts)
+    columns = {
+        "window": {name: values[::thin] for name, values in window.items()},
+        "weights": {"i": np.arange(model.weights.size), "w": model.weights},
+        "service": {"left": edges[bins], "right": edges[bins + 1], "count": counts[bins]},
+    }
+    return columns, (_rms(window["error"]), _rms(window["line_error"]))
 
 
 def _rms(error: Vector) -> float:
     known = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
-def document(task: Task, board: Board, doc: Document) -> None:
-    """One browser's document."""
-    d, unit = task.declared, shown(task.declared.output_unit)
-    sources = {
-        name: ColumnDataSource({column: [] for column in columns})
-        for name, columns in {
-            "time": ("t", "reference", "measured", "error", "line_error"),
-            "loop": ("reference", "measured", "line"),
-            "weights": ("i", "w"),
-            "service": ("left", "right", "count"),
-        }.items()
-    }
-    status, events = Div(sizing_mode="stretch_width"), Div(sizing_mode="stretch_width")
+def _plot(title: str, x: str, y: str, *lines: Any, **options: Any) -> Any:
+    """A plot with titles of its axes, and lines: source, columns of x and y, and style of each."""
+    plot = figure(title=title, x_axis_label=x, y_axis_label=y, **options)
+    for source, x_column, y_column, style in lines:
+        plot.line(x_column, y_column, source=source, **style)
+    if lines:
+        plot.add_layout(plot.legend[0], "below")
+    return plot
 
-    def plot(title: str, x: str, y: str, **options: Any) -> Any:
-        made = figure(
-            title=title,
-            x_axis_label=x,
-            y_axis_label=y,
-            height=260,
-            min_width=330,
-            sizing_mode="stretch_width",
-            toolbar_location=None,
-            background_fill_alpha=0.0,
-            border_fill_alpha=0.0,
-            styles={"flex": "1 1 26rem"},
-            **options,
-        )
-        for part in (made.xaxis, made.yaxis):
-            part.axis_label_text_color = part.major_label_text_color = GREY
-        made.title.text_color = GREY
-        made.grid.grid_line_color, made.outline_line_color = "#80808040", None
-        return made
 
-    follow = plot("Reference and measurement", "time, s", unit)
-    follow.line("t", "reference", source=sources["time"], color=GREY, line_dash="dashed", legend_label="reference")
-    follow.line("t", "measured", source=sources["time"], color=BLUE, legend_label="measured")
-    error = plot("Tracking error", "time, s", unit)
-    error.line(
-        "t",
-        "line_error",
-        source=sources["time"],
-        color=RED,
-        alpha=0.6,
-        legend_label="straight line, by the model in use",
-    )
-    error.line("t", "error", source=sources["time"], color=BLUE, legend_label="measured")
-    loops = plot("Hysteresis, before and after", f"reference, {unit}", unit)
-    loops.line(
-        "reference",
-        "line",
-        source=sources["loop"],
-        color=RED,
-        alpha=0.6,
-        legend_label="straight line, by the model in use",
-    )
-    loops.line("reference", "measured", source=sources["loop"], color=BLUE, legend_label="measured")
-    weights = plot("Weights in use", "number", "unit amplitudes")
+def plots(task: Task, sources: dict[str, ColumnDataSource]) -> list[Any]:
+    """Plots of the sources of :func:`data_of`."""
+    unit, window = shown(task.declared.output_unit), sources["window"]
+    line = {"color": RED, "alpha": 0.6, "legend_label": "straight line, by the model in use"}
+    measured = {"color": BLUE, "legend_label": "measured"}
+    reference = {"color": GREY, "line_dash": "dashed", "legend_label": "reference"}
+    weights = _plot("Weights in use", "number", "unit amplitudes")
     weights.vbar("i", top="w", width=0.7, source=sources["weights"], color=GREEN)
-    service = plot("Service time, and the deadline", "µs", "samples", x_axis_type="log")
+    service = _plot("Service time, and the deadline", "µs", "samples", x_axis_type="log")
     service.quad(left="left", right="right", top="count", bottom=0, source=sources["service"], color=BLUE, alpha=0.7)
     service.add_layout(Span(location=1e6 / task.rate, dimension="height", line_color=RED, line_dash="dashed"))
-    for each in (follow, error, loops):
-        each.legend.update(
-            background_fill_alpha=0.0, border_line_alpha=0.0, label_text_color=GREY, orientation="horizontal", padding=0
-        )
-        each.add_layout(each.legend[0], "below")
+    return [
+        _plot(
+            "Reference and measurement",
+            "time, s",
+            unit,
+            (window, "t", "reference", reference),
+            (window, "t", "measured", measured),
+        ),
+        _plot("Tracking error", "time, s", unit, (window, "t", "line_error", line), (window, "t", "error", measured)),
+        _plot(
+            "Hysteresis, before and after",
+            f"reference, {unit}",
+            unit,
+            (window, "reference", "line", line),
+            (window, "reference", "measured", measured),
+        ),
+        weights,
+        service,
+    ]
 
+
+def controls(task: Task, board: Board) -> list[Any]:
+    """Buttons that write requests on the board, and the set point's input."""
+    low, high = task.declared.y_range
     value = NumericInput(
-        mode="float",
-        value=0.5 * (d.y_range[0] + d.y_range[1]),
-        width=110,
-        stylesheets=["input { color: #1b1f24; }"],
-        low=d.y_range[0],
-        high=d.y_range[1],
+        mode="float", value=0.5 * (low + high), width=110, stylesheets=["input { color: #1b1f24; }"], low=low, high=high
     )
 
     def button(label: str, press: Callable[[], None], kind: str = "default") -> Button:
@@ -147,67 +165,59 @@ def document(task: Task, board: Board, doc: Document) -> None:
 
     def hold(set_point: float) -> None:
         if not math.isnan(set_point):
-            board.set_point[0] = min(max(set_point, d.y_range[0]), d.y_range[1])
+            board.set_point[0] = min(max(set_point, low), high)
 
     def follow_reference() -> None:
         board.set_point[0] = FOLLOW
 
-    buttons = [
-        button("Stop", lambda: board.note(stop=1), "danger"),
+    learn = [
+        button("Learn", lambda: board.set(learning=1)),
+        button("Do not learn", lambda: board.set(learning=0)),
+    ]
+    return [
+        button("Stop", lambda: board.set(stop=1), "danger"),
         button("Hold", lambda: hold(board.last[1])),
         button("Follow the reference", follow_reference),
         value,
-        button(f"Go to set point, {unit}", lambda: hold(value.value or 0.0)),
+        button(f"Go to set point, {shown(task.declared.output_unit)}", lambda: hold(value.value or 0.0)),
+        *(learn if task.learn != "off" else ()),
     ]
-    if task.learn != "off":
-        buttons += [
-            button("Learn", lambda: board.note(learning=1)),
-            button("Do not learn", lambda: board.note(learning=0)),
-        ]
+
+
+def status(task: Task, board: Board, rms: tuple[float, float]) -> str:
+    """What the loop is doing and how well, as HTML."""
+    measured, line = (escape(quantity(value, task.declared.output_unit, 3)) for value in rms)
+    learning = f", learning{'' if board.learning else ' paused'}, {board.hand_overs} hand-overs"
+    return (
+        f"<b>{escape(str(task.device))}</b>, {escape(task.reference.words)}: "
+        f"{STATES[State(board.state)]}{'' if task.learn == 'off' else learning}.<br>Tracking error over the last "
+        f"{WINDOW_S:g} s: <b>{measured}</b> RMS, along a straight line {line} by the model in use.<br>"
+        f"{board.head} samples at {task.rate:g} Hz, {board.missed} deadlines missed; "
+        f"{board.null_missed} of {board.null_samples} by a loop that does nothing."
+    )
+
+
+def document(task: Task, board: Board, doc: Document) -> None:
+    """Lay out the document of one browser and keep it up to date."""
+    sources = {name: ColumnDataSource(columns) for name, columns in data_of(board, task.rate)[0].items()}
+    summary, events = Div(sizing_mode="stretch_width"), Div(sizing_mode="stretch_width")
 
     def update() -> None:
-        model = board.shown_model()
-        window = board.read(max(0, board.head - round(WINDOW_S * task.rate)))[1]
-        line = straight_line(model, window[:, 1])
-        rms, line_rms = (quantity(_rms(y - window[:, 1]), d.output_unit, 3) for y in (window[:, 3], line))
-        thin = slice(None, None, max(1, len(window) // MOST_POINTS))
-        t, reference, _, measured = window[thin].T
-        line = line[thin]
-        sources["time"].data = {
-            "t": t,
-            "reference": reference,
-            "measured": measured,
-            "error": measured - reference,
-            "line_error": line - reference,
-        }
-        sources["loop"].data = {"reference": reference, "measured": measured, "line": line}
-        sources["weights"].data = {"i": np.arange(model.weights.size), "w": model.weights}
-        edges, counts = edges_us(), board.service
-        there = np.flatnonzero(counts)
-        sources["service"].data = {"left": edges[there], "right": edges[there + 1], "count": counts[there]}
-        learning = (
-            ""
-            if task.learn == "off"
-            else (", learning" if board.learning else ", learning waits") + f", {board.hand_overs} hand-overs"
-        )
-        status.text = (
-            f"<b>{escape(str(task.device))}</b>, {escape(task.reference.words)}: "
-            f"{STATES[State(board.state)]}{learning}.<br>Tracking error over the last {WINDOW_S:g} s: "
-            f"<b>{escape(rms)}</b> RMS, along a straight line {escape(line_rms)} by the model in "
-            f"use.<br>{board.head} samples at {task.rate:g} Hz, {board.missed} deadlines missed; "
-            f"{board.late_null} of {board.null_samples} by a loop that does nothing."
-        )
-        events.text = "<b>Events</b><br>" + "<br>".join(escape(event) for event in reversed(board.said()))
+        columns, rms = data_of(board, task.rate)
+        for name, source in sources.items():
+            source.data = columns[name]  # type: ignore[assignment]
+        summary.text = status(task, board, rms)
+        events.text = "<b>Events</b><br>" + "<br>".join(escape(event) for event in reversed(board.last_events()))
 
     update()
-    doc.title = "piezobench live"
+    doc.title, doc.theme = "piezobench live", THEME
     doc.template = TEMPLATE  # type: ignore[assignment]
     doc.add_root(
         column(
             Div(text="<h1 style='font-size:1.4rem;margin:.6rem 0'>A compensator on a stage</h1>"),
-            status,
-            row(*buttons, styles={"flex-wrap": "wrap", "gap": ".4rem"}, sizing_mode="stretch_width"),
-            row(follow, error, loops, weights, service, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width"),
+            summary,
+            row(*controls(task, board), styles={"flex-wrap": "wrap", "gap": ".4rem"}, sizing_mode="stretch_width"),
+            row(*plots(task, sources), styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width"),
             events,
             sizing_mode="stretch_width",
         )
@@ -216,7 +226,7 @@ def document(task: Task, board: Board, doc: Document) -> None:
 
 
 def check_address(host: str, port: int) -> None:
-    """See that a page can be there; DeviceError says why it cannot."""
+    """DeviceError if a server cannot listen at the address."""
     try:
         for listening in bind_sockets(port, host):
             listening.close()
@@ -226,8 +236,8 @@ def check_address(host: str, port: int) -> None:
         ) from None
 
 
-def serve(board: Board, task: Task, address: tuple[str, int], token: str, told: Callable[[str], None]) -> None:
-    """Serve the page in this thread, and tell its address once it answers."""
+def serve(board: Board, task: Task, address: tuple[str, int], token: str, notify: Callable[[str], None]) -> None:
+    """Serve the page in this thread; ``notify`` gets its address once it answers."""
     asyncio.set_event_loop(asyncio.new_event_loop())
     host, port = address
     app = Application(FunctionHandler(lambda doc: document(task, board, doc)))
@@ -241,5 +251,5 @@ def serve(board: Board, task: Task, address: tuple[str, int], token: str, told: 
         allow_websocket_origin=[f"{host}:{port}", *local],
     )
     server.start()
-    told(f"Page: http://{host}:{port}/{token}")
+    notify(f"Page: http://{host}:{port}/{token}")
     server.io_loop.start()

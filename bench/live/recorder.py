@@ -1,16 +1,14 @@
-"""The recording: what the loop writes on the board goes to disk every second, and what is there stays readable whatever
-happens.
+"""Recording of a live run: every second, new samples on the board are flushed to disk.
 
-It is a stream of Arrow batches beside the file that was asked for, each batch flushed to the disk, so that a process
-that dies or a disk that fills leaves everything up to the last second. In the end the stream becomes the Parquet file,
-and goes; where there is no room for that it stays, and ``identify`` reads it as it is.
+They go to a stream of Arrow batches beside the requested file, so a crash or a full disk loses at most the last second.
+At the end the stream is converted to Parquet and removed; if there is no space for that, it stays, and ``identify``
+reads it as it is.
 """
 
 import errno
 import os
 import time
 from io import FileIO
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +20,16 @@ from piezo_model.atomic_file import replacing
 from piezo_model.recordings.formats.arrow import whole_batches
 
 EVERY_S = 1.0
-LOOK_S = 0.05
+POLL_S = 0.05
 
 
 def stream_beside(path: Path) -> Path:
-    """Where the stream of a recording is."""
+    """Path of the stream of a recording."""
     return path.with_suffix(".arrow")
 
 
 def check(path: Path) -> None:
-    """FileExistsError where the stream of an earlier run is there, which would be lost."""
+    """FileExistsError if an earlier run left its stream, which would be overwritten."""
     if stream_beside(path).exists():
         raise FileExistsError(
             errno.EEXIST,
@@ -41,45 +39,36 @@ def check(path: Path) -> None:
 
 
 def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
-    """Record until the loop has ended, which is asked to stop where the disk is full; where the recording is, in a
-    sentence."""
-    stream = stream_beside(path)
+    """Record until the loop ends, and return a sentence that says where; a full disk stops the run."""
+    stream, schema = stream_beside(path), pa.schema([(name, pa.float64()) for name in names])
     try:
         with stream.open("wb", buffering=0) as file:
-            _follow(board, file, pa.schema([(name, pa.float64()) for name in names]))
-        _finish(path)
+            _append_samples(board, file, schema)
+        with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+            for batch in whole_batches(stream):
+                writer.write_batch(batch)
+        stream.unlink()
     except OSError as error:
-        board.note(stop=1)
+        board.set(stop=1)
         return f"Recording: {stream}, since {path} could not be written: {error.strerror}"
     return f"Recording: {path}"
 
 
-def _follow(board: Board, file: FileIO, schema: pa.Schema) -> None:
-    """Put what is new on the disk every second; OSError where there is no room."""
-    _put(file, schema.serialize())
-    done, due, ended = 0, time.monotonic(), False
+def _append_samples(board: Board, file: FileIO, schema: pa.Schema) -> None:
+    """Append new samples every second until the loop ends; OSError if the disk is full."""
+    _append(file, schema.serialize())
+    recorded, due, ended = 0, time.monotonic(), False
     while not ended:
         ended = board.state == State.ENDED
         if ended or time.monotonic() >= due:
-            first, samples = board.read(done)
+            first, samples = board.read(recorded)
             columns = [pa.array(np.ascontiguousarray(column)) for column in samples.T]
-            _put(file, pa.record_batch(columns, schema=schema).serialize())
-            done, due = first + len(samples), due + EVERY_S
-        time.sleep(LOOK_S)
+            _append(file, pa.record_batch(columns, schema=schema).serialize())
+            recorded, due = first + len(samples), due + EVERY_S
+        time.sleep(POLL_S)
 
 
-def _put(file: FileIO, message: pa.Buffer) -> None:
+def _append(file: FileIO, message: pa.Buffer) -> None:
     if file.write(message) < message.size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     os.fdatasync(file.fileno())
-
-
-def _finish(path: Path) -> None:
-    """Make the Parquet file of the stream; OSError where there is no room, and the stream stays."""
-    stream = stream_beside(path)
-    batches = whole_batches(stream)
-    first = next(batches)
-    with replacing(path) as temporary, parquet.ParquetWriter(temporary, first.schema) as writer:
-        for batch in chain([first], batches):
-            writer.write_batch(batch)
-    stream.unlink()

@@ -1,7 +1,7 @@
-"""What the stage is to follow: a shape in words, a file, or a set point from the page.
+"""The reference of a live run: a sine or staircase given in words, a file, or a set point.
 
-sine 5Hz:10um[:2um]           frequency, amplitude and, if not the middle of the range, centre
-staircase 0.5s:4um:8          time and height of a level, and how many levels up and down
+sine 5Hz:10um[:2um]           frequency, amplitude, and centre (the middle of the range by default)
+staircase 0.5s:4um:8          time and height of a level, and number of levels
 """
 
 import math
@@ -17,8 +17,8 @@ from piezo_model.recordings import read_reference
 from piezo_model.units import shown
 from solvers.arrays import Vector
 
-MOST_REPEATED = 100_000
-"""Samples of a sine before it repeats itself, where one period is not longer."""
+MOST_SAMPLES = 100_000
+"""Most samples of a sine before it repeats, unless one period is longer."""
 
 
 class ReferenceError(ValueError):
@@ -27,14 +27,14 @@ class ReferenceError(ValueError):
 
 @dataclass(frozen=True)
 class Reference:
-    """Samples over and over, or one value."""
+    """A sequence of samples, repeated."""
 
     samples: Vector
     """Shape (N,), output unit."""
     words: str
 
     def at(self, k: int) -> float:
-        """The sample k."""
+        """Sample k."""
         return float(self.samples[k % self.samples.size])
 
 
@@ -57,8 +57,8 @@ def sine(text: str, unit: str, centre: float, sample_time: float) -> Reference:
             f"--sine {text}: the frequency must be positive and below half the sampling rate, {0.5 / sample_time:g} Hz"
         )
     phase = frequency * sample_time
-    # so many whole periods that they take a whole number of samples
-    repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_REPEATED * phase)))
+    # a number of whole periods that takes a whole number of samples
+    repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_SAMPLES * phase)))
     phases = np.arange(repeats.numerator) * repeats.denominator % repeats.numerator / repeats.numerator
     return Reference((more[0] if more else centre) + amplitude * np.sin(2.0 * math.pi * phases), f"sine {text}")
 
@@ -80,8 +80,7 @@ def staircase(text: str, unit: str, centre: float, sample_time: float) -> Refere
 
 
 def of_file(path: Path, unit: str, sample_time: float) -> Reference:
-    """The reference column of a file, over and over; ReferenceError where it is sampled otherwise or in another
-    unit."""
+    """The reference column of a file; ReferenceError if its sampling time or unit is another one."""
     found = read_reference(path)
     if abs(found.sample_time / sample_time - 1.0) > 0.01:
         raise ReferenceError(
@@ -93,18 +92,20 @@ def of_file(path: Path, unit: str, sample_time: float) -> Reference:
 
 
 def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> list[float]:
-    """Numbers in these units from parts between colons; a number without a unit has it already."""
+    """Values in these units of the parts between colons; a number without a unit is in its unit."""
     parts = text.split(":")
     if not fewest <= len(parts) <= len(units):
         raise ReferenceError(f"{option} {text}: {fewest} parts between colons are needed")
     registry: Any = pint.UnitRegistry()
-    found = []
+    values = []
     for part, unit in zip(parts, units, strict=False):
         try:
             value = registry.Quantity(part)
-            found.append(float(value.magnitude if value.dimensionless else value.to(unit or "dimensionless").magnitude))
+            values.append(
+                float(value.magnitude if value.dimensionless else value.to(unit or "dimensionless").magnitude)
+            )
         except (pint.errors.PintError, ValueError, TypeError, AttributeError, AssertionError):
             raise ReferenceError(
                 f"{option} {text}: {part!r} is not a number{f' in {shown(unit)}' if unit else ''}"
             ) from None
-    return found
+    return values

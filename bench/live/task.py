@@ -1,4 +1,4 @@
-"""What a live run is to do, and the model that it begins with."""
+"""Settings of a live run, and its first model."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,31 +11,36 @@ from piezo_model.deployment import Deployment
 
 Learn = Literal["continuous", "cyclic", "off"]
 N, M = 5, 3
-"""Orders of a model that is learned from nothing."""
-SECONDS_A_RATE = (0.1, 1.0, 10.0)
-"""1 over its creep rates, s."""
+"""Orders of the model that a run without a file learns."""
+CREEP_TIMES_S = (0.1, 1.0, 10.0)
+"""Reciprocals of its creep rates."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a loop is to do; it can be sent to its process."""
+    """Settings of a run, which can be sent to the process of the loop."""
 
     device: DeviceFile | Simulated
     declared: Declared
     model: HysteresisCreepModel
     identified: bool
-    """Whether the model is that of a file, and not the straight line through the ranges."""
+    """Whether the model is from a file, rather than the straight line through the ranges."""
     learn: Learn
     integral_gain: float
     reference: Reference
     rate: float
     seconds: float
 
+    @property
+    def timeout_samples(self) -> float:
+        """Longest silence of the stage, in samples."""
+        return self.declared.timeout_s * self.rate
+
 
 def first_model(file: Path | None, declared: Declared, sample_time: float) -> HysteresisCreepModel:
-    """The model of a file of ``identify`` or ``deploy``, without one the straight line through the ranges.
+    """The model in a file of ``identify`` or ``deploy``; without a file, the straight line through the ranges.
 
-    DeviceError where it is not of this stage, ModelError where the file holds none.
+    DeviceError if its units are not those of the stage, ModelError if the file holds no model of this sampling time.
     """
     if file is None:
         structure = ModelStructure.equidistant(
@@ -43,7 +48,7 @@ def first_model(file: Path | None, declared: Declared, sample_time: float) -> Hy
             M,
             declared.x_limits,
             declared.y_range,
-            tuple(1.0 / s for s in SECONDS_A_RATE),
+            tuple(1.0 / time for time in CREEP_TIMES_S),
             sample_time,
             input_unit=declared.input_unit,
             output_unit=declared.output_unit,
@@ -53,7 +58,9 @@ def first_model(file: Path | None, declared: Declared, sample_time: float) -> Hy
     model = Deployment.load(file).model if deployed else HysteresisCreepModel.load(file)
     s = model.structure
     if abs(s.sample_time / sample_time - 1.0) > 1e-6:
-        raise ModelError(f"{file}: is of a model at {1.0 / s.sample_time:g} Hz; say --rate {1.0 / s.sample_time:g}")
+        raise ModelError(
+            f"{file}: the model is sampled at {1.0 / s.sample_time:g} Hz; use --rate {1.0 / s.sample_time:g}"
+        )
     for what, own, other in (
         ("input", s.input_unit, declared.input_unit),
         ("output", s.output_unit, declared.output_unit),

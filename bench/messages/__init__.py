@@ -1,2 +1,2 @@
-"""What is passed between the parts of a race: a task goes down to a solver as a request, an outcome comes back, a row
-is kept."""
+"""Messages between the parts of a race: a task goes down to a solver as a request, an outcome comes back, and a row is
+saved."""

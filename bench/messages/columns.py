@@ -1,7 +1,6 @@
-"""Tables of a run: the type of a column follows from its name, and one that is not listed here holds doubles.
+"""Columns of the tables of a run: the type of a column follows from its name; columns that are not listed hold doubles.
 
-Rows are named by the columns by which they are sorted; no two may have the same name, and no part of a name may be
-missing.
+The columns by which rows are sorted are their key: it is complete, and unique to a row.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,24 +42,21 @@ SHARED = {
     **dict.fromkeys(("is_default", "mutates_input", "repeatable"), FLAG),
     "ns": pa.list_(pa.int64()),
 }
-"""Of columns that several tables have; a kind of race says itself of what type others of its table are."""
+"""Types of columns that several tables share; a kind of race declares those of its own columns."""
 CHOICES = {"lane": tuple(Lane), "tier": tuple(Tier), "scaling": ("scaled", "raw"), "start": ("cold", "warm")}
 
 
 class TableError(ValueError):
-    """A file that does not hold the table; the message is one sentence without its path."""
+    """A file does not hold the expected table; the message is one sentence without its path."""
 
 
 def schema(columns: Sequence[str], more: Mapping[str, pa.DataType] = MappingProxyType({})) -> pa.Schema:
-    """The types of columns; ``more`` are those of one table alone."""
+    """The columns with their types; ``more`` are types of a single table."""
     return pa.schema([(name, more.get(name, SHARED.get(name, pa.float64()))) for name in columns])
 
 
-def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFrame:
-    """The table in a Parquet file; TableError says what is wrong with it.
-
-    The wanted columns must be there, and others are passed over; those of ``name`` name a row.
-    """
+def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:
+    """The wanted columns of a Parquet file, of which ``key`` identify a row; TableError if they do not fit."""
     try:
         with parquet.ParquetFile(path) as file:
             if missing := [column for column in wanted.names if column not in file.schema_arrow.names]:
@@ -68,22 +64,22 @@ def read(path: Path, wanted: pa.Schema, name: Sequence[str] = ()) -> pd.DataFram
             table = file.read(wanted.names)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise TableError(f"cannot be read ({error})") from None
-    if name and not table.num_rows:
+    if key and not table.num_rows:
         raise TableError("has no rows")
     table = pa.table([_checked(table[field.name], field) for field in wanted], wanted)
-    for column in name:
+    for column in key:
         if table[column].null_count:
             raise TableError(
                 f"column {column!r} is empty in row {pc.index(pc.is_null(table[column]), True).as_py() + 1}"
             )
-    found: pd.DataFrame = table.to_pandas()
-    if name and (twice := found.duplicated(list(name))).any():
-        raise TableError(f"row {int(twice.argmax()) + 1} is there twice")
-    return found
+    frame: pd.DataFrame = table.to_pandas()
+    if key and (twice := frame.duplicated(list(key))).any():
+        raise TableError(f"row {int(twice.argmax()) + 1} occurs twice")
+    return frame
 
 
 def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
-    """The values in the type of the field, where they are of its kind."""
+    """The values cast to the type of the field; TableError if they do not fit."""
     column, wanted, given = field.name, field.type, values.type
     fits = (
         pa.types.is_null(given)
@@ -99,14 +95,14 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
     except pa.ArrowException:
         raise TableError(f"column {column!r} holds {given} and not {wanted}") from None
     least = -1 if wanted.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
-    found = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
-    if found is not None and found < least:
-        raise TableError(f"column {column!r} holds {found:g}, and nothing below {least} can be there")
+    lowest = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
+    if lowest is not None and lowest < least:
+        raise TableError(f"column {column!r} holds {lowest:g}, and the least possible value is {least}")
     if column == "settings":
         try:
             _ = [decoded(text, dict[str, Any]) for text in values.unique().to_pylist()]
         except (ValueError, TypeError) as error:
-            raise TableError(f"column 'settings' holds text that no settings are: {error}") from None
+            raise TableError(f"column 'settings' holds text that is not settings in JSON: {error}") from None
     if column in CHOICES:
         for value in values.unique().to_pylist():
             if value is not None and value not in CHOICES[column]:

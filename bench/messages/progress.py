@@ -1,10 +1,10 @@
-"""How work that takes long says where it is."""
+"""Progress reports of long work."""
 
 from collections.abc import Callable
 
 Progress = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and how much there is."""
+"""Called with the current step, the number of finished steps and the total."""
 
 
 def silent(what: str, done: int, total: int) -> None:
-    """Progress that nobody looks at."""
+    """Report no progress."""

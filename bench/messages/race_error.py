@@ -1,5 +1,5 @@
-"""How a race is refused."""
+"""The error of a race that cannot be started or resumed."""
 
 
 class RaceError(ValueError):
-    """What is asked for cannot be raced; the message is one sentence that says why."""
+    """A race cannot be run as specified; the message is one sentence with the reason."""

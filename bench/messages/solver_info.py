@@ -1,7 +1,7 @@
-"""What a solver says of its answer, made fit for a table: whoever wrote the solver may say anything.
+"""Checked copy of a solver's report on its answer; the author of a solver may report anything.
 
-A count of iterations is a whole number from 0 to 2⁵³ and a time a finite one from 0 on; what is said beyond that is
-taken for nothing said. Numbers of an answer and its duals are real, or the adapter has failed.
+A number of iterations is an integer from 0 to 2⁵³, and a time is finite and not negative; other values count as not
+reported. The numbers of an answer and of its duals are real, or the adapter has failed.
 """
 
 import math
@@ -12,45 +12,43 @@ from qpsolvers import Solution
 
 from solvers.arrays import Vector
 
-UNSAID = -1
+NOT_REPORTED = -1
 MOST = 2**53
 LONGEST = 500
-"""Characters of a status."""
+"""Largest number of characters of a status."""
 
 
 def solver_info(solution: Solution) -> dict[str, Any]:
-    """What a solver says of its last answer, with its duals, by the names that an outcome has for it.
-
-    ValueError where duals are not real numbers.
-    """
+    """A solver's report on its last answer, with its duals, by the fields of an outcome; ValueError if duals are
+    complex."""
     extras = solution.extras or {}
-    count, time_us = _number(extras.get("iterations", extras.get("steps"))), _number(extras.get("reported_us"))
+    count, time_us = amount(extras.get("iterations", extras.get("steps"))), amount(extras.get("reported_us"))
     duals = {name: getattr(solution, name) for name in ("y", "z", "z_box")}
     return {
         "found": bool(solution.found),
         "solver_status": " ".join(str(extras.get("status", "")).split())[:LONGEST],
-        "iterations": int(count) if count <= MOST and count.is_integer() else UNSAID,
+        "iterations": int(count) if count <= MOST and count.is_integer() else NOT_REPORTED,
         "reported_us": time_us,
         **{name: None if dual is None else real(dual) for name, dual in duals.items()},
     }
 
 
 def real(values: Any) -> Vector:
-    """Numbers as an array of our own, so that nothing of a library's is kept; ValueError where they are complex.
+    """Copy of numbers as an array of doubles; ValueError if they are complex.
 
     Examples
     --------
     >>> real([1, 2])
     array([1., 2.])
     """
-    found = np.array(values)
-    if np.iscomplexobj(found):
+    array = np.array(values)
+    if np.iscomplexobj(array):
         raise ValueError("answers with complex numbers")
-    return found.astype(np.float64)
+    return array.astype(np.float64)
 
 
-def _number(value: Any) -> float:
-    """A number from 0 on; NaN for whatever else was said."""
+def amount(value: Any) -> float:
+    """A finite number that is not negative; NaN for any other value."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):

@@ -1,7 +1,7 @@
-"""A task, what a solver's process is asked for it, and what comes back.
+"""Tasks, the requests that they become in a solver's process, and the outcomes.
 
-A task is the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting. Its rows
-begin by naming it.
+A task is the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting. The first
+columns of its rows identify it.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ if TYPE_CHECKING:  # a child needs tasks and no model
     from piezo_model.identification_problem import Scaling
 
 Row = dict[str, Any]
-"""What is kept of a task; every kind of race adds its own columns to those that say who did what."""
+"""A row of a task; every kind of race adds its own columns to those that identify the task."""
 Start = Literal["cold", "warm"]
-"""Whether a solve begins from nothing or from the optimum of the problem before."""
+"""Whether a solve starts from nothing or from the optimum of the previous problem."""
 NO_RUNG = -1
-"""In the place of a rung: a setting that is not in the ladder."""
+"""Rung of a setting that is not in the ladder."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a solver is asked for, by what its ladder has for a problem whose constant is 1."""
+    """Settings of a solver, as its ladder has them for a problem whose constant is 1."""
 
     text: str
     rung: int = NO_RUNG
-    """Its place in the ladder, from loose to tight."""
+    """Position in the ladder, from loose to tight."""
     is_default: bool = True
-    """Whether it is the solver's defaults."""
+    """Whether these are the solver's defaults."""
     rung_text: str = ""
-    """Of a limit of iterations, the setting that it is put on; the limit itself is in `Task.more`."""
+    """Of an iteration limit: the setting that it is added to; the limit itself is in `Task.more`."""
 
 
 NO_SETTING = Setting(setting_text({}))
-"""Of whatever is asked for nothing, neither on top nor always: the solver that does nothing, and a batch."""
+"""Setting of a task without solver settings: of the null solver, and of a batch."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is run, by name only, so that a task can be sent anywhere and found again."""
+    """A unit of work, by names only, so that it can be sent anywhere and recognised in a resumed race."""
 
     problem_set: str
     problem: str
@@ -59,23 +59,23 @@ class Task:
     lane: Lane
     setting: Setting
     more: Mapping[str, Any] = field(default_factory=dict)
-    """Solver settings on top, such as the number of steps."""
+    """Further solver settings, such as the number of steps."""
     repeat: int = 0
-    """Which of several runs of the same, each in a fresh process."""
+    """Number of the repeat; each has fresh processes."""
     start: Start = "cold"
     d: int = 0
     """Number of variables of the problem."""
     basis: Mapping[Tier, str] = field(default_factory=dict)
-    """The tiers that the setting stands for, and on what grounds; none where every setting is measured."""
+    """The tiers that the setting was chosen for, with the basis of each choice; empty if every setting is measured."""
 
     def __str__(self) -> str:
-        """For progress."""
+        """Name for the progress bar."""
         more = "".join(f", {name} {value}" for name, value in self.more.items())
         return f"{self.solver} ({self.lane}) on {self.problem}, {self.scaling}{more}"
 
     @property
     def key(self) -> str:
-        """A file name that is the same in every run for the same task."""
+        """File name of the task, the same in every run."""
         text = json.dumps(
             [
                 self.problem_set,
@@ -93,7 +93,7 @@ class Task:
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def columns(self, settings: Mapping[str, Any] | None = None) -> Row:
-        """The columns that every row begins with; ``settings`` are those that the solver was given."""
+        """The first columns of every row; ``settings`` are those of the solver."""
         return {
             "task": self.key,
             "problem_set": self.problem_set,
@@ -111,21 +111,21 @@ class Task:
             "settings": json.dumps(dict(settings or self.more), default=str),
         }
 
-    def asked(self, cls: type[Solver], c: float) -> dict[str, Any]:
-        """The settings for a problem whose constant is c."""
+    def settings_for(self, cls: type[Solver], c: float) -> dict[str, Any]:
+        """The solver's settings for a problem whose constant is c."""
         return {**cls.at(self.setting.rung_text or self.setting.text, c), **self.more}
 
 
 def settings_of(solver: Described) -> Sequence[Setting]:
-    """The settings of a solver's ladder from loose to tight; the first is its defaults, unless a rung is the
-    same."""
+    """The settings of a solver: its defaults, unless they are a rung of its ladder, then the ladder from loose to
+    tight."""
     default = setting_text(solver.defaults)
     rungs = [Setting(setting_text(rung), i, setting_text(rung) == default) for i, rung in enumerate(solver.ladder)]
     return rungs if any(rung.is_default for rung in rungs) else [Setting(default), *rungs]
 
 
 def limited(solver: Described, limit: int) -> Setting:
-    """The tightest setting with a limit of iterations, so that it is the limit that ends a solve."""
+    """The tightest setting with an iteration limit, so that the limit ends a solve."""
     rung = tightest(solver)
     return Setting(
         setting_text({**solver.ladder[-1], solver.iteration_setting: limit}), is_default=False, rung_text=rung.text
@@ -139,60 +139,60 @@ def tightest(solver: Described) -> Setting:
 
 @dataclass
 class Outcome:
-    """What came back from a child."""
+    """Answer of a child process to a request."""
 
     failure: str = ""
-    """Nothing, "unsupported", "adapter_failed" or "out_of_memory"."""
+    """A status such as "unsupported", or "" if the request was answered."""
     message: str = ""
-    """The sentence that goes with a failure."""
+    """Sentence about the failure."""
     found: bool = False
     """Whether the solver reports success."""
     x: Vector | None = None
     y: Vector | None = None
     z: Vector | None = None
     z_box: Vector | None = None
-    """Answer and duals in qpsolvers' conventions."""
+    """Answer and duals by the conventions of qpsolvers."""
     solver_status: str = ""
     reported_us: float = float("nan")
     iterations: int = -1
     mutated: bool = False
-    """Whether the solver wrote into the arrays that it was given."""
+    """Whether the solver changed its input arrays."""
     repeatable: bool = True
     """Whether the same data gave the same bits again."""
-    asked: Mapping[str, Any] = field(default_factory=dict)
-    """The settings that the solver was given."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """The solver's settings."""
     returned: str = ""
-    """Type of the answer where it is not an array."""
-    seen: tuple[str, ...] = ()
-    """What the process did that it must not."""
+    """Type of an answer that is not an array."""
+    forbidden_actions: tuple[str, ...] = ()
+    """Sentences about forbidden actions of the process."""
     preemptions: int = 0
-    """How often the process was taken off its core while it was timed."""
+    """Number of preemptions while the process was timed."""
     setup_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     update_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     solve_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def times(self) -> Mapping[str, Nanoseconds]:
-        """Raw nanoseconds by what was timed, as a race keeps them."""
+        """Raw nanoseconds that the race saves, by name."""
         return {}
 
 
 class Request(ABC):
-    """What a parent asks of a child, which answers it with the solver that it has loaded."""
+    """A request to a child process, answered with the solver that it has loaded."""
 
     @abstractmethod
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Do it; ``first`` says that nothing was compiled, loaded and allocated before. What is raised becomes an
-        outcome, see `attempt`."""
+        """Answer the request; ``first`` is whether it is the first one of the process, before which nothing was
+        compiled, loaded or allocated. Exceptions become outcomes, see `attempt`."""
 
 
 def attempt(work: Callable[[], Outcome]) -> Outcome:
-    """The outcome of work with a solver, or of what it raises."""
+    """The outcome of work with a solver; an exception is a failure."""
     try:
         return work()
     except Unsupported as error:
         return Outcome("unsupported", str(error))
     except MemoryError as error:
         return Outcome("out_of_memory", f"the memory limit was reached: {error}")
-    except Exception as error:  # whatever a library raises is a finding about it, and the race goes on
+    except Exception as error:  # a library may raise anything; it is recorded, and the race goes on
         return Outcome("adapter_failed", f"{type(error).__name__}: {error}".strip().replace("\n", " ")[:500])

@@ -1,2 +1,2 @@
-"""Work in processes of their own, with limits: solvers, proofs, the sentinel, and whole parts of a race on several
+"""Work in separate processes with limits: solvers, certificates, the sentinel, and parts of a race on several
 cores."""

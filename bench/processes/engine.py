@@ -1,4 +1,4 @@
-"""Work on one process, on several of this machine, or on a Dask cluster; all by joblib but the first.
+"""Runs work in this process, on several local workers or on a Dask cluster; the workers are joblib's.
 
 In a race each worker times on a core of its own (see `cores`) and keeps its solvers' processes from part to part. It
 writes its rows itself, so a cluster's workers must reach the run's folder under the same path.
@@ -13,7 +13,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache
+from functools import cache, partial
+from queue import Empty, SimpleQueue
 from select import select
 from typing import Any, Protocol, TypeVar
 
@@ -28,14 +29,14 @@ from bench.timing import cores
 from solvers.registry import Entry
 
 IDLE_S = 10
-"""A local worker ends when it has waited so long for a part."""
+"""Seconds without work after which a local worker ends."""
 
 
 class Part(Protocol):
-    """What one worker does in one go; it can be sent anywhere."""
+    """The tasks of a race that one worker does in one go; it is picklable."""
 
     def do(self, pool: SolverPool, tell: Callable[[Any], None]) -> None:
-        """Do it; ``tell`` is told of each task before it starts."""
+        """Do the tasks; ``tell`` is called with each of them before it starts."""
 
 
 P = TypeVar("P", bound=Part)
@@ -44,7 +45,7 @@ R = TypeVar("R")
 
 
 class Backend(StrEnum):
-    """Where the workers are."""
+    """Where the workers run."""
 
     LOCAL = "local"
     DASK = "dask"
@@ -52,9 +53,9 @@ class Backend(StrEnum):
 
 @dataclass(frozen=True)
 class Workers:
-    """How work is spread; not part of a race's settings, since it may be resumed elsewhere.
+    """Number and location of the workers; not part of a race's settings, since it may be resumed elsewhere.
 
-    ``count`` are on this machine, and a cluster says itself how many it has; ``scheduler`` is the address of a Dask
+    ``count`` applies to this machine, since a cluster knows its own number; ``scheduler`` is the address of a Dask
     scheduler.
     """
 
@@ -63,7 +64,7 @@ class Workers:
     scheduler: str = ""
 
     def check(self) -> None:
-        """RaceError where this cannot be."""
+        """RaceError if these workers cannot be had."""
         if self.backend is Backend.DASK and not self.scheduler:
             raise RaceError("the backend dask needs the address of a scheduler, --scheduler tcp://host:8786")
         if self.backend is Backend.DASK and self.count > 1:
@@ -80,40 +81,39 @@ class Workers:
 
 
 def distribute(parts: Sequence[P], entries: Sequence[Entry], settings: ChildSettings, workers: Workers) -> Iterator[P]:
-    """Do parts of a race on several workers, which give their cores back in the end; yields them as they get done, in
-    any order."""
-    with _backend(workers) as (count, client):
-        yield from _done(work, [(part, tuple(entries), settings) for part in parts], workers, count)
-        if client is not None:
-            client.run(close_pools)
+    """Do the parts of a race on several workers, which release their cores at the end; yields each part when it is
+    done, in any order."""
+    yield from parallel_map(
+        partial(work, entries=tuple(entries), settings=settings), parts, workers, at_end=close_pools
+    )
 
 
-def each(function: Callable[[T], R], items: Iterable[T], workers: Workers) -> Iterator[R]:
-    """Call a function of an importable module with each item; yields what it returns, in any order.
+def parallel_map(
+    function: Callable[[T], R], items: Iterable[T], workers: Workers, at_end: Callable[[], None] | None = None
+) -> Iterator[R]:
+    """Call a picklable function with each item; yields the results in any order.
 
-    An item whose worker was lost is done again by another one of a cluster; of this machine's workers none may be lost.
+    A cluster repeats an item whose worker was lost; the loss of a local worker is a RaceError. ``at_end`` is called in
+    each worker of a cluster; local workers end instead.
     """
     if workers.is_one:
         yield from map(function, items)
         return
-    with _backend(workers) as (count, _):
-        try:
-            yield from _done(function, zip(items), workers, count)
-        except BrokenProcessPool:
-            raise RaceError(
-                "a worker was killed, perhaps for want of memory; what is done is kept, and the same command carries on"
-            ) from None
-
-
-def _done(
-    function: Callable[..., R], arguments: Iterable[tuple[Any, ...]], workers: Workers, count: int
-) -> Iterator[R]:
-    # What waits in the queue of joblib's local workers when they are stopped ends in a KeyError of its own thread: only
-    # what they take at once.
-    parent, ahead = (os.getpid(), "2 * n_jobs") if workers.backend is Backend.LOCAL else (None, "all")
-    yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch=ahead, return_as="generator_unordered")(
-        delayed(_attended)(function, some, parent) for some in arguments
-    )
+    # Of joblib's local workers only those at work may have items: one that waits in their queue when they are stopped
+    # ends in a KeyError of joblib's own thread.
+    is_local = workers.backend is Backend.LOCAL
+    parent, ahead = (os.getpid(), "2 * n_jobs") if is_local else (None, "all")
+    try:
+        with _backend(workers) as (count, client):
+            yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch=ahead, return_as="generator_unordered")(
+                delayed(_call)(function, item, parent) for item in items
+            )
+            if client is not None and at_end is not None:
+                client.run(at_end)
+    except BrokenProcessPool:
+        raise RaceError(
+            "a worker was killed, perhaps for want of memory; what is done is kept, and the same command carries on"
+        ) from None
 
 
 @contextmanager
@@ -124,36 +124,29 @@ def _backend(workers: Workers) -> Iterator[tuple[int, Any]]:
             yield workers.count, None
         get_reusable_executor().shutdown(wait=True)
         return
-    with _client(workers.scheduler) as client, parallel_config(backend="dask", client=client):
-        yield -1, client
-
-
-@contextmanager
-def _client(address: str) -> Iterator[Any]:
-    """A client of the cluster."""
     try:
         from distributed import Client
     except ImportError:
         raise RaceError("the backend dask needs the package distributed: install piezobench[dask]") from None
     try:
-        client = Client(address, timeout="10s")
+        client = Client(workers.scheduler, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
-        raise RaceError(f"there is no Dask scheduler at {address} ({' '.join(str(error).split())})") from None
-    with client:
-        if not client.scheduler_info()["workers"]:
-            raise RaceError(f"the Dask cluster at {address} has no worker")
-        _check_cores(client)
-        yield client
+        raise RaceError(f"there is no Dask scheduler at {workers.scheduler} ({' '.join(str(error).split())})") from None
+    with client, parallel_config(backend="dask", client=client):
+        _check_cores(client, workers.scheduler)
+        yield -1, client
 
 
-def _check_cores(client: Any) -> None:
-    """RaceError where a host of the cluster has more workers (threads of them) than cores, which would wait for
-    ever."""
-    threads: Counter[str] = Counter()
-    there = client.run(cores_here)
-    for address, worker in client.scheduler_info()["workers"].items():
-        threads[there[address][0]] += worker["nthreads"]
-    for host, count in dict(there.values()).items():
+def _check_cores(client: Any, address: str) -> None:
+    """RaceError if the cluster has no worker, or a host has more worker threads than cores, some of which would wait
+    for ever."""
+    members = client.scheduler_info()["workers"]
+    if not members:
+        raise RaceError(f"the Dask cluster at {address} has no worker")
+    hosts, threads = client.run(host_and_cores), Counter[str]()
+    for member, worker in members.items():
+        threads[hosts[member][0]] += worker["nthreads"]
+    for host, count in dict(hosts.values()).items():
         if threads[host] > count:
             raise RaceError(
                 f"{threads[host]} Dask workers on {host} need a core each, and it has {count}; start fewer, each "
@@ -161,43 +154,23 @@ def _check_cores(client: Any) -> None:
             )
 
 
-# What follows runs in a worker.
+# The following functions run in a worker.
 
 
-def cores_here() -> tuple[str, int]:
-    """Name of this machine and number of its cores."""
+def host_and_cores() -> tuple[str, int]:
+    """Name of this machine and number of its usable cores."""
     return os.uname().nodename, len(cores.usable())
 
 
-_waiting: list[tuple[SolverPool, cores.Core]] = []
-"""Pools of this process that no thread of it is using."""
-_lock = threading.Lock()
-
-
-def work(part: P, entries: tuple[Entry, ...], settings: ChildSettings) -> P:
-    """Do one part with the pool that waits here, or with a new one on a free core."""
-    pool, core = _taken(entries, settings)
-    try:
-        with core.pinned():
-            part.do(pool, lambda task: None)
-    except BaseException:
-        _close([(pool, core)])
-        raise
-    with _lock:
-        _waiting.append((pool, core))
-    return part
-
-
-def _attended(function: Callable[..., R], arguments: tuple[Any, ...], parent: int | None) -> R:
+def _call(function: Callable[[T], R], item: T, parent: int | None) -> R:
     if parent is not None:
         _end_with(parent)
-    return function(*arguments)
+    return function(item)
 
 
 @cache
 def _end_with(parent: int) -> None:
-    """Have this process end at once when its parent does: joblib's would wait for ever with a result that nobody reads
-    any more."""
+    """End this process as soon as its parent ends: joblib's would wait for ever for somebody to read its result."""
     try:
         handle = os.pidfd_open(parent)
     except ProcessLookupError:
@@ -212,15 +185,29 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def _taken(entries: tuple[Entry, ...], settings: ChildSettings) -> tuple[SolverPool, cores.Core]:
-    with _lock:
-        ours = [pair for pair in _waiting if (pair[0].entries, pair[0].settings) == (entries, settings)]
-        of_others = [pair for pair in _waiting if pair not in ours]
-        taken = ours.pop() if ours else None
-        _waiting[:] = ours
-    _close(of_others)
-    if taken is not None:
-        return taken
+_idle: SimpleQueue[tuple[SolverPool, cores.Core]] = SimpleQueue()
+"""Solver pools of this process, each with its core, that no thread is using."""
+
+
+def work(part: P, entries: tuple[Entry, ...], settings: ChildSettings) -> P:
+    """Do one part with an idle pool of these solvers, or with a new pool on a free core."""
+    pool, core = _pool(entries, settings)
+    try:
+        with core.pinned():
+            part.do(pool, lambda task: None)
+    except BaseException:
+        _close(pool, core)
+        raise
+    _idle.put((pool, core))
+    return part
+
+
+def _pool(entries: tuple[Entry, ...], settings: ChildSettings) -> tuple[SolverPool, cores.Core]:
+    """An idle pool of these solvers, or a new one; idle pools of another race are closed."""
+    for pool, core in _take_idle():
+        if (pool.entries, pool.settings) == (entries, settings):
+            return pool, core
+        _close(pool, core)
     core = cores.claim()
     _permit_children()
     warm_up(entries, settings.preload)
@@ -228,10 +215,10 @@ def _taken(entries: tuple[Entry, ...], settings: ChildSettings) -> tuple[SolverP
 
 
 def _permit_children() -> None:
-    """Let this process start others, whoever started it.
+    """Let this process start child processes, whoever started it.
 
-    Under a nanny a Dask worker is a daemon, to which multiprocessing forbids children; ours end with their connection.
-    A worker of joblib's tells its children of a way to start processes that only joblib knows.
+    A Dask worker under a nanny is a daemon, and multiprocessing forbids daemons to have children; ours end with their
+    connection. A worker of joblib's has a default start method that only joblib knows.
     """
     multiprocessing.current_process().daemon = False
     if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
@@ -239,14 +226,19 @@ def _permit_children() -> None:
 
 
 def close_pools() -> None:
-    """End the processes that wait here, and give their cores back."""
-    with _lock:
-        closing = list(_waiting)
-        _waiting.clear()
-    _close(closing)
+    """End the idle solvers of this process, and release their cores."""
+    for pool, core in _take_idle():
+        _close(pool, core)
 
 
-def _close(pairs: Iterable[tuple[SolverPool, cores.Core]]) -> None:
-    for pool, core in pairs:
-        pool.close()
-        core.close()
+def _take_idle() -> Iterator[tuple[SolverPool, cores.Core]]:
+    while True:
+        try:
+            yield _idle.get_nowait()
+        except Empty:
+            return
+
+
+def _close(pool: SolverPool, core: cores.Core) -> None:
+    pool.close()
+    core.close()

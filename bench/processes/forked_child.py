@@ -1,7 +1,7 @@
 """A child process that is forked from a server, for libraries that take long to import.
 
-The server has imported what all children need (qpsolvers is among it, and it imports every library that it finds), with
-every thread pool limited to one thread.
+The server has imported the modules that all children need, with every thread pool limited to one thread; one of them is
+qpsolvers, which imports every library that it finds.
 """
 
 import multiprocessing
@@ -11,7 +11,6 @@ from collections.abc import Iterable
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
-from typing import Any
 
 from bench.messages.race_error import RaceError
 from piezo_model.child_process import Child, serve
@@ -26,27 +25,18 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
 )
 PRELOADED = ("bench.processes.forked_child", "bench.processes.worker", "solvers.core")
-"""What the server imports in any case; absent ones are passed over."""
+"""Modules that the server always imports; it ignores missing ones."""
 
 
-def _context(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> Any:
-    for name in THREAD_VARIABLES:
-        os.environ[name] = "1"
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(
-        [*PRELOADED, *modules, *{f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}]
-    )
-    return context
+def warm_up(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> None:
+    """Start the server, which imports these modules and those that the lanes of these solvers need.
 
-
-def warm_up(entries: Iterable[Entry], modules: Iterable[str] = ()) -> None:
-    """Start the server that children are forked from, with these modules and what the lanes of these solvers need
-    imported.
-
-    It imports for a second or two, beside whatever comes next; one that runs already stays as it is. RaceError where
-    its socket has no place.
+    It imports for a second or two in the background; a server that is already running is left unchanged. RaceError if
+    the path of its socket is too long.
     """
-    _context(entries, modules)
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    lanes = {f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}
+    forkserver.set_forkserver_preload([*PRELOADED, *modules, *lanes])
     try:
         forkserver.ensure_running()
     except OSError as error:
@@ -63,7 +53,9 @@ class ForkedChild(Child):
 
     def _start(self, lent: Connection, alive: Connection) -> None:
         assert self._connection is not None
-        self._process = _context().Process(target=_serve, daemon=True, args=(lent, alive))
+        warm_up()
+        context = multiprocessing.get_context("forkserver")
+        self._process = context.Process(target=_serve, daemon=True, args=(lent, alive))
         self._process.start()
         send_handle(self._connection, self._log.fileno(), self._process.pid)
 
@@ -73,10 +65,10 @@ class ForkedChild(Child):
 
 
 def _serve(connection: Connection, alive: Connection) -> None:
-    """Serve, with what is printed going to the parent's file."""
+    """Serve the parent, and redirect output to the parent's file."""
     try:
         sink = recv_handle(connection)
-    except EOFError:  # the parent has ended meanwhile
+    except EOFError:  # the parent has already ended
         return
     os.dup2(sink, 1)
     os.dup2(sink, 2)

@@ -1,8 +1,8 @@
-"""What the process of a solver is watched for: what it opens that is not its own, and functions that it replaces.
+"""Watches the process of a solver for files that it must not open and for functions that it replaces.
 
-Both are set up before the solver's file is imported. An audit hook (PEP 578) cannot be taken away, and sees every file
-that Python opens and every folder that it lists. What times a solver and carries its answers is compared name by name
-with what it was, functions of ours with the code and the defaults that they had.
+The watch begins before the solver's file is imported. An audit hook (PEP 578) cannot be removed, and sees every file
+that Python opens and every folder that it lists. The modules that time a solver and carry its answers are compared with
+their earlier state name by name, our functions also by code and defaults.
 """
 
 import os
@@ -11,65 +11,57 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import FunctionType, ModuleType
 from typing import Any
 
-LOOKS = ("open", "os.listdir", "os.scandir")
-HOOKS = ("sys.setprofile", "sys.settrace")
-Part = tuple[str, Mapping[str, Any], str, Any, Any, Any]
-"""Where something is, its name there, what it is, and the code and the defaults of a function."""
+FILE_EVENTS = ("open", "os.listdir", "os.scandir")
+TRACE_EVENTS = ("sys.setprofile", "sys.settrace")
 MOST = 3
-"""Sentences that are kept."""
+"""Largest number of reported actions."""
+State = tuple[Any, Any, Any]
 
 
 def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) -> Callable[[], tuple[str, ...]]:
-    """Watch from now on; returns what says what was seen: sentences, none for a solver that does neither."""
-    seen: list[str] = []
-    places = tuple(os.path.realpath(folder) + os.sep for folder in folders)
-    before = [part for module in modules for part in _parts(module)]
-    absolute, number, ours = os.path.realpath, str.isdigit, str(os.getpid())
+    """Watch from now on; returns a function that lists the forbidden actions so far as sentences."""
+    actions: list[str] = []
+    hidden = tuple(os.path.realpath(folder) + os.sep for folder in folders)
+    before = [attribute for module in modules for attribute in _attributes(module)]
+    # Bound here, so that a solver that replaces them cannot switch the guard off.
+    absolute, is_number, this_process, separator = os.path.realpath, str.isdigit, str(os.getpid()), os.sep
+    most, file_events, trace_events, state = MOST, FILE_EVENTS, TRACE_EVENTS, _state
 
     def hook(event: str, arguments: tuple[object, ...]) -> None:
-        if event in LOOKS and arguments and isinstance(arguments[0], str | bytes | os.PathLike):
+        if len(actions) >= most:
+            return
+        if event in trace_events:
+            actions.append(f"called {event}")
+        elif event in file_events and arguments and isinstance(arguments[0], str | bytes | os.PathLike):
             name = os.fsdecode(arguments[0])
-            path = absolute(name) + os.sep
-            _, root, process, *_ = (*path.split(os.sep), "", "")
-            if (path.startswith(places) or (root == "proc" and number(process) and process != ours)) and len(
-                seen
-            ) < MOST:
-                seen.append(f"opened {name}")
-        elif event in HOOKS and len(seen) < MOST:
-            seen.append(f"called {event}")
+            path = absolute(name) + separator
+            _, root, process, *_ = (*path.split(separator), "", "")
+            is_other_process = root == "proc" and is_number(process) and process != this_process
+            if path.startswith(hidden) or is_other_process:
+                actions.append(f"opened {name}")
 
-    if places:
+    if hidden:
         sys.addaudithook(hook)
 
-    def said() -> tuple[str, ...]:
-        for where, names, key, was, code, defaults in before:
-            now = names.get(key)
-            if (
-                now is not was or (code is not None and (now.__code__ is not code or now.__defaults__ is not defaults))
-            ) and len(seen) < MOST:
-                seen.append(f"replaced {where}.{key}")
-        return tuple(seen)
+    def forbidden_actions() -> tuple[str, ...]:
+        for where, names, name, was in before:
+            if any(now is not then for now, then in zip(state(names.get(name)), was, strict=True)):
+                actions.append(f"replaced {where}.{name}")
+        return tuple(actions[:most])
 
-    return said
+    return forbidden_actions
 
 
-def _parts(module: ModuleType) -> Iterator[Part]:
-    """What a module, and its own classes, hold."""
+def _attributes(module: ModuleType) -> Iterator[tuple[str, Mapping[str, Any], str, State]]:
+    """The attributes of a module and the methods of its own classes: owner, its dictionary, name in that, and state."""
     for name, value in list(vars(module).items()):
-        yield _part(module.__name__, vars(module), name, value)
+        yield module.__name__, vars(module), name, _state(value)
         if isinstance(value, type) and value.__module__ == module.__name__:
-            yield from (
-                _part(f"{module.__name__}.{name}", vars(value), key, part)
-                for key, part in vars(value).items()
-                if isinstance(part, FunctionType)
-            )
+            for member, function in vars(value).items():
+                if isinstance(function, FunctionType):
+                    yield f"{module.__name__}.{name}", vars(value), member, _state(function)
 
 
-def _part(where: str, names: Mapping[str, Any], key: str, value: Any) -> Part:
-    return (
-        where,
-        names,
-        key,
-        value,
-        *((value.__code__, value.__defaults__) if isinstance(value, FunctionType) else (None, None)),
-    )
+def _state(value: Any) -> State:
+    """A value, with code and defaults of a function."""
+    return value, getattr(value, "__code__", None), getattr(value, "__defaults__", None)

@@ -1,12 +1,11 @@
-"""A fixed piece of work, timed at the start of a race, from time to time and at the end: it shows the machine drift.
+"""A fixed piece of work, timed at the start, in the course and at the end of a race, that shows the machine's drift.
 
-    x ← Q x, 64 times, with Q orthogonal (32, 32): nothing that a solver, a problem or this project's kernels change
+    x ← Q x, 64 times, with Q orthogonal (32, 32): independent of solvers, problems and this project's kernels
 
-One *sample* is some dozens of timed runs in a process of its own, on the core of the race; its level is their median.
-What slows a core is of two kinds, which are told apart. Neighbours: whoever has the other thread of the same core slows
-it to two thirds or half of its speed for milliseconds to seconds at a time, and no counter of a virtual machine shows
-that; hence the share of the samples that are slow. The *drift* of a race is of what remains in a figure, a median over
-problems that are spread over the race:
+One *sample* is some dozens of timed runs in a separate process on the core of the race; its level is their median. Two
+kinds of slowness are distinguished. A neighbour on the other thread of the same core slows it to two thirds or half of
+its speed for milliseconds to seconds, which no counter of a virtual machine shows; it is measured by the share of slow
+samples. The *drift* of a race is the slowness that remains in a median over problems that are spread over the race:
 
     max |median level of a fifth of the samples / median level of all − 1|,    over the samples of each core in order of
     time
@@ -29,16 +28,16 @@ SIZE, TIMES = 32, 64
 EFFORT = Effort(budget_s=0.004, fewest=20, most=60)
 EVERY_S = 2.0
 TOLERATED = 0.1
-"""Largest drift without a warning; a sample that takes longer than undisturbed ones by this share is slow."""
+"""Largest drift without a warning; a sample is slow if it exceeds the undisturbed level by more than this share."""
 FIFTHS = 5
 UNDISTURBED = 0.1
-"""The share of the samples, the quickest of a core, that are taken as undisturbed."""
+"""Share of the samples of a core, the fastest ones, that count as undisturbed."""
 TOLERATED_SLOW = 0.05
-"""A larger share of slow samples is a warning."""
+"""Largest share of slow samples without a warning."""
 
 
 def work() -> list[int]:
-    """Nanoseconds of each run of the work, after one that does not count."""
+    """Nanoseconds of each run of the work, after an untimed run."""
     Q = np.linalg.qr(np.cos(np.arange(SIZE * SIZE, dtype=np.float64)).reshape(SIZE, SIZE))[0]
 
     def run() -> None:
@@ -47,35 +46,35 @@ def work() -> list[int]:
             x = Q @ x
 
     run()
-    found: list[int] = []
+    times_ns: list[int] = []
     with no_garbage_collection():
-        while EFFORT.goes_on(len(found), sum(found)):
-            found.append(time_call(run))
-    return found
+        while EFFORT.goes_on(len(times_ns), sum(times_ns)):
+            times_ns.append(time_call(run))
+    return times_ns
 
 
 class Sentinel(ForkedChild):
-    """Samples of one core; ``samples`` are when (seconds since the epoch) and nanoseconds of each run."""
+    """Samples one core; a sample is its time in seconds since the epoch and the nanoseconds of each run."""
 
     def __init__(self, core: int | None) -> None:
         super().__init__()
         self.core, self.samples = core, list[tuple[float, list[int]]]()
 
     def sample(self, unless_within_s: float = 0.0) -> None:
-        """Time the work, unless the last sample is less than so many seconds ago."""
+        """Time the work, unless the last sample is younger than ``unless_within_s``."""
         if not self.samples or time.time() - self.samples[-1][0] >= unless_within_s:
             if not self.is_running and self.core is not None:
                 self.call(START_LIMIT_S, os.sched_setaffinity, 0, {self.core})
             self.samples.append((time.time(), self.call(START_LIMIT_S, work)))
 
-    def taken(self) -> list[tuple[float, list[int]]]:
-        """The samples so far, which it then forgets."""
+    def take_samples(self) -> list[tuple[float, list[int]]]:
+        """Return the samples so far, and clear them."""
         samples, self.samples = self.samples, []
         return samples
 
 
 def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
-    """One row a sample from notes with ``host``, ``core`` and ``sentinel``: raw times, level and its ratio."""
+    """One row for each sample in notes with ``host``, ``core`` and ``sentinel``; ``ratio`` is level over median."""
     rows = [
         (note["host"], note["core"], when, np.array(ns, dtype=np.int64), float(np.median(ns)))
         for note in notes
@@ -89,8 +88,7 @@ def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def drift(samples: pd.DataFrame) -> float:
-    """How far the median level of a fifth of the samples on a core is from that of all of them, at most, as a share of
-    it.
+    """Largest relative deviation of the median level of a fifth of a core's samples from that of all its samples.
 
     Examples
     --------
@@ -103,7 +101,7 @@ def drift(samples: pd.DataFrame) -> float:
 
 
 def _of_fifths(samples: pd.DataFrame) -> NDArray[np.float64]:
-    """The median ratio in each fifth of the samples on each core; of each sample where there are fewer."""
+    """The median ratio in each fifth of the samples of each core."""
     return np.array(
         [
             np.median(part)
@@ -115,13 +113,13 @@ def _of_fifths(samples: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def sentences(samples: pd.DataFrame) -> list[str]:
-    """A warning where the machine drifted, and one where it was slow now and then."""
+    """A warning if the machine drifted, and one if it was slow too often."""
     if samples.empty:
         return []
-    found = []
+    warnings = []
     if drift(samples) > TOLERATED:
         fifths = 100.0 * (_of_fifths(samples) - 1.0)
-        found.append(
+        warnings.append(
             f"The machine drifted: a fixed piece of work was timed {len(samples)} times in the course of the "
             "run, and the medians of the "
             f"fifths of these differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so a "
@@ -129,10 +127,10 @@ def sentences(samples: pd.DataFrame) -> list[str]:
         )
     more = samples.ratio / samples.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
     if (slow := float((more > TOLERATED).mean())) > TOLERATED_SLOW:
-        found.append(
+        warnings.append(
             f"The machine was slow now and then: a fixed piece of work took over {100.0 * TOLERATED:.0f} % "
             "longer than when undisturbed in "
             f"{100.0 * slow:.0f} % of {len(samples)} trials, at most {100.0 * more.max():.0f} % longer, as "
             "where a neighbour uses the same core, so the times of a single row may be too long by as much."
         )
-    return found
+    return warnings

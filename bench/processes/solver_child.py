@@ -1,7 +1,7 @@
-"""Each solver in a process of its own, with a time and a memory limit.
+"""Each solver runs in its own process, with a time limit and a memory limit.
 
-A solver that crashes, hangs or eats memory takes its own process with it and nothing else; the next task gets a new
-one. The processes of a race on one core form a pool: one for each solver lane, and the sentinel's.
+A solver that crashes, hangs or exhausts its memory affects only this process; the next task gets a new one. The
+processes of a race on one core form a pool: one for each solver lane, and the sentinel.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TypeVar
 
+from bench.messages.race_error import RaceError
 from bench.messages.task import Outcome, Request, Task
 from bench.processes import worker
 from bench.processes.forked_child import ForkedChild
@@ -22,26 +23,26 @@ E = TypeVar("E", bound=Entry)
 
 STANDARD = ChildSettings()
 BUILD_LIMIT_S = 60.0
-"""Seconds on top for a task of the lane codegen, since the first of a shape of problem generates and compiles."""
+"""Additional time for a task in the lane codegen, since the first problem of a shape generates and compiles code."""
 
 
 def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
-    """The entry of a user's file, whose code runs in a process of its own; ImportError says what is wrong."""
+    """The entry of a user's file, whose code runs in a separate process; RaceError if it cannot be loaded."""
     with ForkedChild() as child:
         try:
-            found = child.call(START_LIMIT_S, worker.introduce, str(path), of_file)
+            entry = child.call(START_LIMIT_S, worker.introduce, str(path), of_file)
         except LateError:
-            found = f"did not load within {START_LIMIT_S:g} s"
+            entry = f"did not load within {START_LIMIT_S:g} s"
         except LostError as error:
-            found = f"ended the process that loaded it with {error}"
-    if isinstance(found, str):
-        raise ImportError(f"{path}: {found}")
-    return found
+            entry = f"ended the process that loaded it with {error}"
+    if isinstance(entry, str):
+        raise RaceError(f"{path}: {entry}")
+    return entry
 
 
 class SolverChild(ForkedChild):
-    """The process of one solver in one lane, pinned to a core if one is given; started at once, and again after it was
-    lost."""
+    """The process of one solver in one lane, pinned to a core if one is given; it starts at once, and again after a
+    crash."""
 
     def __init__(self, entry: Entry, settings: ChildSettings = STANDARD, core: int | None = None) -> None:
         super().__init__()
@@ -54,11 +55,9 @@ class SolverChild(ForkedChild):
         self.begin(worker.load, self.entry, self._settings, self._core)
 
     def describe(self) -> Described:
-        """What the solver is, or why it is absent; waits until its library is loaded."""
+        """The solver's description, or the reason for its absence; waits until its library is loaded."""
         if self._described is None:
             try:
-                if not self.is_running:
-                    self._load()
                 self._described = self.wait(START_LIMIT_S)
             except LateError:
                 self._described = self._absent(f"its library did not load within {START_LIMIT_S:g} s")
@@ -72,9 +71,9 @@ class SolverChild(ForkedChild):
         return Described(self.entry.name, self.entry.lane, "", "", "", False, absent=why)
 
     def ask(self, request: Request) -> Outcome:
-        """Answer a request; whatever the solver does to its process is an outcome, too."""
+        """The outcome of a request; a crash or a timeout of the process is an outcome, too."""
         if not self.is_running:
-            self._described = None
+            self._load()
         if absent := self.describe().absent:
             return Outcome("adapter_failed", absent)
         if self.has_spoken:
@@ -88,19 +87,19 @@ class SolverChild(ForkedChild):
             memory = "bad_alloc" in error.last_words or "MemoryError" in error.last_words
             return Outcome("out_of_memory" if memory else "crashed", f"the process ended with {error}")
         if outcome.failure == "out_of_memory":
-            self.kill()  # who knows what it still holds
+            self.kill()  # it may still hold the memory
         return outcome
 
 
 class SolverPool(ExitStack):
-    """Solvers that wait for requests on a core, or where there is room if nothing is timed, all starting at once.
+    """Solver processes that wait for requests on a core, or on any core if nothing is timed; all start at once.
 
     Attributes
     ----------
     children : dict
-        By name and lane.
+        Processes by name and lane.
     sentinel : Sentinel
-        Looks at the core.
+        Samples the speed of the core.
     """
 
     def __init__(self, entries: Sequence[Entry], settings: ChildSettings, core: int | None = None) -> None:
@@ -117,12 +116,12 @@ class SolverPool(ExitStack):
         }
 
     def begin(self, repeat: int) -> None:
-        """Put fresh processes in the place of those that have run another repeat."""
+        """Replace the processes of another repeat by fresh ones."""
         if repeat != self._repeat:
             self.close()
             self._start(repeat)
             for child in self.children.values():
-                child.describe()  # waits until all have loaded, which otherwise would disturb the first task
+                child.describe()  # waits for the libraries to load, which would disturb the first task
 
     def child(self, task: Task) -> SolverChild:
         """The process of a task's solver."""

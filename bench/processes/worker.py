@@ -1,7 +1,7 @@
 """What runs in the process of a solver; the parent's side is in `solver_child`.
 
-It loads one solver in one lane, is pinned to a core, and answers requests. It decides nothing about right and wrong: it
-hands back the answer with its duals, the raw times and what it noticed about the solver's manners.
+The process loads one solver in one lane, is pinned to a core, and answers requests. It judges nothing: it returns the
+answer with its duals, the raw times, and what the solver did that it must not.
 """
 
 import gc
@@ -26,62 +26,62 @@ from solvers.registry import Described, Entry, describe
 
 E = TypeVar("E", bound=Entry)
 
-_watch: list[Callable[[], tuple[str, ...]]] = []
-"""What says how this process behaved."""
+_guards: list[Callable[[], tuple[str, ...]]] = []
+"""Lists the forbidden actions in this process."""
 _loaded: list[type[Solver]] = []
-"""The solver of this process, and once more when it has answered a request."""
+"""The solver of this process; twice after its first answer."""
 
 
 @dataclass(frozen=True)
 class ChildSettings:
-    """What the process of a solver may take and see, and what it imports before its solver."""
+    """Limits of a solver's process, and the modules that it imports before its solver."""
 
     time_limit_s: float = 20.0
-    """For each request, everything included."""
+    """Time limit of each request, everything included."""
     memory_mb: int = 2048
-    """What it may allocate once its solver is loaded."""
+    """Memory that it may allocate once its solver is loaded."""
     hidden: tuple[str, ...] = ()
-    """Folders that it must not look into."""
+    """Folders whose files it must not open."""
     preload: tuple[str, ...] = ()
     """Modules that its requests need."""
 
 
 def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
-    """Load the solver of this process and describe it; its limits hold from then on, and it is watched from now on."""
+    """Load and describe the solver of this process; from then on the limits hold and the process is watched."""
     for name in settings.preload:
         import_module(name)
     ours = [module for name, module in sys.modules.items() if name.startswith("bench.")]
-    _watch.append(install_audit_hook(settings.hidden, [*ours, child_process, connection, gc, np, pickle, time]))
+    _guards.append(install_audit_hook(settings.hidden, [*ours, child_process, connection, gc, np, pickle, time]))
     try:
         description = describe(entry)
-    except Exception as error:  # whatever a library does while it loads is a reason for its absence
+    except Exception as error:  # whatever a library raises while it loads is the reason for its absence
         description = Described(entry.name, entry.lane, "", "", "", False, absent=f"{type(error).__name__}: {error}")
     if not description.absent:
         _loaded.append(entry.load())
         limit_memory(settings.memory_mb)
-        if core is not None:  # after loading, for which all cores are welcome
+        if core is not None:  # pinned only now, since loading may use all cores
             os.sched_setaffinity(0, {core})
     return description
 
 
 def answer(request: Request) -> Outcome:
-    """Do what is asked with the solver that was loaded."""
+    """Answer a request with the solver that was loaded."""
     cls, *answered = _loaded
     outcome = attempt(lambda: request.answer(cls, first=not answered))
     _loaded[1:] = [cls]
     return outcome
 
 
-def seen() -> tuple[str, ...]:
-    """What this process did that it must not, in sentences."""
-    return _watch[0]()
+def forbidden_actions() -> tuple[str, ...]:
+    """The forbidden actions in this process so far, as sentences."""
+    return _guards[0]()
 
 
 def introduce(path: str, of_file: Callable[[str], E]) -> E | str:
-    """The entry of a user's file, or a sentence that says what is wrong with it."""
+    """The entry of a user's file, or a sentence about its fault."""
     try:
         return of_file(path)
     except ImportError as error:
         return str(error).removeprefix(f"{path} ")
-    except Exception as error:  # whatever a user's code does
+    except Exception as error:  # a user's code may raise anything
         return f"cannot be loaded, {type(error).__name__}: {error}".replace("\n", " ")

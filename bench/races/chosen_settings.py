@@ -1,9 +1,9 @@
-"""Which setting a solver has in a stream or a loop: the one that stands for a tier in the table of a one-shot race.
+"""Settings of the solvers in a stream or a loop: those chosen for a tier in a one-shot race.
 
-That is a run of the user's, or the accuracy of the reference run, which is shipped with the package. A solver that the
-table does not know, one of a file and one whose ladder has changed since take their tightest setting, and are said to
-be untested; so do those that do not reach the tier there, and are said not to. ``make settings RUN=results/reference``
-writes the shipped table.
+That race is a run of the user's, or the reference run, whose accuracies are shipped with the package. A solver that the
+race does not have, or whose ladder has changed since, gets its tightest setting, marked as untested; so does a solver
+that does not reach the tier there, marked as not reached. ``make settings RUN=results/reference`` writes the shipped
+table.
 """
 
 import sys
@@ -25,7 +25,7 @@ from solvers import Tier
 from solvers.registry import Described
 
 SCALING = "scaled"
-"""The data of a stream and of a loop."""
+"""Scaling of the data in a stream and in a loop."""
 SHIPPED = "reference_rows.parquet"
 NAMES = (
     "problem_set",
@@ -43,22 +43,22 @@ NAMES = (
 )
 FIGURES = ("cost_gap", "violation", "timed_gap", "stage_excess", "noise_um")
 ACCURACY = columns.schema((*NAMES, *FIGURES))
-"""What is shipped of the rows."""
+"""Columns of the shipped rows."""
 DEFAULT, EACH, REFERENCE = "default", "each", "reference"
 UNTESTED, NOT_REACHED = "untested", "not reached"
-"""On what grounds a setting stands for a tier, where it is not the name of a run that says so: ``default`` is what the
-solver does by default, ``untested`` and ``not reached`` its tightest setting, ``each`` one of several that all race."""
+"""Basis of a setting, if it is not the name of the run in which it was chosen: ``default`` for the solver's defaults,
+``untested`` and ``not reached`` for its tightest setting, ``each`` for one of several that all race."""
 Choices = Mapping[Setting, Mapping[Tier, str]]
-"""Settings with the tiers that each stands for, and on what grounds."""
+"""Settings with the tiers of each, and the basis of the choice."""
 
 
 def table_of(run: str) -> tuple[pd.DataFrame, str]:
-    """The setting for each tier by a run, or by the reference run for "", and the name of that run.
+    """The setting for each tier chosen in a run, by default the reference run, and the name of that run.
 
     Raises
     ------
     RunError, RaceError
-        The run is not there, not finished, or no one-shot race in scaled data.
+        The run is missing, not finished, or not a one-shot race in scaled data.
     """
     if not run:
         return tier_settings(columns.read(Path(__file__).with_name(SHIPPED), ACCURACY)), REFERENCE
@@ -72,21 +72,21 @@ def table_of(run: str) -> tuple[pd.DataFrame, str]:
 
 
 def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> Choices:
-    """The settings of a solver for these tiers, by a table of a run of that name."""
-    known = {setting.text: setting for setting in settings_of(solver)}
-    its = table[(table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))]
-    of_tier = its.set_index("tier").setting
-    found: dict[Setting, dict[Tier, str]] = {}
+    """The settings of a solver for these tiers, by the table of the run ``name``."""
+    by_text = {setting.text: setting for setting in settings_of(solver)}
+    of_solver = table[(table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))]
+    of_tier = of_solver.set_index("tier").setting
+    chosen: dict[Setting, dict[Tier, str]] = {}
     for tier in tiers:
         text = of_tier.get(str(tier))
         if tier is Tier.DEFAULT:
             setting, basis = default_setting(solver), DEFAULT
-        elif text in known:
-            setting, basis = known[text], name
+        elif text in by_text:
+            setting, basis = by_text[text], name
         else:
             setting, basis = tightest(solver), NOT_REACHED if text == "" else UNTESTED
-        found.setdefault(setting, {})[tier] = basis
-    return found
+        chosen.setdefault(setting, {})[tier] = basis
+    return chosen
 
 
 def default_setting(solver: Described) -> Setting:
@@ -95,7 +95,7 @@ def default_setting(solver: Described) -> Setting:
 
 
 def tier_label(tier: str, basis: str) -> str:
-    """A tier in a table, with what has to be said of the setting.
+    """A tier in a table, marked if its setting is untested or does not reach it.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def tier_label(tier: str, basis: str) -> str:
 
 
 def definition(run: str) -> str:
-    """What a reader has to know of the settings in a race that took them from this run."""
+    """Explanation of the settings in the report of a race that took them from this run."""
     return (
         f"The setting of a solver is the one that stands for the tier in {run or 'the reference run'}, evaluated "
         "at the constant of these "
@@ -116,12 +116,12 @@ def definition(run: str) -> str:
 
 
 def accuracy(rows: pd.DataFrame) -> pd.DataFrame:
-    """What is shipped of the rows of a one-shot race: cold answers on scaled data."""
+    """The shipped rows of a one-shot race: cold answers on scaled data."""
     return rows.loc[(rows.scaling == SCALING) & (rows.start == "cold"), ACCURACY.names].reset_index(drop=True)
 
 
 def ship(run: Path, path: Path) -> None:
-    """Write the table that is shipped, from a finished run."""
+    """Write the shipped table from a finished run."""
     table = pa.Table.from_pandas(accuracy(Run.open(run).rows(ONESHOT)), ACCURACY, preserve_index=False)
     with replacing(path) as temporary:
         parquet.write_table(table, temporary, compression="zstd")

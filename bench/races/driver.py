@@ -1,17 +1,17 @@
-"""What every race does: find out who is there, do each task that is not done yet, keep it, watch the machine, and carry
-on after an interruption.
+"""The driver of all races: it starts the solvers, runs and saves the tasks that are not done yet, and monitors the
+machine.
 
-A kind of race is a :class:`Race`: what solvers are asked, and what is made of their answers. Its tasks come in parts. A
-part is what one worker does in one go; every finished task is on disk before the next one starts, and the notes of a
-part (where it ran, what disturbed it, how the sentinel fared) come last and say that it is done. Parts come in phases:
-those of a phase may be done in any order, and the next phase is planned by the rows of those before.
+A kind of race is a :class:`Race`: its requests to solvers, and the rows made of their answers. Its tasks are grouped in
+parts, each run by one worker in one go. Every finished task is saved before the next one starts; the notes of a part
+(where it ran, what disturbed it, the sentinel's samples) come last and mark it as done. Parts are grouped in phases:
+the parts of a phase may be done in any order, and the next phase follows from the rows of the earlier ones.
 """
 
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -31,22 +31,22 @@ from solvers.registry import Described, Entry
 
 S = TypeVar("S", bound=RaceSettings)
 Tell = Callable[[Task], None]
-"""Told what comes next."""
+"""Called with each task before it starts."""
 
 
 @dataclass(frozen=True)
 class Part(ABC):
-    """Tasks that one worker does in one go; it can be sent anywhere from where the run's folder is reached."""
+    """Tasks that one worker does in one go, on any host that can access the run's folder."""
 
     run: Path
     name: str
-    """That of its notes, a file name."""
+    """File name of its notes."""
     tasks: tuple[Task, ...]
     repeat: int
-    """Another one has fresh processes."""
+    """Number of the repeat; each has fresh processes."""
 
     def do(self, pool: SolverPool, tell: Tell) -> None:
-        """Do what is not done yet; where it is timed, watch the machine, and note what was seen when all is done."""
+        """Do the tasks that are not done yet; a part that is timed monitors the machine and saves notes at the end."""
         run = Run(self.run)
         if run.has_notes(self.name):
             return
@@ -64,7 +64,7 @@ class Part(ABC):
             {
                 "host": os.uname().nodename,
                 "core": pool.core,
-                "sentinel": pool.sentinel.taken(),
+                "sentinel": pool.sentinel.take_samples(),
                 **between,
                 "preemptions": sum(row["preemptions"] for row in rows),
                 "timed_calls": sum(row["samples"] for row in rows),
@@ -73,24 +73,24 @@ class Part(ABC):
 
     @abstractmethod
     def work(self, run: Run, pool: SolverPool, tell: Tell) -> Sequence[Row]:
-        """Do the tasks that are not done; returns the rows that count calls and preemptions."""
+        """Do the tasks that are not done yet; returns rows with their numbers of calls and preemptions."""
 
 
 class Race(ABC, Generic[S]):
-    """One kind of race at work on a run."""
+    """A race of one kind on a run."""
 
     schema: ClassVar[Schema]
-    """Its table."""
+    """The table of its rows."""
     preload: ClassVar[tuple[str, ...]]
-    """Modules that its requests need in the process of a solver."""
+    """Modules that its requests need in a solver's process."""
     timed: ClassVar[bool] = True
-    """Whether it times on a core of its own, where the machine is watched."""
+    """Whether it times on a reserved core and monitors the machine."""
     floor: ClassVar[bool] = False
-    """Whether the solver that does nothing takes part, the floor of all times."""
+    """Whether the null solver takes part, the floor of all times."""
     spreads: ClassVar[bool] = False
-    """Whether it can use several workers."""
+    """Whether several workers may do its parts."""
     warnings: Sequence[str] = ()
-    """What makes its times less certain, as far as it knows itself."""
+    """Sentences about what makes its times less certain."""
 
     def __init__(self, run: Run, settings: S, progress: Progress) -> None:
         self.run, self.settings, self.progress = run, settings, progress
@@ -101,66 +101,65 @@ class Race(ABC, Generic[S]):
 
     @classmethod
     def entries(cls, settings: S) -> Sequence[Entry]:
-        """Who takes part by these settings; RaceError, RunError or ProblemSetError unless there is all that is asked
-        for."""
+        """The solvers selected by the settings; RaceError, RunError or ProblemSetError if the race cannot be run."""
         return checked(settings, cls.preload)
 
     @property
     def child(self) -> ChildSettings:
-        """What the process of a solver may take and see."""
-        return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb)
+        """Limits of a solver's process."""
+        return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb, preload=self.preload)
 
     def prepare(self, resources: ExitStack) -> None:
-        """Make what is raced on, or load it; what has to be given back in the end goes onto ``resources``."""
+        """Generate or load the problems; ``resources`` are released at the end."""
 
     @abstractmethod
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
-        """The parts of each phase for the solvers that run here; those of a phase are done when the next one is asked
-        for."""
+        """The parts of each phase for the solvers that run here; a phase is requested when the earlier ones are
+        done."""
 
     def finish(self) -> None:
-        """What is left to do when no solver runs any more."""
+        """Called when no solver runs any more."""
 
 
 class TaskRace(Race[S]):
-    """A race in which a task is one request and its answer."""
+    """A race in which a task is one request."""
 
     failed: ClassVar[Mapping[str, Any]] = {}
-    """Columns of a row of a failure that are not empty."""
+    """Values of columns in the row of a failure."""
 
     def part(self, name: str, *tasks: Task) -> Part:
-        """A part whose tasks are done one after the other."""
-        return _Each(self.run.path, name, tasks, 0, self)
+        """A part that does its tasks one after the other."""
+        return _TaskPart(self.run.path, name, tasks, 0, self)
 
     def measure(self, task: Task, pool: SolverPool) -> Outcome:
-        """What becomes of a task."""
+        """The outcome of a task."""
         return pool.child(task).ask(self.request(task))
 
     @abstractmethod
     def request(self, task: Task) -> Request:
-        """What the solver of a task is asked."""
+        """The request of a task."""
 
     @abstractmethod
     def judged(self, task: Task, outcome: Any) -> Sequence[Mapping[str, Any]]:
-        """The columns of each row that follow from an outcome which is not a failure, its status among them."""
+        """The columns, status included, of each row of an outcome that is not a failure."""
 
     def known(self, task: Task, outcome: Outcome) -> Mapping[str, Any]:
-        """Columns of every row of a task, be it one of a failure."""
+        """Further columns of every row of a task, also of a failure."""
         return {}
 
     def rows(self, task: Task, outcome: Outcome) -> list[Row]:
-        """The rows of a task, once for each tier that its setting stands for."""
+        """The rows of a task, repeated for each tier that its setting was chosen for."""
         shared = self.schema.row(
             **{**task.columns(), "status": outcome.failure, "message": outcome.message, **self.known(task, outcome)}
         )
-        found = [self.failed] if outcome.failure else self.judged(task, outcome)
+        judged = [self.failed] if outcome.failure else self.judged(task, outcome)
         tiers = [{"tier": str(tier), "basis": basis} for tier, basis in task.basis.items()] or [{}]
-        return [{**shared, **tier, **figures} for tier in tiers for figures in found]
+        return [{**shared, **tier, **figures} for tier in tiers for figures in judged]
 
 
 @dataclass(frozen=True)
-class _Each(Part):
-    """One task after the other."""
+class _TaskPart(Part):
+    """Tasks that are one request each."""
 
     race: TaskRace[Any]
 
@@ -174,7 +173,7 @@ class _Each(Part):
 
 
 def drive(race: Race[Any], workers: Workers) -> None:
-    """Do whatever is not done yet."""
+    """Do the tasks that are not done yet."""
     run, progress, done, total = race.run, race.progress, 0, 0
 
     def tell(task: Task) -> None:
@@ -185,7 +184,7 @@ def drive(race: Race[Any], workers: Workers) -> None:
     entries = tuple(race.entrants.values())
     with ExitStack() as resources:
         race.prepare(resources)
-        settings, core = replace(race.child, preload=race.preload), None
+        settings, core = race.child, None
         if race.timed and workers.is_one:
             progress("waiting for a core on which no other race times", 0, 1)
             core = resources.enter_context(cores.claim()).number
@@ -208,7 +207,7 @@ def drive(race: Race[Any], workers: Workers) -> None:
 
 
 def note_conditions(race: Race[Any], workers: Workers) -> None:
-    """Keep how the machine fared while it timed, and say what makes the times less certain."""
+    """Save the condition of the machine during the race, with warnings about less certain times."""
     run, notes = race.run, race.run.all_notes()
     samples = sentinel.table(notes)
     with replacing(run.path / "sentinel.parquet") as temporary:

@@ -1,4 +1,4 @@
-"""The field of a race: which solvers are asked for, and which of them run here."""
+"""The field of a race: the selected solvers, and those of them that run here."""
 
 import re
 from collections.abc import Callable, Iterable
@@ -21,28 +21,23 @@ E = TypeVar("E", bound=Entry)
 def chosen(
     settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], E], what: str, preload: Iterable[str] = ()
 ) -> list[E]:
-    """Those that are asked for by name and lane; those of the user's own files always are, and are loaded in a process
-    of their own.
-
-    ``preload`` are modules that their processes need.
+    """The entries selected by name and lane, and those of the user's files, each of which is loaded in a separate
+    process; ``preload`` are modules that the processes of solvers need.
     """
     known = list(there)
     names = {entry.name for entry in known}
     unknown = sorted(set(settings.solvers) - names)
     if unknown:
         raise RaceError(f"there is no {what} {unknown[0]!r}; known are {', '.join(sorted(names))}")
-    found = [
+    selected = [
         entry
         for entry in known
         if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)
     ]
-    warm_up(found, preload)
+    warm_up(selected, preload)
     taken = {(entry.name, entry.lane) for entry in known}
     for path in settings.solver_files:
-        try:
-            entry = entry_of_file(path, of_file)
-        except ImportError as error:
-            raise RaceError(str(error)) from None
+        entry = entry_of_file(path, of_file)
         if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
             raise RaceError(
                 f"{path}: a {what} is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}"
@@ -52,14 +47,14 @@ def chosen(
                 f"{path}: there is a {what} {entry.name} in the lane {entry.lane} already; name it otherwise"
             )
         taken.add((entry.name, entry.lane))
-        found.append(entry)
-    if not found:
+        selected.append(entry)
+    if not selected:
         raise RaceError(f"no {what} of those asked for is in the lane {' or '.join(settings.lanes)}")
-    return found
+    return selected
 
 
 def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
-    """The entries that are asked for; RaceError, RunError or ProblemSetError unless there is all that is asked for."""
+    """The solvers selected by the settings; RaceError, RunError or ProblemSetError if the race cannot be run."""
     check_options(settings.problem_sets, settings.set_options)
     for problem_set in settings.problem_sets:
         make(problem_set, settings.seed, settings.set_options)
@@ -69,17 +64,17 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
 
 
 def field_of(run: Run, pool: SolverPool) -> list[Described]:
-    """The solvers that run here, noted in the run; RaceError where there is none, or one that was asked for by its name
-    is in no lane."""
+    """The solvers that run here, noted in the run; RaceError if there is none, or one selected by name runs in no
+    lane."""
     described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
     field = [solver for solver in described if not solver.absent]
     run.note(
         field={f"{solver.name} ({solver.lane})": solver.version for solver in field},
         absent={f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent},
     )
-    here = {solver.name for solver in field}
+    present = {solver.name for solver in field}
     for solver in described:
-        if solver.name in run.settings["settings"]["solvers"] and solver.name not in here:
+        if solver.name in run.settings["settings"]["solvers"] and solver.name not in present:
             raise RaceError(f"the solver {solver.name} that was asked for is absent: {solver.absent}")
     if not field:
         raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")

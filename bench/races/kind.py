@@ -1,10 +1,10 @@
-"""What a kind of race is to those above it: how it is set up, carried on, reported and shown.
+"""The kinds of race: how each is started, resumed and reported.
 
-The folder is the registry: each ``kind.py`` in a folder beside this file has a kind, or several that share all but
+The folder is the registry: each ``kind.py`` in a folder beside this file defines a kind, or several that differ in
 settings and report.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -15,6 +15,7 @@ from bench.messages.progress import Progress
 from bench.messages.race_error import RaceError
 from bench.processes.engine import Workers
 from bench.races.driver import Race, drive
+from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings, settings_of
 from bench.report.report import Report
 from bench.report.writing import write_report
@@ -29,38 +30,38 @@ class Kind:
     """One kind of race."""
 
     name: str
-    """That of its folder."""
+    """Name on the command line."""
     title: str
-    """Of its reports."""
+    """Title of its reports."""
     summary: str
-    """What it races, in a few words."""
+    """Few words about what it races."""
     settings: type[RaceSettings]
-    """Its settings; those that are made with :func:`bench.races.settings.option` are options of the command line."""
+    """Its settings; those made with :func:`bench.races.settings.option` are options of the command line."""
     race: type[Race[Any]]
-    """What is asked of solvers, and what is made of their answers."""
+    """Its requests to solvers, and the rows made of their answers."""
     report: Callable[[Run], Report]
-    """Make the :class:`bench.report.report.Report` of a finished run."""
+    """Makes the :class:`bench.report.report.Report` of a finished run."""
 
     @property
     def schema(self) -> Schema:
-        """Its table."""
+        """The table of its rows."""
         return self.race.schema
 
     def check(self, workers: Workers) -> None:
-        """RaceError where the race cannot be spread like that."""
+        """RaceError if the race cannot use these workers."""
         workers.check()
         if not (self.race.spreads or workers.is_one):
             raise RaceError(f"the {self.name} race runs on one core; leave the workers to the one-shot race")
 
     def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
-        """Make the run's folder."""
+        """Create the folder of a run."""
         self.race.entries(settings)
         return Run.create(
             results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name
         )
 
     def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:
-        """Do whatever is not done yet and gather the tables."""
+        """Do the tasks that are not done yet, and gather the tables."""
         workers = workers or Workers()
         self.check(workers)
         with run.alone():
@@ -69,9 +70,8 @@ class Kind:
             run.finish(self.schema)
 
     def write(self, run: Run) -> tuple[Report, Path]:
-        """Write ``report.md`` and ``report.html`` with what lies beside them; returns the report and the path of the
-        first."""
-        report = of_run(run, self.title, self.report(run))
+        """Write ``report.md``, ``report.html`` and their files; returns the report and the path of ``report.md``."""
+        report = with_run(self.report(run), run, self.title)
         return report, write_report(report, run.path)
 
 
@@ -81,17 +81,12 @@ def kinds() -> dict[str, Kind]:
     names = sorted(
         (path.parent.name for path in Path(__file__).parent.glob("*/kind.py")), key=lambda name: (name != DEFAULT, name)
     )
-    found = [
-        each
-        for name in names
-        for each in vars(import_module(f"{__package__}.{name}.kind")).values()
-        if isinstance(each, Kind)
-    ]
-    return {each.name: each for each in found}
+    modules = [import_module(f"{__package__}.{name}.kind") for name in names]
+    return {kind.name: kind for module in modules for kind in vars(module).values() if isinstance(kind, Kind)}
 
 
 def kind_of(run: Run) -> Kind:
-    """The kind of a run; RunError where its run.json names none that is known."""
+    """The kind of a run; RunError if it is unknown."""
     name = run.settings.get("race", DEFAULT)
     if name not in kinds():
         raise RunError(f"{run.path / 'run.json'}: there is no race {name[:60]!r}; known are {', '.join(kinds())}")
@@ -99,15 +94,14 @@ def kind_of(run: Run) -> Kind:
 
 
 def open_run(path: Path) -> Run:
-    """Open a run of a kind that is known, with settings that such a run can have; RunError says what is wrong with
-    it."""
+    """Open a run and check its kind and its settings; RunError if they do not fit."""
     run = Run.open(path)
     settings_of(run, kind_of(run).settings)
     return run
 
 
-def of_run(run: Run, title: str, report: Report) -> Report:
-    """The report with these."""
+def with_run(report: Report, run: Run, title: str) -> Report:
+    """The report with title, machine, conditions and settings of the run."""
     settings = run.settings
     machine, conditions = settings["machine"], settings.get("conditions", {})
     drift = (
@@ -127,22 +121,18 @@ def of_run(run: Run, title: str, report: Report) -> Report:
         title=f"{title} {run.path.name}",
         scope="; ".join(scope) + ".",
         limits=limits,
-        environment=environment(settings),
+        environment=environment(run),
     )
 
 
-def environment(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Machine, versions and settings as names and texts."""
+def environment(run: Run) -> list[tuple[str, str]]:
+    """Names and texts about machine, versions and settings."""
+    settings = run.settings
     machine = settings["machine"]
     field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
     absent = ", ".join(settings.get("absent", {}))
-    left_out = "; ".join(
-        f"{name}/{problem}: {why}"
-        for name, found in settings.get("left_out", {}).items()
-        for problem, why in found.items()
-    )
     chosen = ", ".join(
-        f"{name} {_said(value)}" for name, value in settings["settings"].items() if value not in ([], None)
+        f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], None)
     )
     return [
         (name, text)
@@ -152,13 +142,13 @@ def environment(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
             ("settings", chosen),
             ("solvers", field),
             ("absent", absent),
-            ("not raced", left_out),
+            ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
         )
         if text
     ]
 
 
-def _said(value: Any) -> str:
+def _text(value: Any) -> str:
     if isinstance(value, list | dict):
         items = value.items() if isinstance(value, dict) else ((None, item) for item in value)
         return "(" + ", ".join(f"{name} {item}" if name else str(item) for name, item in items) + ")"

@@ -1,16 +1,14 @@
-"""The judge: one definition of right for every solver, from the problem's data and never from the solver's word.
+"""The judge: the same measures of accuracy for every solver, from the problem's data and not from the solver's report.
 
-- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; for a
-program
-                  whose cost is not a sum of squares over max(½ x*ᵀP x*, |qᵀx*|)
+- cost gap        (V(x̂) − V*) / (V* + c) in exact arithmetic, x̂ the feasible point nearest to the answer x; over
+                  max(½ x*ᵀP x*, |qᵀx*|) if the cost of the program is not a sum of squares
 - violation       ‖x − x̂‖∞ / ‖x*‖∞
 - residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
-- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN where w* is not the only optimum or
-zero
-- model error     RMS error of the model on data that the fit has not seen, per cent of the output's range
-- stage excess    (model error − that of x*) / standard deviation of the sensor's noise; NaN where either is unknown
+- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN if w* is zero or not unique
+- model error     RMS error of the model on unseen data, in per cent of the output's range
+- stage excess    (model error − that of x*) / standard deviation of the sensor's noise; NaN if either is unknown
 
-What these figures mean to a tier is said in `bench.derived.accuracy`.
+`bench.derived.accuracy` defines the tiers by these measures.
 """
 
 import math
@@ -19,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from qpsolvers import Solution
 
+from bench.messages.solver_info import amount
 from bench.messages.task import Outcome
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
@@ -29,7 +28,7 @@ from solvers.protocol import Vector
 
 @dataclass(frozen=True)
 class Judgement:
-    """Status and figures of one answer; NaN where there is nothing to measure."""
+    """Status and accuracy of one answer; NaN if not measurable."""
 
     status: Status
     message: str
@@ -42,11 +41,11 @@ class Judgement:
     model_error_percent: float = math.nan
     stage_excess: float = math.nan
     timed_gap: float = math.nan
-    """The larger of gap and violation over the sampled answers that were timed."""
+    """Largest cost gap or violation of the sampled timed answers."""
 
 
 def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement:
-    """Figures of what a child handed back; ok wherever there is an answer to measure."""
+    """Judge an outcome; its status is ok if there is an answer to measure."""
     if outcome.failure:
         return Judgement(Status(outcome.failure), outcome.message)
     form = problem.forms[scaling]
@@ -91,7 +90,7 @@ def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:
 
 
 def stage_excess(problem: RaceProblem, error_percent: float) -> float:
-    """How much more a model errs than that of the optimum, in units of the sensor's noise."""
+    """Model error beyond that of the optimum, in units of the sensor's noise."""
     v = problem.validation
     if v is None or not v.noise_um > 0.0:
         return math.nan
@@ -107,24 +106,18 @@ def _weight_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float
 
 
 def model_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
-    """Error of the model with the feasible weights nearest to an answer; what has a model is a box."""
+    """Error of the model with the feasible weights nearest to an answer, of a program with bounds only."""
     if problem.validation is None:
         return math.nan
     return problem.validation.error_percent(form.to_weights @ np.clip(x, form.qp.lb, form.qp.ub))
 
 
 def _residuals(solution: Solution) -> tuple[float, float, float]:
-    """Primal and dual residual and duality gap as qpsolvers defines them; NaN where the solver gave no duals for it."""
+    """Primal and dual residual and duality gap by qpsolvers; NaN if the solver gave no duals for it."""
     problem = solution.problem
     bounded = problem.lb is not None or problem.ub is not None
-    with np.errstate(over="ignore", invalid="ignore"):  # of an answer near the largest float
+    with np.errstate(over="ignore", invalid="ignore"):  # from an answer near the largest double
         primal, dual, gap = solution.primal_residual(), solution.dual_residual(), solution.duality_gap()
-    if bounded and solution.z_box is None:  # where qpsolvers leaves the bounds out of the gap
+    if bounded and solution.z_box is None:  # since qpsolvers would leave the bounds out of the gap
         gap = math.inf
-    return _number(primal), _number(dual), _number(gap)
-
-
-def _number(value: object) -> float:
-    """A residual as qpsolvers gives it; NaN where the solver has no duals for it."""
-    number = float(value) if isinstance(value, int | float | np.floating) else math.nan
-    return number if math.isfinite(number) else math.nan
+    return amount(primal), amount(dual), amount(gap)

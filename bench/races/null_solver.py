@@ -1,4 +1,4 @@
-"""The solver that does nothing: on the schedule of a race it shows what the machine itself does to response times."""
+"""The null solver, which does nothing: its times are the floor of the machine, clock and call included."""
 
 import numpy as np
 from qpsolvers import Problem, Solution
@@ -8,7 +8,7 @@ from solvers.registry import Entry
 
 
 class NullSolver(Solver):
-    """Returns the answer that it is given to start from, at once."""
+    """Returns its start at once."""
 
     name = "null"
     lane = Lane.DIRECT
@@ -23,16 +23,16 @@ class NullSolver(Solver):
         self._x: Vector = np.clip(np.zeros(problem.q.shape[0]), *box(problem))
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take no notice."""
+        """Ignore the data."""
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the previous answer, shape (d,)."""
+        """Return the start, by default the previous answer, shape (d,)."""
         if warm_start is not None:
             self._x = warm_start
         return self._x
 
     def solution(self) -> Solution:
-        """Return it as no answer."""
+        """Return the answer, marked as not found."""
         return box_solution(self._problem, self._x, False, status="did nothing")
 
 

@@ -1,4 +1,4 @@
-"""What is raced and how; stored with the run, so that it can be resumed."""
+"""The settings of a race, which are stored in its run so that it can be resumed."""
 
 from dataclasses import asdict, dataclass, field, fields
 from typing import Annotated, Any, TypeVar
@@ -13,31 +13,24 @@ from piezo_model.json_file import brief, convert
 from solvers import Lane, Tier
 
 LANES = tuple(lane for lane in Lane if lane is not Lane.CODEGEN)
-"""The lanes of a race that asks for none: those whose solvers need not be built first."""
-
-
+"""Default lanes: those whose solvers need not be built first."""
 MOST = 10**9
 Positive = Annotated[int, Meta(ge=1, le=MOST)]
 
 
 def option(default: float, text: str, least: float = 1) -> Any:
-    """A number that belongs to one kind of race and that the command line asks for, a whole one where its default
-    is."""
+    """A number that is an option of one kind of race on the command line; an integer if its default is one."""
     return field(default=default, metadata={"help": text, "least": least})
 
 
 def fixed(value: Any) -> Any:
-    """A setting that is the same in every race of a kind: nobody can set it, and the command line refuses its
-    option."""
+    """A setting that is constant for a kind of race; the command line refuses its option."""
     return field(default_factory=lambda: value, init=False)
 
 
 @dataclass(frozen=True)
 class RaceSettings:
-    """What is raced and how, as far as all kinds of race share it.
-
-    A kind says with :func:`fixed` which of these its race does not go by.
-    """
+    """Settings that all kinds of race share; a kind marks those that do not apply with :func:`fixed`."""
 
     problem_sets: tuple[str, ...] = ("paper",)
     solvers: tuple[str, ...] = ()
@@ -52,12 +45,12 @@ class RaceSettings:
     memory_mb: Annotated[int, Meta(ge=16, le=2**30)] = 2048
     solver_files: tuple[str, ...] = ()
     repeats: Positive = 1
-    """Fresh processes for each solver lane."""
+    """Number of fresh processes of each solver lane."""
     set_options: dict[str, str] = field(default_factory=dict)
-    """Files and columns that problem sets need or take, by name."""
+    """Files and columns for the problem sets, by name."""
 
     def __post_init__(self) -> None:
-        """ValueError for an option below its least value."""
+        """ValueError if an option is outside its range."""
         for each in fields(self):
             if "least" in each.metadata and not each.metadata["least"] <= getattr(self, each.name) <= MOST:
                 raise ValueError(
@@ -65,13 +58,13 @@ class RaceSettings:
                 )
 
     def to_dict(self) -> dict[str, Any]:
-        """Settings as JSON can hold them."""
+        """The settings for ``run.json``."""
         return asdict(self)
 
 
 @dataclass(frozen=True)
 class OwnProblemSettings(RaceSettings):
-    """Of a race that has its own problems and takes no problem sets."""
+    """Settings of a race that has its own problems instead of problem sets."""
 
     problem_sets: tuple[str, ...] = fixed(("paper",))
     scalings: tuple[Scaling, ...] = fixed(SCALINGS)
@@ -80,19 +73,19 @@ class OwnProblemSettings(RaceSettings):
 
 @dataclass(frozen=True)
 class TierSettings(OwnProblemSettings):
-    """Of a race in which each solver has the setting that stands for a tier in a table of measurements."""
+    """Settings of a race in which the solvers' settings are those chosen for a tier in a one-shot race."""
 
     limit: int = fixed(0)
     tiers: tuple[Tier, ...] = (Tier.HIGH,)
     settings_run: str = ""
-    """Folder of the one-shot race whose settings are taken; that of the reference run where it is ""."""
+    """Folder of the one-shot race; "" for the reference run."""
 
 
 Settings = TypeVar("Settings", bound=RaceSettings)
 
 
 def settings_of(run: Run, kind: type[Settings]) -> Settings:
-    """The settings that a run was started with."""
+    """The settings of a run."""
     try:
         return convert(run.settings["settings"], kind)
     except ValueError as error:

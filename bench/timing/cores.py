@@ -1,8 +1,7 @@
-"""One core for each race: a name for each core, held by the process that times on it.
+"""Locks of the cores, so that two races, or two workers of a race, never time on the same core.
 
-Timing tasks of two races, or of two workers of one, never share a core. The name is that of an abstract socket: one
-place for all users of a machine, whatever their folders for temporary files and their rights, and free when its process
-has ended, however that was.
+The lock of a core is the name of an abstract socket: all users of a machine share it, whatever their rights and their
+folders for temporary files, and it is released when its process ends for any reason.
 """
 
 import errno
@@ -12,25 +11,23 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-LOOK_EVERY_S = 0.5
+POLL_S = 0.5
 
 
 def usable() -> list[int]:
-    """Cores that this process may run on, the last first: interrupts and the system prefer the first.
-
-    Of the main thread, since others may be pinned.
-    """
+    """Cores that the main thread may run on, since others may be pinned; the last one first, since interrupts and the
+    system prefer the first."""
     return sorted(os.sched_getaffinity(os.getpid()), reverse=True)
 
 
 class Core(socket.socket):
-    """A core that nobody else times on until this is closed."""
+    """The lock of a core, held until it is closed."""
 
     number: int
 
     @contextmanager
     def pinned(self) -> Iterator[None]:
-        """Keep the calling thread on it too, off the cores of other workers."""
+        """Pin the calling thread to this core too, off the cores of other workers."""
         before = os.sched_getaffinity(0)
         os.sched_setaffinity(0, {self.number})
         try:
@@ -40,7 +37,7 @@ class Core(socket.socket):
 
 
 def claim() -> Core:
-    """Take a free core, the last one first, or wait until another race is done with one.
+    """Lock a free core, the last one first, or wait for one.
 
     Examples
     --------
@@ -60,4 +57,4 @@ def claim() -> Core:
             else:
                 core.number = number
                 return core
-        time.sleep(LOOK_EVERY_S)
+        time.sleep(POLL_S)

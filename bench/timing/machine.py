@@ -1,7 +1,7 @@
-"""What a run was measured on: machine, versions, and what disturbs timing there.
+"""The machine of a run: processor, versions, and disturbances of the timing.
 
-Some of it is known beforehand (:func:`warnings`); what happened meanwhile is the difference of :func:`counters` before
-and after a part of the race: time that a hypervisor gave to others, cores that ran hot, and load by neighbours.
+Some disturbances are known beforehand (:func:`warnings`); others follow from :func:`counters` before and after a part
+of the race: time that a hypervisor gave to others, throttled cores, and load by other processes.
 """
 
 import importlib.metadata
@@ -15,12 +15,12 @@ from typing import Any
 from solvers.core import bindings
 
 INSTRUCTION_SETS = {"v2": "SSE4.2", "v3": "AVX2", "v4": "AVX-512"}
-"""What the levels of x86-64 are called for."""
+"""Instruction sets of the levels of x86-64."""
 PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 
 def describe() -> dict[str, Any]:
-    """Machine and versions as JSON can hold them."""
+    """Machine and versions, for ``run.json``."""
     return {
         "processor": processor(),
         "cores": os.cpu_count(),
@@ -39,7 +39,7 @@ def core() -> str:
 
 
 def processor() -> str:
-    """Model name of the processor, as far as the system says it."""
+    """Model name of the processor, if the system reports it."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
         for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -49,34 +49,35 @@ def processor() -> str:
 
 
 def warnings() -> list[str]:
-    """Sentences about what makes times on this machine less certain."""
-    found = []
+    """Sentences about conditions that make times on this machine less certain."""
+    sentences = []
     governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
     if governor.is_file() and governor.read_text().strip() != "performance":
-        found.append(f"The frequency governor is {governor.read_text().strip()!r}, so the clock rate varies.")
+        sentences.append(f"The frequency governor is {governor.read_text().strip()!r}, so the clock rate varies.")
     elif not governor.is_file():
-        found.append("The system does not say how it governs the clock rate.")
+        sentences.append("The system does not say how it governs the clock rate.")
     info = Path("/proc/cpuinfo")
     if info.is_file() and "hypervisor" in info.read_text(encoding="utf-8", errors="replace"):
-        found.append("This is a virtual machine, so neighbours may take time from it.")
+        sentences.append("This is a virtual machine, so neighbours may take time from it.")
     if os.getloadavg()[0] > 0.5:
-        found.append(f"The machine was busy at the start (load {os.getloadavg()[0]:.1f}).")
-    return found
+        sentences.append(f"The machine was busy at the start (load {os.getloadavg()[0]:.1f}).")
+    return sentences
 
 
 TOLERATED_STEAL = 0.5
-"""Per cent of the machine's time."""
+"""Largest share of the machine's time, in per cent, that a hypervisor may give to others without a warning."""
 TOLERATED_NEIGHBOURS = 0.25
-"""Cores that others keep busy, in the mean."""
+"""Largest mean number of cores that other processes may keep busy without a warning."""
 TOLERATED_PREEMPTIONS = 1e-3
-"""For each timed call."""
+"""Largest number of preemptions for each timed call without a warning."""
 
 
 def counters() -> dict[str, float]:
-    """Where the system's counters stand; zero where it has none.
+    """The system's counters; zero if it has none.
 
-    ``seconds`` on the monotonic clock; ``stolen``, ``busy`` and ``ticks``, time of all cores that a hypervisor gave to
-    others, that they worked, and all time, in clock ticks; context ``switches``; how often a core was ``throttled``.
+    ``seconds`` is the monotonic clock. ``stolen``, ``busy`` and ``ticks`` are clock ticks of all cores: given to others
+    by a hypervisor, spent working, and all. ``switches`` counts context switches, and ``throttled`` how often a core
+    was throttled.
     """
     stolen = busy = ticks = switches = 0
     stat = Path("/proc/stat")
@@ -104,7 +105,7 @@ def counters() -> dict[str, float]:
 
 
 def between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
-    """What happened between two readings; ``busy_cores`` are so many in the mean."""
+    """Differences of two readings of the counters; ``busy_cores`` is the mean number of working cores."""
     change = {name: after[name] - before[name] for name in after}
     return {
         "seconds": change["seconds"],
@@ -116,9 +117,9 @@ def between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str
 
 
 def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[str]:
-    """Sentences about what disturbed a race, from what :func:`between` said of its parts.
+    """Sentences about the disturbances of a race, from the differences in its parts by :func:`between`.
 
-    Each part may also have ``preemptions`` and ``timed_calls``. Each worker itself keeps one core busy.
+    Each part may also have ``preemptions`` and ``timed_calls``. Each worker keeps one core busy itself.
 
     Examples
     --------
@@ -127,16 +128,16 @@ def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[s
     """
     if not parts:
         return []
-    found, seconds = [], max(sum(part["seconds"] for part in parts), 1e-9)
+    sentences, seconds = [], max(sum(part["seconds"] for part in parts), 1e-9)
     steal = sum(part["steal_percent"] * part["seconds"] for part in parts) / seconds
     if steal > TOLERATED_STEAL:
-        found.append(f"A hypervisor gave {steal:.1f} % of the machine to others while solvers were timed.")
+        sentences.append(f"A hypervisor gave {steal:.1f} % of the machine to others while solvers were timed.")
     if throttled := sum(part["throttled"] for part in parts):
-        found.append(f"The processor throttled {throttled:.0f} times.")
+        sentences.append(f"The processor throttled {throttled:.0f} times.")
     neighbours = sum(part["busy_cores"] * part["seconds"] for part in parts) / seconds - workers
     if neighbours > TOLERATED_NEIGHBOURS:
-        found.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
+        sentences.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
     preemptions, calls = (sum(part.get(name, 0) for part in parts) for name in ("preemptions", "timed_calls"))
     if preemptions > TOLERATED_PREEMPTIONS * calls:
-        found.append(f"Solvers were taken off their core {preemptions:.0f} times in {calls:.0f} timed calls.")
-    return found
+        sentences.append(f"Solvers were taken off their core {preemptions:.0f} times in {calls:.0f} timed calls.")
+    return sentences

@@ -1,12 +1,12 @@
-"""Percentiles with intervals that presume no distribution, and refused where the sample is too small.
+"""Percentiles with distribution-free intervals; a percentile is refused if the sample is too small.
 
 Of N samples in order, X₁ ≤ … ≤ X_N, the q-quantile ξ is the observed X_⌈qN⌉. How many samples lie below ξ is binomial,
 K ~ Bin(N, q), so that for any continuous distribution
 
     P(X_l ≤ ξ ≤ X_u) = P(l ≤ K < u) = F(u − 1) − F(l − 1),   F the distribution function of K.
 
-l is the largest and u the smallest rank that leave at most 2.5 % below and above. Where not even u = N does, the upper
-end is the maximum and the lower tail takes what is left of the 5 %; likewise with l = 1. Where the widest interval,
+l is the largest and u the smallest rank that leave at most 2.5 % below and above. If not even u = N does, the upper
+end is the maximum and the lower tail gets the rest of the 5 %; likewise with l = 1. If the widest interval,
 (X₁, X_N), covers less than 95 %, that is qᴺ + (1 − q)ᴺ > 5 %, there is no percentile: p99.9 needs 2 995 samples and
 p99.99 needs 29 956.
 
@@ -31,16 +31,16 @@ QUANTILES = (0.5, 0.99, 0.999, 0.9999)
 
 @dataclass(frozen=True)
 class Percentile:
-    """A percentile with its interval, or the reason why there is none."""
+    """A percentile with its interval, or the reason for its refusal."""
 
     q: float
     """As a share of one."""
     value: float | None = None
     low: float | None = None
     high: float | None = None
-    """The percentile and the ends of its interval, in the unit of the sample; all None where it is refused."""
+    """The percentile and the ends of its interval, in the unit of the sample; all None if it is refused."""
     reason: str = ""
-    """Nothing, or what a refused percentile needs."""
+    """Reason for the refusal, or ""."""
 
     @property
     def name(self) -> str:
@@ -66,11 +66,9 @@ def needed(q: float) -> int:
 
 
 def ranks(samples: int, q: float) -> tuple[int, int]:
-    """Ranks l and u, counted from 1, of the interval of the q-quantile; ValueError where the sample is too small."""
-    if samples < needed(q):
-        raise ValueError(f"needs {needed(q)} samples")
+    """Ranks l and u, counted from 1, of the interval of the q-quantile, of a sample that is large enough."""
     below = above = 0.5 * (1.0 - CONFIDENCE)
-    if q**samples > above:  # not even the maximum leaves so little above it
+    if q**samples > above:  # even the maximum has a larger upper tail
         above = q**samples
         below = 1.0 - CONFIDENCE - above
     elif (1.0 - q) ** samples > below:
@@ -83,7 +81,7 @@ def ranks(samples: int, q: float) -> tuple[int, int]:
 
 
 def percentile(sample: ArrayLike, q: float) -> Percentile:
-    """The q-quantile of a sample, with its interval or the reason why it is refused.
+    """The q-quantile of a sample, with its interval or the reason for its refusal.
 
     Examples
     --------
@@ -93,16 +91,15 @@ def percentile(sample: ArrayLike, q: float) -> Percentile:
     'needs 2995 samples'
     """
     ordered = np.sort(np.asarray(sample, dtype=np.float64))
-    try:
-        low, high = ranks(ordered.size, q)
-    except ValueError as error:
-        return Percentile(q, reason=str(error))
+    if ordered.size < needed(q):
+        return Percentile(q, reason=f"needs {needed(q)} samples")
+    low, high = ranks(ordered.size, q)
     rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
     return Percentile(q, float(ordered[rank - 1]), float(ordered[low - 1]), float(ordered[high - 1]))
 
 
 def tail_cells(sample: ArrayLike, quantiles: Sequence[float] = QUANTILES, digits: int = 0) -> list[str]:
-    """Percentiles and the maximum of a sample as cells of a table, – for a percentile that is refused.
+    """Percentiles and the maximum of a sample as cells of a table, – for a refused percentile.
 
     Examples
     --------
@@ -114,7 +111,7 @@ def tail_cells(sample: ArrayLike, quantiles: Sequence[float] = QUANTILES, digits
 
 
 def rate_bound(events: int, samples: int) -> float:
-    """Clopper and Pearson's upper bound of the rate of events, from how many there were in so many samples.
+    """Clopper and Pearson's upper bound of the rate of events, after ``events`` in ``samples``.
 
     Examples
     --------

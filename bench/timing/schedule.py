@@ -1,16 +1,16 @@
-"""An absolute schedule, and what a solver's answers are worth on it.
+"""An absolute schedule of samples, and the lateness of a solver's answers on it.
 
-Sample k is due at t_k = t₀ + k T, whatever happened before. A solver that is still busy then is not interrupted; when
-it is done it takes the newest sample that is due, with the data of those it has missed. So of sample k with the solve j
-that is the first to include it, begun at b_j and ended at e_j,
+Sample k is due at t_k = t₀ + k T, whatever happened before. A busy solver is not interrupted; when it is done, it takes
+the newest sample that is due, with the data of the samples that it has missed. For sample k and the first solve j that
+includes it, begun at b_j and ended at e_j,
 
     service time   e_j − b_j,      response time   e_j − t_k  ≥  e_j − b_j,
 
-and the answer is late where the response time is above T. The difference of the two is what a loop without a
-schedule never sees (coordinated omission). In use at the deadline t_k + T is the newest answer that was there by then.
+and the answer is late if the response time is above T. A loop without a schedule never sees the difference of the two
+(coordinated omission). The answer in use at the deadline t_k + T is the newest one that ended by then.
 
-Between samples the loop sleeps as long as more than SPIN_NS remain and then watches the clock: a sleep may end some 60
-µs late (slack of the system's timers and the way back to the core), which at 8 kHz leaves nothing to sleep.
+Between samples the loop sleeps while more than SPIN_NS remain, and then spins: a sleep may end some 60 µs late (slack
+of the system's timers and the way back to the core), which at 8 kHz leaves no time to sleep.
 """
 
 import time
@@ -27,24 +27,19 @@ PERIOD_US = PERIOD_NS / 1e3
 """The paper's sampling period."""
 SPIN_NS = 300_000
 LEAD_NS = 2_000_000
-"""From the call to the first due time."""
-
-
-def due(first_due: int, k: int, period_ns: int) -> int:
-    """Due time of sample k, ns."""
-    return first_due + k * period_ns
+"""Time from the call to the first due time."""
 
 
 @dataclass(frozen=True)
 class Timeline:
-    """What happened on the schedule; times in ns from the first due time on, one entry a solve."""
+    """The solves on the schedule; times in ns since the first due time, one entry for each solve."""
 
     samples: int
-    """Samples that came due."""
+    """Number of samples that came due."""
     solved: Index
-    """The sample that each solve began with. Shape (M,)."""
+    """The newest sample of each solve. Shape (M,)."""
     data_ns: Nanoseconds
-    """What bringing P and q up to that sample took, apart from the solver. Shape (M,)."""
+    """Time to bring P and q up to that sample, apart from the solver. Shape (M,)."""
     began: Nanoseconds
     updated: Nanoseconds
     ended: Nanoseconds
@@ -53,38 +48,38 @@ class Timeline:
 
     @property
     def service_ns(self) -> Nanoseconds:
-        """Begin to end of each solve, shape (M,)."""
+        """Time from begin to end of each solve, shape (M,)."""
         return self.ended - self.began
 
     @property
     def response_ns(self) -> Nanoseconds:
-        """Due time of each sample to the end of the first solve that includes it, shape (samples,)."""
+        """Time from the due time of each sample to the end of the first solve that includes it, shape (samples,)."""
         k = np.arange(self.samples)
         return self.ended[np.searchsorted(self.solved, k)] - k * self.period_ns
 
     @property
     def late(self) -> NDArray[np.bool_]:
-        """Whether the answer to each sample came after its deadline, shape (samples,)."""
+        """Whether the answer to each sample missed its deadline, shape (samples,)."""
         return self.response_ns > self.period_ns
 
     @property
     def stalls(self) -> int:
-        """How often answers became late: runs of late samples."""
+        """Number of runs of late samples."""
         return runs(self.late)
 
     def in_use(self, usable: NDArray[np.bool_]) -> Index:
-        """The solve whose answer is in use at each deadline, shape (samples,); −1 for what was there before the first.
+        """The solve whose answer is in use at each deadline, shape (samples,); −1 before the first answer.
 
-        ``usable`` (M,) says which solves gave an answer at all.
+        ``usable`` (M,) is whether a solve gave an answer.
         """
-        there = np.flatnonzero(usable)
+        answered = np.flatnonzero(usable)
         deadlines = np.arange(1, self.samples + 1) * self.period_ns
-        newest = np.searchsorted(self.ended[there], deadlines, side="right") - 1
-        return np.append(there, -1)[newest]
+        newest = np.searchsorted(self.ended[answered], deadlines, side="right") - 1
+        return np.append(answered, -1)[newest]
 
 
 def runs(late: NDArray[np.bool_]) -> int:
-    """How many runs of consecutive true entries there are.
+    """Number of runs of consecutive true entries.
 
     Examples
     --------
@@ -120,20 +115,20 @@ def follow(
     Parameters
     ----------
     samples : int
-        How many come due.
+        Number of samples on the schedule.
     absorb : callable (first, last)
-        Bring the data from sample first to sample last, both included: the machine's work, before the due time where
-        the solver left time for it, and in no case part of the service time.
+        Add the samples from first to last, both included, to the data: before the due time if the solver leaves time
+        for it, and never part of the service time.
     update : callable (first, last)
-        Hand the new data to the solver.
+        Pass the new data to the solver.
     solve : callable
-        Answer.
+        Solve.
     keep : callable (j)
-        Put the answer of solve j away; not timed.
+        Save the answer of solve j; not timed.
     give_up : int
-        Stop after so many samples if the answers to all of them were late; 0 never does.
+        Number of samples after which to stop if all their answers were late; 0 for never.
     clock, sleep : callable
-        Nanoseconds, and a sleep in seconds.
+        Clock in nanoseconds, and sleep in seconds.
     """
     solved, data, began, updated, ended = (np.full(samples, -1, dtype=np.int64) for _ in range(5))
     start, k, count, hopeless = clock() + LEAD_NS, -1, 0, give_up > 0
@@ -143,7 +138,7 @@ def follow(
         k = min(max(first, (before - start) // period_ns), samples - 1)
         absorb(first, k)
         data[count] = clock() - before
-        wait_until(due(start, k, period_ns), clock, sleep)
+        wait_until(start + k * period_ns, clock, sleep)
         begin = clock()
         update(first, k)
         between = clock()
@@ -152,7 +147,7 @@ def follow(
         solved[count], began[count], updated[count], ended[count] = k, begin - start, between - start, end - start
         keep(count)
         count += 1
-        hopeless = hopeless and end - due(start, k, period_ns) > period_ns
+        hopeless = hopeless and end - (start + k * period_ns) > period_ns
         if hopeless and k + 1 >= give_up:
             break
     return Timeline(k + 1, solved[:count], data[:count], began[:count], updated[:count], ended[:count], period_ns)

@@ -22,11 +22,11 @@ class DaqStage:
         self._in.ai_channels.add_ai_voltage_chan("Dev1/ai0", min_val=-10.0, max_val=10.0)
 
     def exchange(self, x: float) -> float:
-        """Write the drive, return what is measured."""
+        """Write the drive and return the measured output."""
         self._out.write(x / self.amplifier, auto_start=True)
         return self.um_per_volt * self._in.read()
 
     def close(self) -> None:
-        """Let go."""
+        """Disconnect."""
         self._out.close()
         self._in.close()

@@ -22,10 +22,10 @@ class GcsStage:
         self._device.SVO(self.axis, False)
 
     def exchange(self, x: float) -> float:
-        """Write the drive, return what is measured."""
+        """Write the drive and return the measured output."""
         self._device.SVA(self.axis, x)
         return self._device.qPOS(self.axis)[self.axis]
 
     def close(self) -> None:
-        """Let go."""
+        """Disconnect."""
         self._device.CloseConnection()

@@ -1,5 +1,4 @@
-"""A simulated stage behind a TCP socket, which writes down every drive that it is given: python tcp_server.py PORT
-[LOG]."""
+"""A simulated stage behind a TCP socket, which optionally logs every drive: python tcp_server.py PORT [LOG]."""
 
 import sys
 import time
@@ -13,7 +12,7 @@ LOG = Path(sys.argv[2]).open("w", encoding="ascii", buffering=1) if len(sys.argv
 
 
 class Stage(StreamRequestHandler):
-    """One connection after the other; the stage remembers its state between them."""
+    """One connection at a time; the stage keeps its state between them."""
 
     def handle(self) -> None:
         """Answer each drive with a measurement."""

@@ -24,10 +24,10 @@ class TcpStage:
         self._lines = self._socket.makefile("r", encoding="ascii")
 
     def exchange(self, x: float) -> float:
-        """Write the drive, return what is measured."""
+        """Write the drive and return the measured output."""
         self._socket.sendall(f"{x!r}\n".encode("ascii"))
         return float(self._lines.readline())
 
     def close(self) -> None:
-        """Let go."""
+        """Disconnect."""
         self._socket.close()

@@ -1,6 +1,6 @@
-"""The arithmetic of model, data basis and compensator in C99, and the extension module through which Python calls it.
+"""Model, data basis, compensator and learner in C99, and the extension module through which Python calls them.
 
-The headers of this folder say what each function does, ``solvers/core/README.md`` how the whole is built and extended.
+The headers of this folder document the functions, ``solvers/core/README.md`` how the core is built and extended.
 """
 
 import threading
@@ -18,14 +18,14 @@ bindings: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.bindin
 
 
 class State:
-    """A state of the core with views of its vectors, ``state["play"]``; a copy, deep or pickled, is independent.
+    """A state of the core with views of its vectors, ``state["play"]``; deep and pickled copies are independent.
 
     Parameters
     ----------
     size : int
         Bytes.
     setup : callable
-        Makes the block a state and returns where each vector begins, in bytes, and how long it is.
+        Initialises the block and returns the offset of each vector in bytes, and its length.
     """
 
     def __init__(self, size: int, setup: Callable[[NDArray[np.uint8]], Mapping[str, tuple[int, int]]]) -> None:
@@ -38,13 +38,17 @@ class State:
         return self._views[name]
 
     def whole(self, name: str) -> NDArray[np.int64]:
-        """A part that holds whole numbers."""
+        """A part that holds integers."""
         return self._views[name].view(np.int64)
+
+    def record(self, name: str, layout: "np.dtype[np.void]") -> np.void:
+        """A part that holds a struct, as a view with named fields."""
+        record: np.void = self._views[name].view(layout)[0]
+        return record
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep a second thread out with a RuntimeError: two that change one state leave it wrong, and crash where it
-        grows meanwhile."""
+        """Refuse a second thread with a RuntimeError: two threads would corrupt the state."""
         if not self._in_use.acquire(blocking=False):
             raise RuntimeError("it is in use by another thread; give each thread one of its own")
         try:
@@ -53,7 +57,7 @@ class State:
             self._in_use.release()
 
     def restore(self, data: NDArray[np.uint8], take: Callable[[NDArray[np.uint8], NDArray[np.uint8]], None]) -> None:
-        """Become the state of these bytes, by the core's function that refuses (ValueError) what cannot be."""
+        """Restore a state from its bytes by a function of the core that checks them (ValueError)."""
         if data.dtype != np.uint8 or data.size != self.block.size:
             raise ValueError("the state of the core is that of another structure or size")
         aligned = solvers.core.block(data.size)

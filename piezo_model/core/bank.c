@@ -1,7 +1,7 @@
 #define CORE_TILE
 #include "bank.h"
 
-enum { TOGETHER = 32 }; /* tiles that go through many samples together: so many stay in the second-level cache */
+enum { TOGETHER = 32 }; /* tiles that process many samples together; fits into the second-level cache */
 
 static int64_t bytes_of(int64_t count) { return arena_bytes((int64_t)sizeof(num) * count); }
 static int memory_nums(void) { return (int)(sizeof(DriveMemory) / sizeof(num)); }
@@ -117,15 +117,14 @@ void tile_begin(const Bank *b, int64_t tile, num which)
 static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *workspace)
 {
     const Controller c = tile_controller(b, tile);
-    if (c.mailbox.head->to_go > 0
-        && tile_controller_observe(&c, c.compensator.play[0], y)) { /* there has been a drive */
+    if (c.mailbox.head->to_go > 0 && tile_controller_observe(&c, c.compensator.play[0], y)) { /* a drive precedes */
         const Learner l = tile_learner(b, tile, workspace);
         tile_learner_learn(&l);
     }
     return tile_controller_drive(&c, y_ref);
 }
 
-/* Have the memory on its way that the next step of this tile needs, while the tile before it is at work. */
+/* Prefetch the memory of a tile's next step. */
 CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
 {
     const char *const driver = b->drivers + tile * driver_bytes(b->shape, b->head->block);

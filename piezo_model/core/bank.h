@@ -1,8 +1,8 @@
-/* A bank of self-learning compensators of one structure, eight actuators to a tile, one in each lane.
+/* A bank of self-learning compensators of one structure, in tiles of eight actuators, one in each lane.
  *
- * A tile is a controller and a learner of eight (num.h): the very text of the single ones, in which nothing crosses
- * lanes, so a sensor that fails hurts its own actuator only. One thread steps a tile and lets it learn, in one call. A
- * tile begins at a sample of its own within the interval, so that optima are spread over the samples.
+ * A tile is a controller and a learner compiled for eight numbers (num.h) from the source of the single ones. Lanes are
+ * independent, so that a sensor fault affects its own actuator only. One thread steps a tile and runs its learner, in
+ * one call. Tiles begin at different samples of the interval, so that their optima are spread over the samples.
  */
 #ifndef CORE_BANK_H
 #define CORE_BANK_H
@@ -25,21 +25,21 @@ typedef struct {
     LearnerSettings *learner_settings;
     Regressors regressors;
     char *drivers, *learners,
-        *notes; /* the three parts of the tiles, each of all tiles in turn: what every sample, a block, a fault needs */
+        *notes; /* three arrays with a part of each tile: data of a sample, of a block, of a fault */
 } Bank;
 
 CORE_API int64_t bank_bytes(Shape shape, int64_t tiles, int block);
-/* Arena that a step needs, for each thread its own. */
+/* Size of the scratch memory that each thread needs. */
 CORE_API int64_t bank_workspace_bytes(Shape shape, int block);
 CORE_API Bank bank_at(void *memory);
-/* What a tile consists of; `workspace` is of the thread that lets it learn. */
+/* Controller and learner of a tile; `workspace` is that of the learner's thread. */
 CORE_API Controller tile_controller(const Bank *b, int64_t tile);
 CORE_API Learner tile_learner(const Bank *b, int64_t tile, void *workspace);
-/* Make a block of bank_bytes(...) bytes a bank; settings, thresholds, limits and states are still to be written. */
+/* Initialise bank_bytes(...) bytes; the caller sets settings, thresholds, limits and states. */
 CORE_API Bank bank_setup(void *memory, Shape shape, int64_t tiles, int block);
-/* Prepare a new tile, whose samples are counted from `late` on. */
+/* Prepare a new tile; its first sample has the number `late`. */
 CORE_API void tile_prepare(const Bank *b, int64_t tile, int64_t late);
-/* Make the lanes of a tile where `which` is 1 begin to learn anew from the weights that stand in it. */
+/* Begin to learn anew from their weights in the lanes of a tile where `which` is 1. */
 CORE_API void tile_begin(const Bank *b, int64_t tile, num which);
 /* Step the tiles from `first` up to `last`: take the outputs (samples, 8 tiles) that the drives before each sample
  * produced, and drive for these references; all in the units of the structure. */

@@ -5,8 +5,8 @@
 
 #define BANK ((Bank[]){bank_at(MEMORY(0))})
 
-/* Where the settings and the parts of the first tile stand; "driver", "learner" and "note" are what it has of each part
- * of the bank. */
+/* Initialise a bank and return its parts: the settings, and those of the first tile. The lengths of "driver", "learner"
+ * and "note" are the strides from tile to tile. */
 static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block)
 {
     const Bank b = bank_setup(memory, s, tiles, block);
@@ -38,7 +38,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
 
 static int nums_finite(const num *v, int count) { return all_finite((const real *)v, (int64_t)count * LANES); }
 
-/* Whether a tile from outside could be followed: counts within their bounds, numbers finite that have to be. */
+/* Whether a tile of unknown origin is safe: counts in their ranges, numbers finite. */
 static int sound(const Bank *b, int64_t tile)
 {
     const Controller controller = tile_controller(b, tile);
@@ -55,7 +55,7 @@ static int sound(const Bank *b, int64_t tile)
            && all_finite(l->mailbox.offer.inverse, LANES * inverse_nums(b->shape));
 }
 
-/* Become what another bank of the same settings and number of tiles was; nothing is changed where that cannot be. */
+/* Restore the state of another bank of the same settings and size, or refuse it and change nothing. */
 static void restore(Arguments *a, const Bank *b, void *other)
 {
     if (need_bytes(a, 1, b->head->shaped.state.bytes)

@@ -11,10 +11,6 @@ static void set_up(Arguments *a, void *memory, Shape s, double forgetting)
     const Part parts[] = {REGRESSOR_PARTS(&b.regressors, s),
                           {"play", b.play, lanes(s)},
                           {"creep", b.creep, creep_lanes(s)},
-                          {"start_play", b.start_play, lanes(s)},
-                          {"start_creep", b.start_creep, creep_lanes(s)},
-                          {"span", b.span, 4},
-                          {"rows", b.rows, BASIS_BLOCK * row_nums(s)},
                           {"gram", b.gram, symmetric_nums(row_width(s))},
                           {"counts", &b.head->filled, 2}};
     RETURN_PARTS(memory, parts);
@@ -27,20 +23,16 @@ static void update(Basis *b, int64_t samples, const double *x, const double *y)
     }
 }
 
-static void move_on(const Basis *b, int64_t samples, const double *x)
+static void advance_all(const Basis *b, int64_t samples, const double *x)
 {
     for (int64_t k = 0; k < samples; ++k) {
         advance(b->regressors.operators, b->shape, x[k], b->play, b->creep);
     }
 }
 
-static void gram_of(const Basis *b, double *rows, double *gram)
+static void finish_block(const Basis *b)
 {
-    memcpy(rows, b->rows, sizeof(double) * BASIS_BLOCK * (size_t)row_nums(b->shape));
-    memcpy(gram, b->gram, sizeof(double) * (size_t)symmetric_nums(row_width(b->shape)));
-    if (b->head->filled > 0) {
-        basis_add_rows(b->shape, rows, (int)b->head->filled, b->head->forgetting, gram);
-    }
+    basis_add_rows(b->shape, b->rows, (int)b->head->filled, b->head->forgetting, b->gram);
 }
 
 static void write_rows(const Basis *b, int64_t samples, const double *x, const double *y, double *rows)
@@ -50,20 +42,17 @@ static void write_rows(const Basis *b, int64_t samples, const double *x, const d
     }
 }
 
-#define NEED_ROWS NEED_SIZE(r, row_nums(BASIS->shape))
 #define BINDINGS(F)                                                                                                    \
     F(basis_bytes, SHAPED, "size of a data basis.", 0, WHOLE_RESULT = basis_bytes(SHAPE_AT(0)))                        \
-    F(basis_setup, "state@, " SHAPED ", forgetting", "make a block a data basis; where its vectors stand.",            \
+    F(basis_setup, "state@, " SHAPED ", forgetting", "initialise a data basis; returns its parts.",                    \
       NEED_BYTES(0, basis_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
-    F(basis_update, "state@BAS1, x[n], y[n]", "count samples.", SAMPLES_LAST,                                          \
+    F(basis_update, "state@BAS1, x[n], y[n]", "add samples.", SAMPLES_LAST,                                            \
       update(BASIS, LENGTH(n), REALS(1), REALS(2)))                                                                    \
-    F(basis_advance, "state@BAS1, x[n]", "move the states on and count nothing.", SAMPLES_LAST,                        \
-      move_on(BASIS, LENGTH(n), REALS(1)))                                                                             \
-    F(basis_gram, "state@BAS1, rows[b,r]=, gram[g,p]=",                                                                \
-      "the Gram matrix with the rows that wait; rows is workspace, and nothing of the basis changes.",                 \
-      (NEED_ROWS, NEED_SIZE(b, BASIS_BLOCK), NEED_SIZE(g, row_width(BASIS->shape)),                                    \
-       NEED_SIZE(p, padded(row_width(BASIS->shape)))),                                                                 \
-      gram_of(BASIS, REALS(1), REALS(2)))                                                                              \
-    F(basis_rows, "state@BAS1, x[n], y[n], rows[n,r]=", "the rows of samples; the states move on, nothing counts.",    \
-      (NEED_ROWS, SAMPLES_LAST), write_rows(BASIS, LENGTH(n), REALS(1), REALS(2), REALS(3)))
+    F(basis_advance, "state@BAS1, x[n]", "advance the states without adding samples.", SAMPLES_LAST,                   \
+      advance_all(BASIS, LENGTH(n), REALS(1)))                                                                         \
+    F(basis_finish, "state@BAS1",                                                                                      \
+      "add the rows of the unfinished block to the Gram matrix; takes no samples any more.", 0, finish_block(BASIS))   \
+    F(basis_rows, "state@BAS1, x[n], y[n], rows[n,r]=", "the rows of samples; advances the states, adds nothing.",     \
+      (NEED_SIZE(r, row_nums(BASIS->shape)), SAMPLES_LAST),                                                            \
+      write_rows(BASIS, LENGTH(n), REALS(1), REALS(2), REALS(3)))
 MAKE_BINDINGS(basis)

@@ -1,5 +1,5 @@
-/* The step and the learner of one actuator, and the guard of its sensor, as Python calls them: the learner runs at the
- * end of each block, in the same call. See controller.h and learner.h. */
+/* The step and the learner of one actuator as Python calls them: the learner runs at the end of each block, in the
+ * same call. See controller.h and learner.h. */
 #include "controller.h"
 #include "bindings_model.h"
 #include "learner.h"
@@ -25,6 +25,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
     const Regressors *const p = &l.regressors;
     const Block first = block_at(&l.mailbox, 0);
     const Cyclic none = {0}, *const c = way == CYCLIC ? &l.cyclic : &none;
+    const Workspace w = workspace_of(&l);
     const Part parts[] = {{"settings", l.settings, sizeof *l.settings / sizeof(real)},
                           {"delay", &l.mailbox.head->delay, 1},
                           {"samples", &l.mailbox.head->samples, 1},
@@ -37,38 +38,28 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
                           {"block_play", first.play, lanes(s)},
                           {"block_creep", first.creep, creep_lanes(s)},
                           REGRESSOR_PARTS(p, s),
+                          {"P", way == CYCLIC ? c->P : w.P, l.d * l.d},
+                          {"q", way == CYCLIC ? c->q : w.q, l.d},
+                          {"lower", way == CYCLIC ? c->lower : w.lb, l.d},
+                          {"start", way == CYCLIC ? c->start : w.start, l.d},
                           {"reference", c->reference, l.d},
-                          {"covered", c->covered, 4},
-                          {"data", c->data, row_width(s) * (row_width(s) + 1) / 2},
-                          {"P", c->P, l.d * l.d},
-                          {"q", c->q, l.d},
-                          {"lower", c->lower, l.d},
-                          {"start", c->start, l.d},
+                          {"covered", c->covered, SPAN},
+                          {"data", c->data, symmetric_nums(l.d + 1)},
                           {"answer", c->answer, l.d},
                           {"start_play", c->start_play, lanes(s)},
                           {"start_creep", c->start_creep, creep_lanes(s)}};
-    const size_t of_cycles = 10, all = sizeof parts / sizeof *parts;
+    const size_t of_cycles = 6, all = sizeof parts / sizeof *parts;
     return_parts(a, memory, parts, way == CYCLIC ? all : all - of_cycles);
 }
 
-/* Begin, or go on in other ranges, from these states of the operators. */
+/* Begin, or continue in other ranges, from these operator states. */
 static void begin(const Loop *loop, const double *play, const double *creep, int resets)
 {
     controller_begin(&loop->controller, play, creep);
     learner_begin(&loop->learner, resets);
 }
 
-static void program_of(const Learner *l, double *P, double *q, double *lower)
-{
-    const Workspace w = workspace_of(l);
-    const size_t d = (size_t)l->d;
-    learner_program(l, 0);
-    memcpy(P, w.P, d * d * sizeof(real));
-    memcpy(q, w.q, d * sizeof(real));
-    memcpy(lower, w.lb, d * sizeof(real));
-}
-
-/* Samples for which the weights in use cannot change, so that their drive can be computed in one go. */
+/* Number of samples for which the weights in use cannot change. */
 static int64_t quiet(const Learner *l)
 {
     const MailboxHead *const m = l->mailbox.head;
@@ -88,8 +79,7 @@ static int64_t quiet(const Learner *l)
     return end + m->delay - m->samples;
 }
 
-/* Whether what comes from outside could be followed: sizes, counts and numbers of blocks within their bounds, numbers
- * finite that have to be. */
+/* Whether a state of unknown origin is safe: sizes and counts in their ranges, numbers finite. */
 static int sound(const Learner *l, const LearnerHead *head)
 {
     const MailboxHead *const m = l->mailbox.head;
@@ -111,7 +101,7 @@ static int sound(const Learner *l, const LearnerHead *head)
            && (!cyclic || (steps->kind == DESCENT_KIND && steps->d == l->d && steps->bytes == descent_bytes(l->d)));
 }
 
-/* Become what another learner of the same sizes was; nothing is changed where that cannot be. */
+/* Restore the state of another learner of the same sizes, or refuse it and change nothing. */
 static void restore(Arguments *a, void *memory, void *other)
 {
     const LearnerHead *const now = memory, *const then = other;
@@ -138,8 +128,7 @@ static int observe(const Loop *loop, double y)
                : 0;
 }
 
-/* Observe where `observes`, then the drive for a reference; where there is something to tell, Python's part comes
- * before the drive. */
+/* Observe if `observes`, then drive; after events Python acts first and then calls again for the drive. */
 static PyObject *step(const Loop *loop, double y_ref, double y, int observes)
 {
     const int events = observes ? observe(loop, y) : 0;
@@ -154,26 +143,31 @@ static void drive(const Loop *loop, int64_t samples, const double *y_ref, double
     }
 }
 
-/* From number k on up to where there is something to tell; how many are done then. */
+/* Learn from the block that is full, then begin the next one with the states at its end; the events. */
+static int next_block(const Loop *loop)
+{
+    const Learner *const l = &loop->learner;
+    const Workspace w = workspace_of(l);
+    const Block block = block_in(&l->mailbox, 0); /* the only one of Python's ring */
+    const int events = learner_learn(l) & ~TAKE_OVER;
+    memcpy(w.play, block.play, sizeof(double) * (size_t)lanes(l->shape));
+    memcpy(w.creep, block.creep, sizeof(double) * (size_t)creep_lanes(l->shape));
+    for (int i = 0; i < block.head->count; ++i) {
+        advance(l->regressors.operators, l->shape, block.x[i], w.play, w.creep);
+    }
+    controller_begin_block(&loop->controller, w.play, w.creep);
+    return events;
+}
+
+/* Observe samples from number k on until there are events; the number of samples done. */
 static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, const double *x, int64_t k,
                            int64_t *events)
 {
-    const Learner *const l = &loop->learner;
-    const Shape s = l->shape;
     const DriveSettings *const p = loop->controller.compensator.settings;
-    const Block block = block_at(&l->mailbox, l->mailbox.head->published); /* the ring of Python has one */
     *events = 0;
-    memcpy(l->seen_play, block.play, sizeof(double) * (size_t)lanes(s));
-    memcpy(l->seen_creep, block.creep, sizeof(double) * (size_t)creep_lanes(s));
-    for (int i = 0; i < l->mailbox.head->filled; ++i) {
-        advance(l->regressors.operators, s, block.x[i], l->seen_play, l->seen_creep);
-    }
     for (; k < samples && *events == 0; ++k) {
-        const double unit = (x[k] - p->x_centre) / p->x_scale;
-        advance(l->regressors.operators, s, unit, l->seen_play, l->seen_creep);
-        if (controller_observe(&loop->controller, unit, y[k])) {
-            *events = learner_learn(l) & ~TAKE_OVER;
-            controller_begin_block(&loop->controller, l->seen_play, l->seen_creep);
+        if (controller_observe(&loop->controller, (x[k] - p->x_centre) / p->x_scale, y[k])) {
+            *events = next_block(loop);
         }
     }
     return k;
@@ -190,19 +184,6 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
     return k;
 }
 
-static void judge(SensorGuard *guard, int64_t samples, const double *x, const double *y, int64_t *verdicts)
-{
-    for (int64_t k = 0; k < samples; ++k) {
-        const SensorGuard before = *guard;
-        num fault;
-        guard_judge(guard, x[k], y[k], &fault);
-        verdicts[k] = guard->verdicts[MISSING] > before.verdicts[MISSING]   ? MISSING
-                      : guard->verdicts[REFUSED] > before.verdicts[REFUSED] ? REFUSED
-                      : guard->verdicts[JUMPED] > before.verdicts[JUMPED]   ? JUMPED
-                                                                            : GOOD;
-    }
-}
-
 #define SIZED SHAPED ", block#1:10000, blocks#1:10000, way#0:1"
 #define BYTES_AT(i) learner_bytes(SHAPE_AT(i), INT(i + 4), INT(i + 5), INT(i + 6))
 #define BINDINGS(F)                                                                                                    \
@@ -214,8 +195,7 @@ static void judge(SensorGuard *guard, int64_t samples, const double *x, const do
       set_up(&a, MEMORY(0), SHAPE_AT(1), INT(5), INT(6), INT(7)))                                                      \
     F(learner_begin, "state@LEAR, compensator@COM2, play[l], creep[c], resets#0:1",                                    \
       "begin to learn from the weights in use and these states.", 0, begin(LOOP, REALS(2), REALS(3), INT(4)))          \
-    F(learner_program, "state@LEAR, P[d,d]=, q[d]=, lower[d]=", "the program of an interval.", 0,                      \
-      program_of(LEARNER, REALS(1), REALS(2), REALS(3)))                                                               \
+    F(learner_program, "state@LEAR", "write the program of an interval.", 0, learner_program(LEARNER, 0))              \
     F(learner_quiet, "state@LEAR", "samples for which the weights in use cannot change.", 0,                           \
       WHOLE_RESULT = quiet(LEARNER))                                                                                   \
     F(learner_restore, "state@LEAR, other@", "become what another learner was.", 0, restore(&a, MEMORY(0), MEMORY(1))) \
@@ -232,7 +212,5 @@ static void judge(SensorGuard *guard, int64_t samples, const double *x, const do
     F(learner_replay,                                                                                                  \
       "state@LEAR, compensator@COM2, y[n], y_ref[n], x[n]=, first#0:n, events[1]q=", "drive and learn; the same.",     \
       LENGTH(n) - WHOLE(5) > 20,                                                                                       \
-      WHOLE_RESULT = replay(LOOP, LENGTH(n), REALS(2), REALS(3), REALS(4), WHOLE(5), WHOLES(6)))                       \
-    F(guard_judge, "memory[m]=, x[n], y[n], verdicts[n]q=", "which samples can be learned from.",                      \
-      NEED_SIZE(m, sizeof(SensorGuard) / sizeof(real)), judge(MEMORY(0), LENGTH(n), REALS(1), REALS(2), WHOLES(3)))
+      WHOLE_RESULT = replay(LOOP, LENGTH(n), REALS(2), REALS(3), REALS(4), WHOLE(5), WHOLES(6)))
 MAKE_BINDINGS(learner)

@@ -5,9 +5,9 @@
  */
 #include "compensator.h"
 
-#define FARTHEST ((real)1e6) /* references beyond so many half ranges are taken for this, so that no sum overflows */
+#define FARTHEST ((real)1e6) /* limit of references in half ranges, so that no sum overflows */
 
-/* Drive that makes the model's next output y_ref, without any limit; all in unit amplitudes. */
+/* Drive without limits that makes y_ref the model's next output; in unit amplitudes. */
 static num wanted_drive(const Compensator *c, num y_ref)
 {
     const Inverse *const p = &c->inverse;
@@ -30,7 +30,7 @@ static num wanted_drive(const Compensator *c, num y_ref)
     return x;
 }
 
-/* A finite reference in unit amplitudes, far-away ones brought near. */
+/* A finite reference in unit amplitudes, limited to FARTHEST. */
 static num unit_reference(const Compensator *c, num y_ref)
 {
     const num unit = divided(minus(y_ref, constant(c->settings->y_centre)), constant(c->settings->y_scale));
@@ -39,28 +39,28 @@ static num unit_reference(const Compensator *c, num y_ref)
 
 static num within_limits(const Compensator *c, num x) { return within(x, c->memory->unit_low, c->memory->unit_high); }
 
-/* Move the states on by the sample x that the actuator really saw. */
+/* Advance the states by the drive x that the actuator receives. */
 static void move_on(const Compensator *c, num x)
 {
 #ifdef CORE_FLOAT
-    /* Slow creep moves by less than the rounding of a float, so the rest is carried along. */
+    /* Slow creep moves by less than the rounding of a float, so the remainder is carried. */
     const Shape s = c->shape;
     for (int j = 0; j < creep_lanes(s); ++j) {
         real *const z = c->creep + j, *const rest = z + creep_lanes(s), before = *z;
         const real change =
-            c->operators.a[j / lanes(s)] * (play_step(x, c->operators.r[j % lanes(s)], before) - before) + *rest;
+            c->operators.a[j / lanes(s)] * (play_of(x, c->operators.r[j % lanes(s)], before) - before) + *rest;
         *z = before + change;
         *rest = change - (*z - before);
     }
     for (int i = 0; i < lanes(s); ++i) {
-        c->play[i] = play_step(x, c->operators.r[i], c->play[i]);
+        c->play[i] = play_of(x, c->operators.r[i], c->play[i]);
     }
 #else
     advance(c->operators, c->shape, x, c->play, c->creep);
 #endif
 }
 
-/* Flush what has faded among eight creep states of one rate, others at each sample. */
+/* Set decayed creep states to zero, eight states of one rate for each sample. */
 static void flush_in_turn(const Compensator *c)
 {
     const int k = play_vectors(c->shape), together = VECTORS(LANES), eights = (k + together - 1) / together;
@@ -108,8 +108,7 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     set_where(finite, &m->bump, flushed(times(m->bump, constant(p->decay))));
     num x = within_limits(c, choose(finite, within(wanted, minus(last, step), plus(last, step)), last));
     m->held = minus(less(x, wanted), less(wanted, x));
-    x = within(plus_times(x_centre, x_scale, x), m->low,
-               m->high); /* rounding may have passed a limit by its last bit */
+    x = within(plus_times(x_centre, x_scale, x), m->low, m->high); /* rounding may exceed a limit by a bit */
     flush_in_turn(c);
     move_on(c, divided(minus(x, x_centre), x_scale));
     return x;
@@ -121,7 +120,7 @@ num N(compensator_now)(const Compensator *c)
 }
 
 #ifndef CORE_TILE
-enum { CREEP_VECTORS = sizeof(real) == 4 ? 2 : 1 }; /* of single precision with what is carried along */
+enum { CREEP_VECTORS = sizeof(real) == 4 ? 2 : 1 }; /* with the remainders in single precision */
 
 int64_t compensator_bytes(Shape s)
 {
@@ -132,7 +131,7 @@ int64_t compensator_bytes(Shape s)
 
 Compensator compensator_at(void *memory)
 {
-    Compensator c = {.head = memory, .shape = SHAPE((const ShapedHead *)memory)};
+    Compensator c = {.shape = SHAPE((const ShapedHead *)memory)};
     Arena arena = after_head(memory);
     c.settings = (const DriveSettings *)(void *)reals(&arena, 2, LANES);
     c.operators = operators_at(&arena, c.shape);

@@ -2,9 +2,9 @@
  *
  *     x(k) = H^-1[ S^-1[y_r](k) - K(k) - offset ](k).
  *
- * It keeps the states of the model, H and K: what it returns after saturation and rate limits is what the actuator
- * really sees, and that is what moves them on. Those of H^-1 follow from them at every sample. Whatever the reference
- * is, NaN and infinity included, the drive is finite and inside its limits.
+ * Its state are the operator states of the model, H and K, advanced by the drive after saturation and rate limit, which
+ * the actuator receives. The states of H^-1 follow from them at every sample. For any reference, NaN and infinity
+ * included, the drive is finite and inside its limits.
  *
  * Source: the paper's equation (8); K. Kuhnen, European Journal of Control 9 (2003) 407-418.
  */
@@ -15,17 +15,17 @@
 
 enum { COMPENSATOR_KIND = 0x434f4d32 };
 
-/* What all compensators of one structure share: centres and scales, the largest change of the drive a sample in unit
- * amplitudes, the factor by which a bump decays a sample, and the share of an error that integral action adds to the
- * reference, 0 for none. */
+/* Settings that all compensators of one structure share: centres and scales; the largest change of the drive for each
+ * sample in unit amplitudes; the factor by which a bump decays for each sample; and the share of an error that integral
+ * action adds to the reference, 0 for none. */
 typedef struct {
     real x_centre, x_scale, y_centre, y_scale, max_step, decay, gain;
 } DriveSettings;
 
-/* Of each: limits of the drive in the input unit and in unit amplitudes; what is still added to the drive since the
- * last change of weights; the last finite reference with what integral action has added to it so far, both in the
- * output unit; the last reference as it was given, NaN where there was none; 1 or -1 where the drive for it was above
- * or below what the limits let pass; and which eight creep states are looked through next for what has faded. */
+/* State of the drive: its limits in the input unit and in unit amplitudes; the bump, which is added to the drive after
+ * a change of weights; the last finite reference with the correction, and the correction of integral action, both in
+ * the output unit; the last reference given, NaN before the first; `held`, 1 or -1 where the limits held the drive for
+ * it below or above; and the index of the next eight creep states to flush. */
 typedef struct {
     num low, high, unit_low, unit_high, bump, last_y_ref, correction, given, held, turn;
 } DriveMemory;
@@ -37,7 +37,6 @@ typedef struct {
 } Inverse;
 
 typedef struct {
-    ShapedHead *head; /* NULL in a tile */
     Shape shape;
     const DriveSettings *settings;
     Operators operators;
@@ -62,7 +61,7 @@ CORE_INLINE Inverse inverse_at(Arena *arena, Shape s)
     return p;
 }
 
-/* Find W_H and H^-1 of the weights in p, which must be those of a valid model; r are the thresholds. */
+/* Compute W_H and H^-1 from the weights in p of a valid model; r are the thresholds. */
 CORE_INLINE void invert(const Inverse *p, Shape s, const real *r)
 {
     num W = p->w_H[0], r_inverse = constant(0);
@@ -78,31 +77,29 @@ CORE_INLINE void invert(const Inverse *p, Shape s, const real *r)
     }
 }
 
-/* Weights to be taken over at a sample, and 1 for those that take them. */
+/* New weights, and 1 for the actuators that take them. */
 typedef struct {
     Inverse inverse;
     num which;
 } Change;
 
-/* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive where it is. A
- * change of weights is taken over without a bump: what the new ones would drive differently at this sample is added and
- * fades away. */
+/* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive. New weights are
+ * taken without a bump: the change that they cause at this sample is subtracted and decays. */
 CORE_API num N(compensator_step)(const Compensator *c, num y_ref, const Change *change);
-/* Take the output that the last drive produced: correction <- correction + gain (y_r - y) where `trusted`. With the
- * inverse in front the actuator is about 1, so that a disturbance comes through by |1 - z^-1| / |1 - (1 - gain) z^-1|,
- * at most 2 / (2 - gain). Anti-windup: an error is not added up that pushes the drive further beyond a limit, and all
- * of them never make more than half the output's range. */
+/* Integral action on the output of the last drive: correction <- correction + gain (y_r - y) where `trusted`. Behind
+ * the inverse the actuator has a gain of about 1, so that a disturbance is multiplied by |1 - z^-1| / |1 - (1 - gain)
+ * z^-1|, at most 2 / (2 - gain). Anti-windup: errors that push the drive further beyond a limit are ignored, and the
+ * correction is at most half the output's range. */
 CORE_API void N(compensator_correct)(const Compensator *c, num y, num trusted);
-/* What it would drive for the last reference at this moment, in unit amplitudes; nothing is moved on. */
+/* The drive for the last reference at this moment, in unit amplitudes; no state changes. */
 CORE_API num N(compensator_now)(const Compensator *c);
 
 #ifndef CORE_TILE
 CORE_API int64_t compensator_bytes(Shape shape);
 CORE_API Compensator compensator_at(void *memory);
-/* Make a block of compensator_bytes(shape) bytes a compensator; settings, limits, thresholds and states are still to be
- * written. */
+/* Initialise compensator_bytes(shape) bytes; the caller sets settings, limits, thresholds and states. */
 CORE_API Compensator compensator_setup(void *memory, Shape shape);
-/* Invert the model of all these weights, w_H0 ... w_Hn, w'_S, w_K, offset, which must be those of a valid model. */
+/* Invert the valid model of these weights, w_H0 ... w_Hn, w'_S, w_K, offset. */
 CORE_API void compensator_set_weights(const Compensator *c, const real *weights);
 #endif
 

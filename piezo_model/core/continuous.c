@@ -1,41 +1,29 @@
 /* Continuous learning, in blocks.
  *
- *     reset   nothing is learned; the squared error (5) of the weights in use is summed up
+ *     reset   the squared errors (5) of the weights in use are summed; nothing is learned
  *     learn   G <- lambda G + (1 - lambda) row row',   row = (Xi, x), sample by sample
  *
- * Every interval the weights that are one interval old take the place of those in use if they have predicted the
- * interval at least as well, and the optimum of G follows them. They are admissible, since the solver keeps them in
- * their box. They are handed over only while the drive of the last one to two half windows went through a part of its
- * range that says enough. Otherwise learning pauses too, once there has been a hand-over, and nothing is forgotten: the
- * memory would fade and the noise of the sensor take its place.
+ * The candidate is the optimum of G at the last interval. At the end of an interval it replaces the weights in use if
+ * it predicted the interval at least as well, and the optimum of the present G becomes the next candidate. Weights are
+ * handed over only while the drive of the last one to two half windows covers enough of its range. Otherwise, after the
+ * first hand-over, learning pauses as well: G would decay and be filled with sensor noise.
  *
- * Nothing learned before a fault of the sensor is lost, and nothing learned from a sensor about to fail is kept:
+ * A sensor fault loses nothing that was learned before it, and keeps nothing learned from a failing sensor:
  *
- * - at a fault Gram matrix and weights go back to a state noted at least one checkpoint ago, and learning waits until
- * samples have been good for as long as a reset lasts;
- * - if the weights in use predicted these samples about as well as before the fault, it goes on from there;
- * - otherwise sensor or actuator are not what they were: learning begins anew, and new weights are handed over once
- * they have learned for a half window without another fault. The noted state is kept until then, since a sensor that
- * was gone may come back.
+ * - G and the weights are restored from a checkpoint that is at least one checkpoint interval old, and learning waits
+ *   until samples have been good for the length of a reset;
+ * - if the weights in use predict these samples about as well as before the fault, learning continues from there;
+ * - otherwise the sensor or the actuator has changed: learning begins anew, and new weights are handed over after a
+ *   half window without a fault. The checkpoint is kept until then, since the old sensor may come back.
  */
 #include "learner.h"
 
-#define BELIEF                                                                                                         \
-    ((real)1e-6) /* what the weights in use count where learning begins anew, as a share of a full memory of unit      \
-                    amplitudes */
-/* After a fault the sensor is the old one if the RMS error of the weights in use is at most TRUST times what it was
- * before, plus TOLERANCE unit amplitudes. */
+/* Weight of the weights in use when learning begins anew, relative to a full memory of unit amplitudes. */
+#define BELIEF ((real)1e-6)
+/* After a fault the sensor counts as unchanged if the RMS error of the weights in use is at most TRUST times the error
+ * before the fault, plus TOLERANCE unit amplitudes. */
 #define TRUST ((real)5)
 #define TOLERANCE ((real)2e-3)
-
-enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH };
-
-static void forget_span(num *span, num which)
-{
-    for (int i = 0; i < 4; ++i) {
-        set_where(which, span + i, constant(i % 2 == 0 ? REAL_INFINITY : -REAL_INFINITY));
-    }
-}
 
 void N(learner_begin_anew)(const Learner *l, num which, num level)
 {
@@ -56,31 +44,34 @@ void N(learner_begin_anew)(const Learner *l, num which, num level)
     set_where(which, &m->revert, constant(0));
     set_where(which, &m->in_half, constant(0));
     set_where(which, &m->wait, times(m->noted, constant((real)l->settings->half_window)));
-    set_where(which, &m->x_low, constant(REAL_INFINITY));
-    set_where(which, &m->x_low_before, constant(REAL_INFINITY));
-    set_where(which, &m->x_high, constant(-REAL_INFINITY));
-    set_where(which, &m->x_high_before, constant(-REAL_INFINITY));
-    forget_span(m->span, which);
+    span_clear(m->drive, 2, which);
+    span_clear(m->drive_before, 2, which);
+    span_clear(m->span, SPAN, which);
 }
 
-/* Enter a phase: reset for so many samples, none to learn. */
-static void enter(const Learner *l, num which, real samples)
+static void clear_errors(LearnerMemory *m, num which)
 {
-    LearnerMemory *const m = l->memory;
-    set_where(which, &m->left, constant(samples));
-    set_where(which, &m->probation, constant(0));
     set_where(which, &m->predicted, constant(0));
     set_where(which, &m->squares_in_use, constant(0));
     set_where(which, &m->squares_candidate, constant(0));
 }
 
-/* Go back to a state that the sensor was good at, if there is one. */
+/* Reset for a number of samples, or learn for 0. */
+static void enter(const Learner *l, num which, real samples)
+{
+    LearnerMemory *const m = l->memory;
+    set_where(which, &m->left, constant(samples));
+    set_where(which, &m->probation, constant(0));
+    clear_errors(m, which);
+}
+
+/* Restore the older checkpoint, or begin anew without one. */
 static void fall_back(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
     const num noted = both(which, m->noted);
     const int entries = symmetric_nums(l->d + 1);
-    copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* an offer made before the fault is not taken */
+    copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* the pending offer will not be taken */
     set_where(which, &m->pending, constant(0));
     copy_where(noted, l->gram, l->older.gram, entries);
     copy_where(noted, l->candidate, l->older.in_use, l->d);
@@ -88,12 +79,12 @@ static void fall_back(const Learner *l, num which)
     set_where(noted, &m->established, constant(1));
     set_where(noted, &m->revert, constant(1));
     copy_where(noted, l->newer.gram, l->older.gram, note_nums(l->shape));
-    forget_span(m->span, which);
+    span_clear(m->span, SPAN, which);
     N(learner_begin_anew)(l, both(which, is_not(noted)), constant(0));
 }
 
-/* Note the present state, whose weights are those of the drive; what was noted last becomes what is gone back to, at
- * the first time at once. */
+/* Make a checkpoint of the present state; the one before becomes the older checkpoint, which faults restore. The first
+ * one becomes both. */
 static void note(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
@@ -106,7 +97,7 @@ static void note(const Learner *l, num which)
     set_where(which, &m->noted, constant(1));
 }
 
-/* Samples have been good for long enough: is it the sensor that it was before the fault? 1 where it is another one. */
+/* End the reset after enough good samples; 1 where the sensor is not the one before the fault. */
 static num end_probation(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
@@ -124,25 +115,25 @@ static num end_probation(const Learner *l, num which)
     return other;
 }
 
-/* 1 where the drive of this half window and the one before says enough; takes the block into account where it `counts`.
- */
-static num excites(const Learner *l, const Passed *b, num counts)
+/* 1 where the drive of the current half window and the one before covers enough of its range; adds the block where it
+ * `counts`. */
+static num excites(const Learner *l, const BlockSummary *b, num counts)
 {
     LearnerMemory *const m = l->memory;
-    const num low = lowest(b->span[X_LOW], m->x_low), high = greatest(b->span[X_HIGH], m->x_high);
-    const num span = minus(greatest(high, m->x_high_before), lowest(low, m->x_low_before));
+    const num low = lowest(b->span[X_LOW], m->drive[0]), high = greatest(b->span[X_HIGH], m->drive[1]);
+    const num span = minus(greatest(high, m->drive_before[1]), lowest(low, m->drive_before[0]));
     const num filled = plus(m->in_half, b->good),
               over = both(counts, is_not(less(filled, constant((real)l->settings->half_window))));
     set_where(counts, &m->in_half, choose(over, constant(0), filled));
-    set_where(over, &m->x_low_before, low);
-    set_where(over, &m->x_high_before, high);
-    set_where(counts, &m->x_low, choose(over, constant(REAL_INFINITY), low));
-    set_where(counts, &m->x_high, choose(over, constant(-REAL_INFINITY), high));
+    set_where(counts, &m->drive[0], low);
+    set_where(counts, &m->drive[1], high);
+    copy_where(over, m->drive_before, m->drive, 2);
+    span_clear(m->drive, 2, over);
     return is_not(less(span, constant(2 * MIN_EXCITATION)));
 }
 
 /* Learn from the rows of a block. */
-static void learn(const Learner *l, const Passed *b, num which)
+static void learn(const Learner *l, const BlockSummary *b, num which)
 {
     LearnerMemory *const m = l->memory;
     const num smoothing = lowest(times(constant(l->settings->smoothing), b->good), constant(1));
@@ -152,15 +143,12 @@ static void learn(const Learner *l, const Passed *b, num which)
     set_where(which, &m->squares_candidate, plus(m->squares_candidate, b->squares_candidate));
     set_where(which, &m->predicted, plus(m->predicted, b->good));
     set_where(which, &m->wait, greatest(minus(m->wait, b->good), constant(0)));
-    for (int i = 0; i < 4; i += 2) {
-        set_where(which, &m->span[i], lowest(b->span[i], m->span[i]));
-        set_where(which, &m->span[i + 1], greatest(b->span[i + 1], m->span[i + 1]));
-    }
+    span_widen(m->span, b->span, which);
     N(learner_add_rows)(l, b->count, which);
 }
 
-/* Offer the candidate where it has predicted at least as well, and find the next one. */
-static int end_interval(const Learner *l, const Passed *b, num looked_at, num excited)
+/* Offer the candidate where it predicted at least as well as the weights in use, and compute the next one. */
+static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, num excited)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
@@ -183,49 +171,43 @@ static int end_interval(const Learner *l, const Passed *b, num looked_at, num ex
         m->hand_overs = plus(m->hand_overs, takes);
         set_where(takes, &m->established, constant(1));
         set_where(reverts, &m->revert, constant(0));
-        set_where(reverts, &m->left, constant((real)p->reset_lasts));
-        set_where(reverts, &m->probation, constant(0));
+        enter(l, reverts, (real)p->reset_lasts);
         events = TAKE_OVER | (any(first) ? FIRST : 0);
     }
     m->refusals = plus(m->refusals, both(judged, is_not(better)));
     if (any(judged)) {
         events |= N(learner_optimum)(l, judged);
     }
-    set_where(looked_at, &m->squares_in_use, constant(0));
-    set_where(looked_at, &m->squares_candidate, constant(0));
-    set_where(looked_at, &m->predicted, constant(0));
+    clear_errors(m, looked_at);
     return events | (checkpoint && any(is_not(less(constant(0), m->left))) && !(events & FIRST) ? LOOK : 0);
 }
 
-int N(continuous_block)(const Learner *l, const Passed *b)
+int N(continuous_block)(const Learner *l, const BlockSummary *b)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
     const num resets = less(constant(0), m->left), sound = both(m->learning, is_not(b->fault));
-    const num failed = both(m->learning, both(b->fault, is_not(resets))),
-              failed_again = both(m->learning, both(b->fault, resets));
+    const num fault = both(m->learning, b->fault), failed = both(fault, is_not(resets));
     const num probed = both(sound, resets), in_phase = both(sound, is_not(resets));
     const num excited = excites(l, b, in_phase);
     const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));
     int events = 0;
-    set_where(failed_again, &m->left, constant((real)p->reset_lasts));
-    set_where(failed_again, &m->probation, constant(0));
     if (any(failed)) {
         m->faults = plus(m->faults, failed);
         fall_back(l, failed);
-        enter(l, failed, (real)p->reset_lasts);
         events = SENSOR_FAULT;
     }
+    enter(l, fault, (real)p->reset_lasts);
     set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
     set_where(probed, &m->left, minus(m->left, b->good));
     const num ended = both(probed, is_not(less(constant(0), m->left)));
-    if (any(ended)) {
-        events |= any(end_probation(l, ended)) ? OTHER_SENSOR : 0;
+    if (any(ended) && any(end_probation(l, ended))) {
+        events |= OTHER_SENSOR;
     }
     if (any(learns)) {
         learn(l, b, learns);
     }
-    if (b->end >= l->clock->next_interval) { /* an interval that ends with the phase is not looked at */
+    if (b->end >= l->clock->next_interval) { /* an interval that ends together with its phase is not judged */
         l->clock->next_interval = (b->end / p->interval + 1) * p->interval;
         events |= end_interval(l, b, both(m->learning, is_not(either(failed, ended))), excited);
     }

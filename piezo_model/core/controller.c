@@ -60,8 +60,8 @@ int N(controller_observe)(const Controller *c, num x, num y)
     return 1;
 }
 
-/* Find what an offer that is due changes; 1 where it is of this epoch. `answered` counts it. One made before a fault of
- * the sensor that the learner did not know of is not taken, unless it goes back after a fault. */
+/* Read an offer that is due; 1 if it belongs to this epoch. `answered` counts it. An offer from before a sensor fault
+ * is not taken, unless it is the fallback after a fault. */
 static int find_offer(const Controller *c, Change *change, uint32_t *answered)
 {
     MailboxHead *const m = c->mailbox.head;
@@ -95,6 +95,6 @@ num N(controller_drive)(const Controller *c, num y_ref)
     N(controller_begin_block)(c, c->compensator.play, c->compensator.creep);
     block_at(&c->mailbox, m->published).head->answered = answered;
     const num x = N(compensator_step)(&c->compensator, y_ref, changes ? &change : NULL);
-    CORE_RELEASE(&m->answered, answered); /* from here on the learner may write over the offer */
+    CORE_RELEASE(&m->answered, answered); /* now the learner may overwrite the offer */
     return x;
 }

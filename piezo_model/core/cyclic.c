@@ -1,50 +1,46 @@
 /* Cyclic operation, a synchronous Moore machine:   reset -> build -> learn -> reset, with the new weights.
  *
- *     reset    only the operators move on                                         over after so many good samples
- * without a fault build    good samples are counted into the Gram matrix                      over after so many of
- * them learn    one step w <- Proj(w - eta (P w + q)) a sample, or waiting for     over after so many samples the
- * answer of a solver that is not one of steps
+ *     reset    only the operator states advance                          ends after a number of good samples in a row
+ *     build    good samples are added to the Gram matrix                 ends after a number of good samples
+ *     learn    one step w <- Proj(w - eta (P w + q)) for each sample,    ends after a number of samples
+ *              or waiting for the answer of another solver
  *
- * A phase ends with the block in which its count is reached. The operators follow the actuator in every phase; reset
- * clears P, q and c and never the states. A fault of the sensor sends the machine to reset.
+ * A phase ends with the block in which its count is reached. The operator states follow the actuator in every phase;
+ * reset clears P, q and c. A sensor fault leads to reset.
  *
- * Nothing is kept back: new weights are those of all the data, and data that came before have a part in them. With V
- * the mean cost of this cycle's data, V_p that of the cycles before, and w the weights in use, what is solved and what
- * is remembered are
+ * Earlier data have a share in new weights. With the mean cost V of this cycle's data, V_p of earlier cycles, and the
+ * weights w in use, the cost that is minimised, and the one that is kept as the next V_p, is
  *
  *     (V + b V_p) / (1 + b),   b = RECALL min(V(w) / V_p(w), V_p(w) / V(w))
  *
- * the one with the w that learning begins with, the other, which takes the place of V_p, with those that it ends with.
- * A cycle that covers other amplitudes or places than the last one does not undo it, but data at odds with each other,
- * a sensor that was zeroed anew or a reference gone wild, are forgotten at once. A cycle whose drive covers less than
- * NARROW of what V_p covers is not remembered, for small movements would lead astray what they hardly excite; but each
- * takes a tenth off what V_p is said to cover.
+ * with the w before learning in the first case, and after learning in the second. A cycle over other amplitudes
+ * therefore does not undo the last one, while contradicting data (a re-zeroed sensor, a wild reference) are forgotten
+ * at once. A cycle whose drive covers less than NARROW of the range of V_p is not kept, since small movements hardly
+ * excite most weights; each such cycle takes a tenth off the range of V_p.
  *
- * New weights are taken over if the drive of the building phase went through at least MIN_EXCITATION of its range, and
- * if they are finite and explain what they were learned from no worse than those in use: that is what a solver can have
- * done wrong. What the drive did not reach stays as it was, since the problem's reference are the weights in use.
+ * New weights are handed over if the drive of the building phase covered at least MIN_EXCITATION of its range, and if
+ * they are finite and explain their data no worse than the weights in use, which a failing solver could violate.
+ * Weights that the drive did not reach stay, since the reference of the problem are the weights in use.
  *
  * Source: the paper's Fig. 1 and equations (3) to (7).
  */
 #include "learner.h"
 
-#define RECALL                                                                                                         \
-    ((real)0.3) /* part that the cycles before have in a problem, where their data agree with the new ones             \
-                 */
+/* Share of earlier cycles in a problem if their data agree with the new ones. */
+#define RECALL ((real)0.3)
+/* Smallest share of the range of V_p that a cycle must cover to be kept. */
 #define NARROW ((real)0.8)
+/* Factor on the range of V_p for each cycle that is not kept. */
 #define SHRINKING ((real)0.9)
-#define SMALLEST ((real)1e-30) /* costs below are those of rounding */
-#define UNDETERMINED                                                                                                   \
-    ((real)1e-11) /* share of the largest diagonal entry of P below which rounding decides and not the data */
-
-enum { X_MIN, X_MAX, Y_MIN, Y_MAX };
-
-static int products(Shape s) { return row_width(s) * (row_width(s) + 1) / 2; }
+/* Smallest cost that differs from rounding errors. */
+#define SMALLEST ((real)1e-30)
+/* Share of the largest diagonal entry of P below which an entry is rounding. */
+#define UNDETERMINED ((real)1e-11)
 
 int64_t cyclic_bytes(Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
-    const int64_t numbers = 7 * ld + lanes(s) + creep_lanes(s) + LANES + 2 * padded(products(s)) + padded(d * d);
+    const int64_t numbers = 7 * ld + lanes(s) + creep_lanes(s) + LANES + 2 * symmetric_nums(d + 1) + padded(d * d);
     return numbers * (int64_t)sizeof(real) + arena_bytes(descent_bytes(d));
 }
 
@@ -52,7 +48,6 @@ Cyclic cyclic_at(Arena *arena, Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
-    const int all = padded(products(s));
     const Extent extents[] = {{&c.reference, ld},
                               {&c.found, ld},
                               {&c.q, ld},
@@ -63,8 +58,8 @@ Cyclic cyclic_at(Arena *arena, Shape s)
                               {&c.start_play, lanes(s)},
                               {&c.start_creep, creep_lanes(s)},
                               {&c.covered, LANES},
-                              {&c.data, all},
-                              {&c.past, all},
+                              {&c.data, symmetric_nums(d + 1)},
+                              {&c.past, symmetric_nums(d + 1)},
                               {&c.P, padded(d * d)}};
     LAY_OUT(arena, extents);
     c.descent = descent_at(arena_part(arena, (size_t)descent_bytes(d)));
@@ -84,62 +79,49 @@ void cyclic_enter(const Learner *l, int phase)
     if (phase == RESET) {
         memset(l->gram, 0, sizeof(real) * (size_t)symmetric_nums(l->d + 1));
         m->predicted = 0;
-        m->span[X_MIN] = m->span[Y_MIN] = REAL_INFINITY;
-        m->span[X_MAX] = m->span[Y_MAX] = -REAL_INFINITY;
+        span_clear(m->span, SPAN, 1);
     }
 }
 
-/* Where entry (i, j) of the products is in their triangle. */
-static int at(Shape s, int i, int j)
-{
-    const int low = i < j ? i : j, high = i < j ? j : i;
-    return low * row_width(s) - low * (low - 1) / 2 + high - low;
-}
+/* Position of entry (i, j) of a Gram matrix of the rows (Xi, x); the drive x has index d. */
+static int at(int d, int i, int j) { return symmetric_row(d + 1, i < j ? i : j) + (i < j ? j : i); }
 
-/* Half the mean squared error of the unknowns v on mean products. */
-static real cost(Shape s, const real *data, const real *v)
+/* Half the mean squared error of the unknowns v on a mean Gram matrix. */
+static real cost(int d, const real *data, const real *v)
 {
-    real sum = data[at(s, 0, 0)] / 2;
-    for (int i = 0; i < unknowns(s); ++i) {
-        real gradient = data[at(s, 0, i + 1)];
-        for (int j = 0; j < unknowns(s); ++j) {
-            gradient += data[at(s, i + 1, j + 1)] * v[j] / 2;
+    real sum = data[at(d, d, d)] / 2;
+    for (int i = 0; i < d; ++i) {
+        real gradient = data[at(d, i, d)];
+        for (int j = 0; j < d; ++j) {
+            gradient += data[at(d, i, j)] * v[j] / 2;
         }
         sum += v[i] * gradient;
     }
     return sum;
 }
 
-/* Entry (i, j) of this cycle's mean products; x stands first here and last in the Gram matrix. */
-static real mean_product(const Learner *l, int i, int j)
-{
-    const int a = i == 0 ? l->d : i - 1, b = j == 0 ? l->d : j - 1;
-    return l->gram[symmetric_row(l->d + 1, a < b ? a : b) + (a < b ? b : a)] / l->memory->predicted;
-}
-
-/* This cycle's mean products with what is recalled of the cycles before under the weights v; `out` may be the past. */
+/* (V + b V_p) / (1 + b) of the weights v into `out`, and V into `now`; `out` may be `now` or the past. */
 static void recall(const Learner *l, const real *v, real *now, real *out)
 {
-    const Shape s = l->shape;
+    const int entries = symmetric_nums(l->d + 1);
     real b = 0;
-    for (int i = 0; i < row_width(s); ++i) {
-        for (int j = i; j < row_width(s); ++j) {
-            now[at(s, i, j)] = mean_product(l, i, j);
-        }
+    for (int k = 0; k < entries; ++k) {
+        now[k] = l->gram[k] / l->memory->predicted;
     }
     if (l->clock->past_share > 0) {
-        const real new_cost = most(cost(s, now, v), SMALLEST), old_cost = most(cost(s, l->cyclic.past, v), SMALLEST);
+        const real new_cost = greatest(SMALLEST, cost(l->d, now, v));
+        const real old_cost = greatest(SMALLEST, cost(l->d, l->cyclic.past, v));
         b = RECALL * (new_cost < old_cost ? new_cost / old_cost : old_cost / new_cost);
     }
-    for (int k = 0; k < products(s); ++k) {
+    for (int k = 0; k < entries; ++k) {
         out[k] = b > 0 ? (now[k] + b * l->cyclic.past[k]) / (1 + b) : now[k];
     }
 }
 
-/* Whether the operator of threshold r, at z when counting began, was moved. */
-static int moved(const Cyclic *c, real r, real z) { return c->covered[X_MAX] - r > z || c->covered[X_MIN] + r < z; }
+/* Whether an operator of threshold r that started at z has moved. */
+static int moved(const Cyclic *c, real r, real z) { return c->covered[X_HIGH] - r > z || c->covered[X_LOW] + r < z; }
 
-/* Whether the data reached the threshold of unknown j; the others stay where they are. */
+/* Whether the data reached the threshold of unknown j; unreached unknowns keep their values. */
 static int reached(const Learner *l, int j)
 {
     const Shape s = l->shape;
@@ -151,8 +133,8 @@ static int reached(const Learner *l, int j)
     }
     if (first < 0) {
         return zone == middle
-               || (zone > middle ? c->covered[Y_MAX] > l->regressors.high[zone]
-                                 : c->covered[Y_MIN] < l->regressors.low[zone]);
+               || (zone > middle ? c->covered[Y_HIGH] > l->regressors.high[zone]
+                                 : c->covered[Y_LOW] < l->regressors.low[zone]);
     }
     for (int k = first; first < creep_weights(s) && k < creep_lanes(s); k += lanes(s)) {
         if (moved(c, r[first], c->start_creep[k])) {
@@ -162,25 +144,24 @@ static int reached(const Learner *l, int j)
     return first == creep_weights(s); /* the constant */
 }
 
-/* The program of the data, its variables scaled to unit diagonal, with a proximal term rho |v - v_in_use|^2 / 2. An
- * operator that stood still has a constant column, which a constant or another such column could take over; so the data
- * act on its unknown no more, and the proximal term keeps it where it was. */
+/* The program of the data with the proximal term rho |v - v_in_use|^2 / 2, in variables of unit diagonal. The column of
+ * an operator that did not move is constant and could be traded against the constant term or another such column; its
+ * unknown is therefore excluded from the data's cost, and the proximal term holds it. */
 static void make_program(const Learner *l)
 {
-    const Shape s = l->shape;
     const Cyclic *const c = &l->cyclic;
     const int d = l->d;
     real *const data = c->data, *const P = c->P, *const held = c->found;
     real largest = 0, trace = 0, rho;
     memcpy(c->reference, l->in_use, sizeof(real) * (size_t)d);
     for (int j = 0; j < d; ++j) {
-        const real diagonal = data[at(s, j + 1, j + 1)];
-        largest = most(largest, diagonal);
+        const real diagonal = data[at(d, j, j)];
+        largest = greatest(diagonal, largest);
         trace += diagonal;
     }
     rho = l->settings->proximal * trace / (real)d;
     for (int j = 0; j < d; ++j) {
-        const real diagonal = data[at(s, j + 1, j + 1)];
+        const real diagonal = data[at(d, j, j)];
         const int active = reached(l, j) && diagonal > UNDETERMINED * largest;
         const real whole_diagonal = (active ? diagonal : 0) + rho;
         held[j] = active ? 0 : l->in_use[j];
@@ -189,9 +170,9 @@ static void make_program(const Learner *l)
         P[j * d + j] = whole_diagonal > 0 ? 1 : 0;
     }
     for (int i = 0; i < d; ++i) {
-        real q = data[at(s, 0, i + 1)];
+        real q = data[at(d, i, d)];
         for (int j = 0; j < d; ++j) {
-            const real p = data[at(s, i + 1, j + 1)];
+            const real p = data[at(d, i, j)];
             q += p * held[j];
             if (i != j) {
                 P[i * d + j] = c->start[i] * c->start[j] * p * (c->scale[i] * c->scale[j]);
@@ -202,12 +183,12 @@ static void make_program(const Learner *l)
     for (int j = 0; j < d; ++j) {
         c->lower[j] = lower_bound(l, j) / c->scale[j];
         c->upper[j] = REAL_INFINITY;
-        c->start[j] = most(c->lower[j], l->in_use[j] / c->scale[j]);
+        c->start[j] = greatest(l->in_use[j] / c->scale[j], c->lower[j]);
         c->answer[j] = (real)NAN;
     }
 }
 
-/* Put the recursion at the start; whether the program can be solved. */
+/* Set up the recursion; whether the program can be solved. */
 static int begin_steps(const Learner *l)
 {
     ProjectedGradient descent = l->cyclic.descent;
@@ -231,8 +212,8 @@ static int end_of_build(const Learner *l, int64_t now)
 {
     const Cyclic *const c = &l->cyclic;
     l->clock->learning_since = now;
-    memcpy(c->covered, l->memory->span, 4 * sizeof(real));
-    if ((c->covered[X_MAX] - c->covered[X_MIN]) / 2 < MIN_EXCITATION) {
+    memcpy(c->covered, l->memory->span, SPAN * sizeof(real));
+    if ((c->covered[X_HIGH] - c->covered[X_LOW]) / 2 < MIN_EXCITATION) {
         return refuse(l, UNEXCITED);
     }
     recall(l, l->in_use, c->data, c->data);
@@ -241,12 +222,12 @@ static int end_of_build(const Learner *l, int64_t now)
     return SOLVER(l->settings) != STEPS || begin_steps(l) ? PROGRAM : refuse(l, NOT_A_NUMBER);
 }
 
-/* Offer the answer if it passes. */
+/* Check the answer and offer it. */
 static int hand_over(const Learner *l, int64_t now)
 {
     const Cyclic *const c = &l->cyclic;
     LearnerClock *const clock = l->clock;
-    const real share = (c->covered[X_MAX] - c->covered[X_MIN]) / 2;
+    const real share = (c->covered[X_HIGH] - c->covered[X_LOW]) / 2;
     real sum = 0, before, after;
     if (SOLVER(l->settings) == STEPS) {
         ProjectedGradient descent = c->descent;
@@ -260,15 +241,15 @@ static int hand_over(const Learner *l, int64_t now)
     if (!(sum == 0)) {
         return refuse(l, NOT_A_NUMBER);
     }
-    before = most(cost(l->shape, c->data, l->in_use), 0);
-    after = most(cost(l->shape, c->data, c->found), 0);
+    before = greatest(0, cost(l->d, c->data, l->in_use));
+    after = greatest(0, cost(l->d, c->data, c->found));
     clock->error_in_use = ROOT(2 * before);
     clock->error_found = ROOT(2 * after);
     if (!(after <= before)) {
         return refuse(l, WORSE);
     }
     if (!learner_offer(l, c->found, 1, 1, now + l->mailbox.head->delay)) {
-        return 0; /* the last offer is still waiting for its sample: again with the next block */
+        return 0; /* the last offer has not been answered: try again after the next block */
     }
     memcpy(l->in_use, c->found, sizeof(real) * (size_t)l->d);
     l->memory->hand_overs += 1;
@@ -282,27 +263,24 @@ static int hand_over(const Learner *l, int64_t now)
     return TAKE_OVER;
 }
 
-static void count(const Learner *l, const Passed *b)
+static void count(const Learner *l, const BlockSummary *b)
 {
     LearnerMemory *const m = l->memory;
-    if (m->predicted == 0 && b->good > 0) { /* what the excitation of the operators is judged by later */
+    if (m->predicted == 0 && b->good > 0) {
         const Block first = block_at(&l->mailbox, l->mailbox.head->consumed);
         for (int i = 0; i < lanes(l->shape); ++i) {
-            l->cyclic.start_play[i] = play_step((real)first.x[0], l->regressors.operators.r[i], (real)first.play[i]);
+            l->cyclic.start_play[i] = play_of((real)first.x[0], l->regressors.operators.r[i], (real)first.play[i]);
         }
         for (int i = 0; i < creep_lanes(l->shape); ++i) {
             l->cyclic.start_creep[i] = (real)first.creep[i];
         }
     }
     m->predicted += b->good;
-    for (int i = 0; i < 4; i += 2) {
-        m->span[i] = least(m->span[i], b->span[i]);
-        m->span[i + 1] = most(m->span[i + 1], b->span[i + 1]);
-    }
+    span_widen(m->span, b->span, 1);
     learner_add_rows(l, b->count, 1);
 }
 
-int cyclic_block(const Learner *l, const Passed *b)
+int cyclic_block(const Learner *l, const BlockSummary *b)
 {
     LearnerClock *const clock = l->clock;
     if (clock->phase == LEARN) {

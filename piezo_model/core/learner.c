@@ -21,25 +21,23 @@ void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes)
     l->newer = note_at(notes, s);
 }
 
-/* How many samples of a block are good. */
-static Passed count_good(const Block *block)
+static BlockSummary count_good(const Block *block)
 {
-    Passed b = {.count = block->head->count, .end = block->head->first + block->head->count};
+    BlockSummary b = {.count = block->head->count, .end = block->head->first + block->head->count};
     for (int k = 0; k < b.count; ++k) {
         b.good = plus(b.good, is_finite(from_shared(block->y, k)));
     }
     return b;
 }
 
-/* Write the rows of a block, note what was driven, and where it `judges` the errors of weights in use and candidate. */
-static Passed pass_through(const Learner *l, const Block *block, int judges)
+/* Write the rows of a block and summarise it; with `judges`, compute the errors of the weights in use and the
+ * candidate. */
+static BlockSummary pass_through(const Learner *l, const Block *block, int judges)
 {
     const Shape s = l->shape;
     const Workspace work = workspace_of(l), *const w = &work;
-    const num infinite = constant(REAL_INFINITY), low = infinite, high = minus(constant(0), infinite);
-    Passed b = count_good(block);
-    b.span[0] = b.span[2] = low;
-    b.span[1] = b.span[3] = high;
+    BlockSummary b = count_good(block);
+    span_clear(b.span, SPAN, constant(1));
     for (int i = 0; i < play_vectors(s) * (LANES / WIDTH); ++i) {
         w->play[i] = from_shared(block->play, i);
     }
@@ -56,10 +54,7 @@ static Passed pass_through(const Learner *l, const Block *block, int judges)
             b.squares_in_use = plus_times(b.squares_in_use, error, error);
             b.squares_candidate = plus_times(b.squares_candidate, other, other);
         }
-        b.span[0] = choose(good, lowest(x, b.span[0]), b.span[0]);
-        b.span[1] = choose(good, greatest(x, b.span[1]), b.span[1]);
-        b.span[2] = choose(good, lowest(y, b.span[2]), b.span[2]);
-        b.span[3] = choose(good, greatest(y, b.span[3]), b.span[3]);
+        span_widen(b.span, (const num[]){x, x, y, y}, good);
     }
     return b;
 }
@@ -72,8 +67,8 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
     const num forgetting = constant(p->forgetting), root_step = constant(ROOT(p->forgetting));
     const Block block = block_at(&l->mailbox, l->mailbox.head->consumed);
     num root = times(learns, constant(ROOT(p->share))), fade = constant(1);
-    for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1);
-         --k) { /* the newest row has the whole share */
+    /* The newest row has the full share. */
+    for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1); --k) {
         num *const row = rows + k * stride;
         const num counts = both(learns, is_finite(from_shared(block.y, k)));
         const vec8 weight = SPREAD(root);
@@ -143,7 +138,7 @@ int N(learner_learn)(const Learner *l)
     }
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
         const int cyclic = WAY(l->settings) == CYCLIC;
-        Passed b = cyclic && l->clock->phase != BUILD ? count_good(&block) : pass_through(l, &block, !cyclic);
+        BlockSummary b = cyclic && l->clock->phase != BUILD ? count_good(&block) : pass_through(l, &block, !cyclic);
         b.fault = differs(known, l->memory->fault_count);
         if (block.head->answered == m->offered) {
             l->memory->pending = constant(0);
@@ -164,7 +159,7 @@ int64_t learner_bytes(Shape s, int block, int blocks, int way)
     return HEAD_BYTES + mailbox_bytes(s, block, blocks) + arena_bytes(sizeof(LearnerSettings))
            + arena_bytes(sizeof(LearnerClock))
            + (int64_t)sizeof(real)
-                 * (2 * lanes(s) + creep_lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s)
+                 * (lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s)
                     + (way == CYCLIC ? 0 : 2 * note_nums(s)))
            + workspace_bytes(s, block, way) + (way == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
 }
@@ -182,8 +177,6 @@ Learner learner_at(void *memory)
     l.regressors = regressors_at(&arena, l.shape);
     Arena none = {NULL};
     learner_lay_out(&l, &arena, way == CYCLIC ? &none : &arena);
-    l.seen_play = reals(&arena, 1, lanes(l.shape));
-    l.seen_creep = reals(&arena, 1, creep_lanes(l.shape));
     if (way == CYCLIC) {
         l.cyclic = cyclic_at(&arena, l.shape);
     }

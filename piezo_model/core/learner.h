@@ -1,12 +1,12 @@
-/* The learner of a compensator, a task behind its step: rows of the error model (5) from a block of samples, their Gram
- * matrix, an optimum, its judgement on samples that it has not seen, and an offer of weights.
+/* The learner of a compensator, a background task of its step: it computes rows of the error model (5) from a block of
+ * samples, their Gram matrix, its optimum, and judges the optimum on later samples before it offers it.
  *
- * The unknowns v are the weights w of (5) with w_H0 = 1, but for S^-1, whose 2 m + 1 weights are replaced by its
- * slopes, their partial sums outwards from the piece about zero: then the admissible set is a box. How weights are
- * found is one of two ways: *continuous* (continuous.c), where the Gram matrix forgets and an optimum is found every
- * interval, and *cyclic* (cyclic.c), the paper's machine of phases.
+ * The unknowns v are the weights w of (5) with w_H0 = 1, where the 2 m + 1 weights of S^-1 are replaced by its slopes,
+ * their partial sums outwards from the piece about zero: the admissible set is then a box. Operation is *continuous*
+ * (continuous.c), with a forgetting Gram matrix and an optimum at every interval, or *cyclic* (cyclic.c), the paper's
+ * machine of phases.
  *
- * A sample that is not good counts nothing. A block with a fault of the sensor is not learned from.
+ * Bad samples have rows of zeros. A block with a sensor fault is not learned from.
  */
 #ifndef CORE_LEARNER_H
 #define CORE_LEARNER_H
@@ -16,28 +16,28 @@
 #include "mailbox.h"
 #include "regressors.h"
 
-#define MIN_EXCITATION ((real)0.02) /* smallest share of the drive's range that new weights may come from */
+#define MIN_EXCITATION ((real)0.02) /* smallest share of its range that the drive must cover for new weights */
 
 enum { RESET, BUILD, LEARN };
 
-/* What came of a block; several at once are possible. piezo_model/learning/events.py has the same names. */
+/* Events of a block, as flags. piezo_model/learning/events.py has the same names. */
 enum {
-    TAKE_OVER = 1,      /* weights were offered */
-    SENSOR_FAULT = 2,   /* the sensor cannot be trusted: learning goes back and waits */
-    PROGRAM = 4,        /* a program is there, for whoever solves it */
-    UNEXCITED = 8,      /* cyclic: the drive went through too little of its range */
+    TAKE_OVER = 1,      /* weights are offered */
+    SENSOR_FAULT = 2,   /* sensor fault: learning falls back and waits */
+    PROGRAM = 4,        /* a program is ready for a solver */
+    UNEXCITED = 8,      /* cyclic: the drive covered too little of its range */
     NOT_A_NUMBER = 16,  /* cyclic: the weights found are not finite */
-    WORSE = 32,         /* cyclic: they explain the data worse than those in use */
-    CYCLE_OVER = 64,    /* cyclic: with or without new weights */
-    FIRST = 128,        /* continuous: the first weights since learning began anew */
-    LOOK = 256,         /* continuous: time to look at the range that was driven */
-    OTHER_SENSOR = 512, /* continuous: after a fault the output is not what it was, learning began anew */
-    NO_OPTIMUM = 1024   /* continuous: the data have none, learning began anew */
+    WORSE = 32,         /* cyclic: the weights found explain the data worse than those in use */
+    CYCLE_OVER = 64,    /* cyclic: a cycle ended, with or without new weights */
+    FIRST = 128,        /* continuous: first weights since learning began anew */
+    LOOK = 256,         /* continuous: the driven range should be checked */
+    OTHER_SENSOR = 512, /* continuous: the sensor changed in a fault, learning began anew */
+    NO_OPTIMUM = 1024   /* continuous: the data have no optimum, learning began anew */
 };
 
-enum { CONTINUOUS, CYCLIC };     /* ways */
-enum { EXACT, STEPS, ANSWERED }; /* who solves: the exact solver, a projected step a sample, somebody else */
-/* An exported folder has them as constants, so that only what it needs is compiled into it. */
+enum { CONTINUOUS, CYCLIC };     /* values of `way` */
+enum { EXACT, STEPS, ANSWERED }; /* values of `solver`: exact, a projected step for each sample, or external */
+/* Constants in an exported folder, so that unused code is not compiled. */
 #ifdef CORE_WAY
 #define WAY(settings) CORE_WAY
 #define SOLVER(settings) CORE_SOLVER
@@ -55,36 +55,40 @@ typedef struct {
     real smoothing, step_ratio;                  /* of the error's level; of the projected step */
 } LearnerSettings;
 
-/* Flags are 1 or 0. piezo_model/learning/memory.py has the same names. */
+/* State of a learner; flags are 1 or 0. piezo_model/learning/layout.py has the same names. */
 typedef struct {
     num learning;
-    num left, probation;                              /* samples left of the reset, 0 to learn; squared errors in it */
+    num left;                                         /* samples left of the reset; 0 while learning */
+    num probation;                                    /* sum of squared errors during the reset */
     num level;                                        /* mean squared error of the weights in use */
-    num squares_in_use, squares_candidate, predicted; /* of this interval: squared errors, samples */
-    num established, noted, revert,
-        wait; /* weights were handed over; a state was noted; the candidate is to be offered whatever it predicts;
-               * samples still to be learned from before any hand-over */
-    num pending, fault_count; /* the last offer may not have been taken; faults of the sensor so far */
-    num in_half, x_low, x_high, x_low_before,
-        x_high_before;                          /* samples and drive of this half window, drive of the one before */
-    num hand_overs, refusals, faults, failures; /* how often; the last are programs without an optimum */
-    num span[4]; /* lowest and highest drive, lowest and highest output since the last look at them or fault */
+    num squares_in_use, squares_candidate, predicted; /* this interval: sums of squared errors, samples */
+    num established;                                  /* flag: weights have been handed over */
+    num noted;                                        /* flag: a checkpoint exists */
+    num revert;                                       /* flag: offer the candidate without judging it */
+    num wait;                                         /* samples to learn from before the next hand-over */
+    num pending;                                      /* flag: the last offer may not have been taken */
+    num fault_count;                                  /* sensor faults seen */
+    num in_half;                                      /* samples in the current half window */
+    num drive[2], drive_before[2]; /* lowest and highest drive of the current half window and of the one before */
+    num hand_overs, refusals, faults, failures; /* counters; a failure is a program without an optimum */
+    num span[4];                                /* span since the last fault or range check */
 } LearnerMemory;
 
-/* The one number of learners that go side by side. */
+/* State that all learners of a tile share. */
 typedef struct {
-    int64_t next_interval;                     /* the sample that ends the present one */
-    int64_t phase, phase_left, learning_since; /* cyclic; the sample that learning began at */
-    real error_in_use, error_found,
-        past_share; /* cyclic: RMS at the last judgement; of the drive's range that the past covers */
+    int64_t next_interval;          /* sample that ends the current interval */
+    int64_t phase, phase_left;      /* cyclic */
+    int64_t learning_since;         /* cyclic: sample at which learning began */
+    real error_in_use, error_found; /* cyclic: RMS errors at the last judgement */
+    real past_share;                /* cyclic: share of the drive's range that the past data cover */
 } LearnerClock;
 
-/* What is gone back to after a fault. */
+/* A checkpoint, restored after a sensor fault. */
 typedef struct {
     num *gram, *in_use, *level;
 } Note;
 
-/* Arena of one thread. */
+/* Scratch memory of one thread. */
 typedef struct {
     num *rows, *play, *creep;
     Inverse inverse;
@@ -96,9 +100,9 @@ typedef struct {
 /* What cyclic operation has beside: see cyclic.c. */
 typedef struct {
     num *reference, *found;        /* unknowns in use when learning began, and what it found */
-    num *start_play, *start_creep; /* states when counting began */
-    num *covered;                  /* lowest and highest x, lowest and highest y of the last building phase */
-    num *data, *past; /* mean products of the row (x, Xi), upper triangle by rows: what was learned from, and V_p */
+    num *start_play, *start_creep; /* operator states at the first sample of the building phase */
+    num *covered;                  /* span of the last building phase */
+    num *data, *past;              /* mean Gram matrices: of the current program, and of V_p */
     /* The program 1/2 z'Pz + q'z over lower <= z, in variables v = scale z that make its diagonal one: */
     num *P, *q, *lower, *upper; /* d rows of d numbers; the upper bounds are infinite */
     num *start, *scale, *answer;
@@ -119,19 +123,39 @@ typedef struct {
     Note older, newer;
     void *workspace;
 #ifndef CORE_TILE
-    num *seen_play,
-        *seen_creep; /* states behind the sample that was observed last, for drives and outputs that come in chunks */
     Cyclic cyclic;
 #endif
 } Learner;
 
-/* What a block was. */
+/* Summary of a block. */
 typedef struct {
     int count;
-    int64_t end;     /* sample number behind it */
-    num good, fault; /* how many are good; 1 where the sensor failed */
-    num span[4], squares_in_use, squares_candidate;
-} Passed;
+    int64_t end;                           /* number of the first sample after it */
+    num good;                              /* number of good samples */
+    num fault;                             /* flag: the sensor failed */
+    num squares_in_use, squares_candidate; /* sums of squared errors */
+    num span[4];                           /* of the good samples */
+} BlockSummary;
+
+/* A span is the lowest and highest drive, then the lowest and highest output. */
+enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH, SPAN };
+
+/* Empty `count` entries of spans where `which` is 1. */
+CORE_INLINE void span_clear(num *span, int count, num which)
+{
+    for (int i = 0; i < count; i += 2) {
+        set_where(which, span + i, constant(REAL_INFINITY));
+        set_where(which, span + i + 1, constant(-REAL_INFINITY));
+    }
+}
+/* Widen a span by another one where `which` is 1. */
+CORE_INLINE void span_widen(num *span, const num *by, num which)
+{
+    for (int i = 0; i < SPAN; i += 2) {
+        set_where(which, span + i, lowest(by[i], span[i]));
+        set_where(which, span + i + 1, greatest(by[i + 1], span[i + 1]));
+    }
+}
 
 CORE_INLINE int learner_nums(Shape s)
 {
@@ -184,7 +208,7 @@ CORE_API void N(learner_begin_anew)(const Learner *l, num which, num level);
  * that it could be done. */
 CORE_API int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, int64_t due);
 /* What the two ways make of a block, and the optimum of an interval. */
-CORE_API int N(continuous_block)(const Learner *l, const Passed *b);
+CORE_API int N(continuous_block)(const Learner *l, const BlockSummary *b);
 CORE_API int N(learner_optimum)(const Learner *l, num which);
 /* Write that program of one lane to the work space. */
 CORE_API void N(learner_program)(const Learner *l, int lane);
@@ -208,7 +232,7 @@ CORE_API Learner learner_at(void *memory);
 CORE_API Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way);
 /* Begin with the weights that stand in in_use, in continuous operation after a reset where it `resets`. */
 CORE_API void learner_begin(const Learner *l, int resets);
-CORE_API int cyclic_block(const Learner *l, const Passed *b);
+CORE_API int cyclic_block(const Learner *l, const BlockSummary *b);
 CORE_API void cyclic_enter(const Learner *l, int phase);
 CORE_API int64_t cyclic_bytes(Shape shape);
 CORE_API Cyclic cyclic_at(Arena *arena, Shape shape);

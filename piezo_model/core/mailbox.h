@@ -1,17 +1,17 @@
-/* What the step (an interrupt) and the learner (a task behind it) share: samples by blocks one way, weights the other
- * way.
+/* Memory shared by the step (an interrupt) and the learner (a background task): blocks of samples in one direction,
+ * weights in the other.
  *
- * The ring of blocks has one producer and one consumer. The step fills the block `published`; when it is full and the
- * ring is not, it publishes it, else the block is dropped: it begins with the states of the operators, so that nothing
- * but its own samples is lost. There is one offer of weights: the learner writes it while `offered` equals `answered`,
- * the step answers it by taking it or not. The counters are 32 bits wide, and each has one writer, which releases what
- * it wrote before them. Both sides are on one core or on coherent ones.
+ * The ring of blocks has one producer and one consumer. The step fills the block `published`; a full block is published
+ * if the ring is not full, else dropped. Each block begins with the operator states, so that a dropped one loses its
+ * own samples only. There is one offer of weights: the learner writes it while `offered` equals `answered`, and the
+ * step answers it by taking it or not. The counters are 32 bits wide and have one writer each, which releases its data
+ * before them. Both sides run on one core or on coherent ones.
  *
- * Weights from an interval that ends at sample k are taken at sample k + delay, never sooner, and if they come late, at
- * the next beginning of a block. So the drive does not depend on when the learner ran, as long as it is in time.
- * `epoch` is raised while the learner rests, and what carries an older one is not used any more.
+ * Weights from an interval that ends at sample k are taken at sample k + delay, never sooner; late ones are taken at
+ * the next beginning of a block. The drive is thus independent of the learner's run time while it is in time. `epoch`
+ * is raised while the learner rests, and invalidates blocks and offers of an older one.
  *
- * Numbers are in the precision of the step, `shared`, and sums of the learner are doubles.
+ * Numbers have the step's precision, `shared`; the learner's sums are doubles.
  */
 #ifndef CORE_MAILBOX_H
 #define CORE_MAILBOX_H
@@ -24,7 +24,7 @@ typedef float shared;
 typedef real shared;
 #endif
 
-/* CORE_ACQUIRE(p) and CORE_RELEASE(p, value) of 32-bit counters; a compiler that has neither needs its user's own. */
+/* CORE_ACQUIRE(p) and CORE_RELEASE(p, value) for 32-bit counters; other compilers need definitions of the user's. */
 #ifndef CORE_ACQUIRE
 #if defined(__GNUC__)
 #define CORE_ACQUIRE(p) __atomic_load_n(p, __ATOMIC_ACQUIRE)
@@ -37,9 +37,10 @@ typedef real shared;
 typedef struct {
     int32_t block, blocks; /* samples of a block, blocks of the ring */
     int64_t delay;
-    int64_t samples;        /* taken so far, those that a tile began late included */
-    int32_t filled, to_go;  /* samples in the present block, and samples that it has not yet got */
-    int32_t place, skipped; /* of the present block in the ring; samples by which the first block is shorter */
+    int64_t samples;       /* observed so far, plus the offset at which a tile began */
+    int32_t filled, to_go; /* samples in the current block, and samples missing in it */
+    int32_t place,
+        skipped; /* position of the current block in the ring; samples missing at the begin of the first block */
     uint32_t published, consumed, offered, answered, epoch;
     uint32_t dropped, late; /* blocks, and offers */
 } MailboxHead;
@@ -50,15 +51,15 @@ typedef struct {
     uint32_t epoch, answered; /* the latter when it began */
 } BlockHead;
 
-/* The states of the operators at its beginning; unit drive and output of each sample, NaN where the output cannot be
- * learned from; and how many faults of the sensor there have been up to its end. */
+/* Operator states at its beginning; drive and output of each sample in unit amplitudes, with NaN for a bad output; and
+ * the number of sensor faults up to its end. */
 typedef struct {
     BlockHead *head;
     shared *play, *creep, *x, *y, *faults;
 } Block;
 
-/* Weights, with their inverse, for those where `which` is 1; the faults that the learner knew of, and 1 where it goes
- * back after one. */
+/* Weights and their inverse for the actuators where `which` is 1; the number of faults that the learner knew, and 1
+ * where it falls back after a fault. */
 typedef struct {
     int64_t *due;
     uint32_t *epoch;
@@ -73,13 +74,13 @@ typedef struct {
     char *ring;
 } Mailbox;
 
-#define MOST_COUNTED ((real)1e6) /* faults, which then begin again at 0: a float counts no further than 2^24 */
+#define MOST_COUNTED ((real)1e6) /* largest fault count, then it restarts at 0: floats count up to 2^24 */
 
 enum { GUARD_NUMS = 16 };
 CORE_INLINE int64_t shared_bytes(int count) { return arena_bytes((int64_t)sizeof(shared) * WIDTH * count); }
 CORE_INLINE int state_nums(Shape s) { return (play_vectors(s) + creep_vectors(s)) * (LANES / WIDTH); }
 CORE_INLINE int64_t block_bytes(Shape s, int block) { return 64 + shared_bytes(state_nums(s) + 2 * block + 1); }
-/* The size of a mailbox whose numbers take so many bytes each. */
+/* The size of a mailbox with numbers of `each` bytes. */
 CORE_INLINE int64_t mailbox_size(Shape s, int block, int blocks, int64_t each)
 {
     return arena_bytes(sizeof(MailboxHead)) + arena_bytes(each * GUARD_NUMS) + 64

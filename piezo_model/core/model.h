@@ -12,12 +12,12 @@
 typedef struct {
     Shape shape;
     Operators operators;
-    Superposition S;
-    const real *w_H, *w_K; /* lanes, creep_lanes */
+    const real *low, *high, *w_S; /* dead zones of S, zone_lanes */
+    const real *w_H, *w_K;        /* lanes, creep_lanes */
     real offset;
 } Model;
 
-/* Outputs at the samples x; moves the states play (lanes) and creep (creep_lanes) on. */
+/* Outputs for the samples x; advances the states play (lanes) and creep (creep_lanes). */
 CORE_API void model_simulate(const Model *m, const real *x, int64_t count, real *play, real *creep, real *y);
 
 #endif

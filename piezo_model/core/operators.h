@@ -5,8 +5,8 @@
  *     dead zone     S(u) = max(u - high, 0) + min(u - low, 0)
  *     superposition S[u] = sum of w_i S_i(u)
  *
- * The creep line is the exact solution of dz/dt = rate dz(x - z, r) while x is held. A sample that is NaN leaves play
- * and creep where they are. All amplitudes are unit amplitudes.
+ * The creep line is the exact solution of dz/dt = rate dz(x - z, r) while x is held. A NaN sample leaves the
+ * states of play and creep unchanged. All amplitudes are unit amplitudes.
  *
  * Source: K. Kuhnen, European Journal of Control 9 (2003) 407-418.
  */
@@ -16,9 +16,8 @@
 #include "num.h"
 #include "shape.h"
 
-#define TINY                                                                                                           \
-    ((real)1e-30) /* what fades and is smaller becomes zero, before it is too small for normal numbers, which are      \
-                     quick */
+/* Smallest magnitude of a decaying number; below it is set to zero, before it becomes a slow denormal. */
+#define TINY ((real)1e-30)
 
 CORE_INLINE vec8 play8(vec8 x, vec8 r, vec8 z) { return maximum(sub(x, r), minimum(add(x, r), z)); }
 
@@ -32,23 +31,14 @@ CORE_INLINE vec8 dead_zone8(vec8 u, vec8 low, vec8 high)
 CORE_INLINE vec8 flushed8(vec8 a) { return where_less(splat(TINY), magnitude(a), a, zeros()); }
 CORE_INLINE num flushed(num a) { return if_less(constant(TINY), absolute(a), a, constant(0)); }
 
-/* The first that is not larger, not smaller; the first where the second is NaN. */
-CORE_INLINE real least(real a, real b) { return b < a ? b : a; }
-CORE_INLINE real most(real a, real b) { return b > a ? b : a; }
-
-CORE_INLINE real play_step(real x, real r, real z) { return most(least(z, x + r), x - r); }
-CORE_INLINE real creep_step(real x, real r, real a, real z) { return z + a * (play_step(x, r, z) - z); }
-CORE_INLINE real dead_zone_step(real u, real low, real high) { return most(0, u - high) + least(0, u - low); }
-CORE_INLINE num play_of(num x, num r, num z) { return greatest(lowest(z, plus(x, r)), minus(x, r)); }
+/* One operator of each actuator. */
+CORE_INLINE num play_of(num x, num r, num z) { return greatest(minus(x, r), lowest(plus(x, r), z)); }
+CORE_INLINE num creep_of(num x, num r, num a, num z) { return plus_times(z, a, minus(play_of(x, r, z), z)); }
 
 typedef struct {
     real *r; /* thresholds of play and creep, lanes */
-    real *a; /* gains of creep, one a rate */
+    real *a; /* gains of creep, one for each rate */
 } Operators;
-
-typedef struct {
-    real *low, *high, *w; /* limits and weights, zone_lanes; padding is -inf, inf and 0 */
-} Superposition;
 
 CORE_INLINE Operators operators_at(Arena *arena, Shape s)
 {
@@ -61,7 +51,7 @@ CORE_INLINE Operators operators_at(Arena *arena, Shape s)
 CORE_INLINE int play_vectors(Shape s) { return VECTORS(s.n + 1); }
 CORE_INLINE int creep_vectors(Shape s) { return s.rates * VECTORS(s.n + 1); }
 
-/* Move the states on by the sample x that the actuator really saw. */
+/* Advance the states by one sample x of the actuator's input. */
 CORE_INLINE void advance(Operators p, Shape s, num x, num *play, num *creep)
 {
     const vec8 input = SPREAD(x);
@@ -75,7 +65,7 @@ CORE_INLINE void advance(Operators p, Shape s, num x, num *play, num *creep)
     }
 }
 
-/* The sum of w_i S_i(u). */
+/* The sum of w_i S_i(u) over zone_lanes limits and weights; padding has the limits -inf and inf and the weight 0. */
 CORE_INLINE num superposition(const real *low, const real *high, const num *w, Shape s, num u)
 {
     Sum sum = no_sum();

@@ -1,14 +1,14 @@
-/* The optimum of an interval: of each learner, over v >= lb,
+/* The optimum of an interval of each learner, over v >= lb,
  *
  *     minimise 1/2 v'Pv + q'v + 1/2 sum of rho_j (v_j - c_j)^2,   G = (P q; q' .),
  *
- * rho_j being `proximal` times P_jj, at most the mean diagonal, and c the optimum before, so that what the data leave
- * open stays. What they do not reach at all (a dead zone beyond the range) is held like the mean: its diagonal fades
- * away. The exact solver starts from the bounds that held the optimum before, one learner after the other.
+ * where rho_j is `proximal` times P_jj, at most the mean diagonal, and c the optimum before, which holds undetermined
+ * directions. Unreached unknowns (a dead zone beyond the range), whose diagonal decays, have the rho of the mean. The
+ * exact solver starts from the bounds that were active in the optimum before, one learner after the other.
  */
 #include "learner.h"
 
-#define UNREACHED ((real)1e-20) /* share of the mean diagonal below which data say nothing */
+#define UNREACHED ((real)1e-20) /* share of the mean diagonal below which an unknown is unreached */
 
 #ifdef CORE_TILE
 #define ONLY(lane) with_lane(zeros(), lane, 1)
@@ -16,7 +16,7 @@
 #define ONLY(lane) ((void)(lane), (num)1)
 #endif
 
-/* Entry i of a vector of nums, of one lane. */
+/* One lane of entry i of a vector of nums. */
 CORE_INLINE real *entry(num *vector_of_nums, int i, int lane) { return (real *)(vector_of_nums + i) + lane; }
 
 void N(learner_program)(const Learner *l, int lane)
@@ -42,7 +42,7 @@ void N(learner_program)(const Learner *l, int lane)
     }
 }
 
-/* Whether the program has an optimum, which becomes the candidate of this lane. */
+/* Solve the program of a lane; its optimum becomes the candidate. Whether there is one. */
 static int solve(const Learner *l, int lane)
 {
     const Workspace work = workspace_of(l), *const w = &work;
@@ -65,7 +65,7 @@ int N(learner_optimum)(const Learner *l, num which)
             N(learner_program)(l, lane);
             if (!solve(l, lane)) {
                 *entry(&m->failures, 0, lane) += 1;
-                *entry(&m->noted, 0, lane) = 0; /* what has just been noted is no better */
+                *entry(&m->noted, 0, lane) = 0; /* the checkpoint has the same data */
                 N(learner_begin_anew)(l, ONLY(lane), m->level);
                 events = NO_OPTIMUM;
             }

@@ -1,9 +1,9 @@
-/* The row of the error model (5) that one sample gives, linear in the unknowns w:
+/* The row of the error model (5) for one sample, linear in the unknowns w:
  *
  *     E(k) = w'Xi(k) + x(k),   row = (x, Xi, x),   Xi = (H_r1[x] ... H_rn[x],  -S_r'[y] ...,  K_r0[x] ... K_rn[x], [1])
  *
- * with x on either side, so that both (x, Xi) and (Xi, x) are there in one piece. For slopes instead of weights, each
- * dead zone has the next one outwards taken off (`outer`). The Gram matrix of rows is summed up by blocks of them,
+ * with x on both sides, so that (x, Xi) and (Xi, x) are both contiguous. For slopes instead of weights, the next dead
+ * zone outwards (`outer`) is subtracted from each one. The Gram matrix of rows is updated by blocks of rows,
  *
  *     gram <- fade gram + sum of row_k row_k'.
  *
@@ -16,12 +16,12 @@
 
 typedef struct {
     Operators operators;
-    real *low, *high;             /* of the dead zones, zone_lanes */
-    real *outer_low, *outer_high; /* of what is taken off; -inf and inf where nothing is */
+    real *low, *high;             /* limits of the dead zones, zone_lanes */
+    real *outer_low, *outer_high; /* limits of the dead zones subtracted; -inf and inf for none */
 } Regressors;
 
 CORE_INLINE int row_width(Shape s) { return unknowns(s) + 1; }
-/* Nums of a row in memory: vectors are written and read beyond the last column. */
+/* Stride of rows in nums: vectors are written and read beyond the last column. */
 CORE_INLINE int row_nums(Shape s) { return NUMS(row_width(s) + 1) + NUMS(LANES); }
 CORE_INLINE Regressors regressors_at(Arena *arena, Shape s)
 {
@@ -35,8 +35,8 @@ CORE_INLINE Regressors regressors_at(Arena *arena, Shape s)
     return p;
 }
 
-/* Write the row of one sample, zeros where it does not count, and move the states on. Vectors are written from left to
- * right, so that each one overwrites what the one before it wrote beyond its columns. */
+/* Write the row of one sample, zeros if it does not count, and advance the states. Vectors are written from left to
+ * right, so that each one overwrites the padding of the one before. */
 CORE_INLINE void write_row(const Regressors *p, Shape s, num counts, num x, num y, num *play, num *creep, num *row)
 {
     const vec8 weight = SPREAD(counts), input = SPREAD(x), output = SPREAD(y);
@@ -70,7 +70,7 @@ CORE_INLINE void write_row(const Regressors *p, Shape s, num counts, num x, num 
     row[row_width(s)] = times(counts, x);
 }
 
-/* What stays in registers while the rows pass by. */
+/* Size of the block of gram that stays in registers. */
 #ifdef CORE_TILE
 enum { GRAM_ROWS = PARTS == 1 ? 4 : 2, GRAM_VECTORS = GRAM_ROWS };
 #else

@@ -1,10 +1,10 @@
-/* Which samples of a sensor can be learned from; all amplitudes are unit amplitudes.
+/* Decides which samples of a sensor can be learned from; all amplitudes are unit amplitudes.
  *
- * A sample is missing when it is not a finite number; nothing else follows from that. It is refused when it lies far
- * outside the range, or when the sensor is frozen: the output is to the last bit what it was while the drive went
- * through a noticeable share of its range. A jump is a change of the output that the drive since the last good sample
- * does not explain (a plug pulled and put back, a re-zeroed sensor): what was gathered before it need not fit what
- * comes after. Refused samples and jumps are faults, and whoever learns waits until samples have been good for a while.
+ * A sample that is not a finite number is missing, which has no other consequence. A sample is refused if it lies far
+ * outside the range, or if the sensor is frozen: the output is unchanged to the last bit while the drive covered a
+ * noticeable share of its range. A jump is a change of the output that the drive since the last good sample does not
+ * explain (an interrupted connection, a re-zeroed sensor): earlier data may not fit later ones. Refused samples and
+ * jumps are faults, after which a learner waits until samples have been good for a while.
  */
 #ifndef CORE_SENSOR_GUARD_H
 #define CORE_SENSOR_GUARD_H
@@ -13,16 +13,16 @@
 
 enum { GOOD, MISSING, REFUSED, JUMPED };
 
-#define PLAUSIBLE ((real)4) /* largest output: a range given half as wide as it is must not be for ever */
-/* Part of the drive in which the output must change at all, 1 % of its range: an actuator has about half its mean slope
- * after a turning point, so the converter may be as coarse as 0.5 % of the range. */
+#define PLAUSIBLE ((real)4) /* largest output; leaves room for a range that was given too small */
+/* Range of the drive over which the output must change, 1 % of the whole: after a turning point an actuator has about
+ * half its mean slope, so the converter's step may be up to 0.5 % of the range. */
 #define FROZEN_DRIVE ((real)0.02)
 #define JUMP                                                                                                           \
-    ((real)0.25) /* change of the output since the last good sample, beyond FOLLOWING times the way of the drive */
+    ((real)0.25) /* largest change of the output since the last good sample, plus FOLLOWING times the path of the      \
+                    drive */
 #define FOLLOWING ((real)4)
 
-/* The last drive; the last output that changed; the way of the drive since, its lowest and highest; how often each
- * verdict was given. */
+/* The last drive; the last changed output; path, minimum and maximum of the drive since then; counts of verdicts. */
 typedef struct {
     num last_x, last_y, way, x_low, x_high, verdicts[4];
 } SensorGuard;
@@ -33,7 +33,7 @@ CORE_INLINE void guard_forget(SensorGuard *g)
     g->way = constant(0);
 }
 
-/* 1 where the sample is good; in `fault` 1 where it is refused or has jumped. */
+/* 1 where the sample is good; `fault` is 1 where it is refused or a jump. */
 CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
 {
     const num begun = is_finite(g->last_x), there = is_finite(y), known = is_finite(g->last_y);

@@ -1,4 +1,4 @@
-/* How many operators of each kind a model has, and the sizes of vectors that follow from it. */
+/* The numbers of operators of a model, and the sizes of vectors that follow from them. */
 #ifndef CORE_SHAPE_H
 #define CORE_SHAPE_H
 
@@ -11,13 +11,13 @@ typedef struct {
     int32_t offset; /* 1 with a free constant, else 0 */
 } Shape;
 
-/* What every state of this package begins with. */
+/* The head of every state of this package. */
 typedef struct {
     StateHead state;
     Shape shape;
 } ShapedHead;
 
-/* The shape in a head; an exported folder compiles with its own as a constant, -DCORE_SHAPE={5,7,3,0}. */
+/* The shape in a head; a constant in an exported folder, -DCORE_SHAPE={5,7,3,0}. */
 #ifdef CORE_SHAPE
 static const Shape exported_shape = CORE_SHAPE;
 #define SHAPE(head) exported_shape
@@ -25,7 +25,7 @@ static const Shape exported_shape = CORE_SHAPE;
 #define SHAPE(head) (head)->shape
 #endif
 
-/* A part of a state for a struct. */
+/* Memory of a state for a struct. */
 CORE_INLINE void *arena_part(Arena *arena, size_t bytes)
 {
     void *const first = arena->at;
@@ -33,8 +33,8 @@ CORE_INLINE void *arena_part(Arena *arena, size_t bytes)
     return first;
 }
 
-/* Play and creep come in whole blocks of eight: n + 1 thresholds, then padding with threshold and weight zero. Creep
- * states and their weights stand rate by rate. */
+/* Play and creep have whole vectors of eight: n + 1 thresholds, then padding with threshold and weight zero. Creep
+ * states are ordered rate by rate. */
 CORE_INLINE int lanes(Shape s) { return padded(s.n + 1); }
 CORE_INLINE int creep_lanes(Shape s) { return s.rates * lanes(s); }
 CORE_INLINE int rate_lanes(Shape s) { return padded(s.rates); }
@@ -42,7 +42,7 @@ CORE_INLINE int zone_lanes(Shape s) { return padded(s.zones); }
 CORE_INLINE int creep_weights(Shape s) { return s.rates > 0 ? s.n + 1 : 0; }
 /* d: w_H1 ... w_Hn, w'_S, w_K, [offset]. */
 CORE_INLINE int unknowns(Shape s) { return s.n + s.zones + creep_weights(s) + s.offset; }
-/* Make a block a state of this package, of zeros. */
+/* Initialise a state of this package with zeros. */
 CORE_INLINE void new_shaped_state(void *memory, int32_t kind, Shape s, int64_t bytes)
 {
     new_state(memory, kind, unknowns(s), bytes);

@@ -1,1 +1,1 @@
-"""From a recording to a model: the fit, what is unknown about the recording, and what the fit is worth."""
+"""From a recording to a model: the fit, the unknowns of the recording, and the adequacy of the fit."""

@@ -1,7 +1,7 @@
-"""What an identification found out, in figures and in sentences.
+"""The results of an identification, in numbers and in sentences.
 
-Errors are those of the output over the counted part of the data, as a share of the output's full range. A headline
-comes first, then the findings in order of what they cost.
+Errors are those of the output over the counted samples, as a share of the output's full range. A headline comes first,
+then the findings in order of the errors that they cause.
 """
 
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
 
 FINDINGS = 4
-"""Most findings that are said after the headline; the page says all."""
+"""Largest number of findings after the headline; the page has all of them."""
 FAR_MORE = 3.0
-"""A part left out errs far more beyond so many times the largest error of the part that is counted."""
+"""Smallest ratio of the largest errors of skipped and counted samples that indicates a transient."""
 
 
 def percent(value: float) -> str:
-    """A share in words, to two digits."""
+    """A percentage with two digits."""
     if abs(value) > 100.0:
         return "over 100 %" if value > 0.0 else "under −100 %"
     return f"{value:.2g} %" if abs(value) >= 1e-4 else "less than 0.0001 %"
@@ -30,27 +30,27 @@ class Fit:
     """Error of the forward model."""
 
     samples: int
-    """Samples counted."""
+    """Number of counted samples."""
     skipped: int
-    """Samples before them."""
+    """Number of samples before them."""
     rms_percent: float
     max_percent: float
-    """Error over the counted part, per cent of the output's full range."""
+    """Errors of the counted samples, per cent of the output's full range."""
     rms: float
     max: float
     """The same in the output's unit."""
     skipped_max_percent: float
-    """Largest error over the skipped part."""
+    """Largest error of the skipped samples."""
     line_percent: float
     cubic_percent: float
-    """RMS error of the best line and the best cubic over the counted part."""
+    """RMS errors of the best line and the best cubic over the counted samples."""
     line: tuple[float, float]
     """Constant and slope of the best line, unit amplitudes."""
     span: float
-    """The output's full range, a transient apart, in its unit."""
+    """The output's full range without a transient, in its unit."""
 
     def headline(self, unit: str, where: str = "") -> str:
-        """What the fit is worth, in one sentence."""
+        """The errors in one sentence."""
         every = f" of {self.samples + self.skipped}" if self.skipped else ""
         return (
             f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
@@ -63,7 +63,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Baseline:
-    """RMS errors of the output on data left out, per cent of its full range."""
+    """RMS errors of the output on held-out data, per cent of its full range."""
 
     line_percent: float
     cubic_percent: float
@@ -77,18 +77,18 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Lag:
-    """Delay of the sensor that explains the data best, in samples, and the error (5) without and with its removal."""
+    """The sensor's delay that fits best, in samples, and the error (5) without and with its removal."""
 
     samples: float
     removed: bool
     error_percent: float
     error_without_lag_percent: float
     at_edge: bool
-    """The largest lag looked at explains the data best: it may be larger."""
+    """Whether the best lag is the largest tried one: it may be larger."""
 
     @property
     def pays(self) -> bool:
-        """Whether removing the lag lowers the error by more than two per cent of itself."""
+        """Whether removal of the lag lowers the error by more than two per cent of itself."""
         return abs(self.samples) > 0.1 and self.error_without_lag_percent < 0.98 * self.error_percent
 
 
@@ -103,7 +103,7 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Offset:
-    """Constant of the sensor in units of the input, and the error (5) with and without it."""
+    """The sensor's offset in units of the input, and the error (5) with and without it."""
 
     value: float
     error_percent: float
@@ -111,17 +111,16 @@ class Offset:
 
     @property
     def pays(self) -> bool:
-        """Whether the free constant lowers the error by more than two per cent of itself."""
+        """Whether the offset lowers the error by more than two per cent of itself."""
         return self.error_percent < 0.98 * self.error_without_offset_percent
 
 
 @dataclass(frozen=True)
 class FitReport:
-    """Everything that is stored with an identified model under ``report``.
+    """The ``report`` that is stored with an identified model.
 
-    ``baseline`` is the fit beside line and cubic on data left out; ``refusal`` is what speaks against the model where
-    it was asked for all the same; ``resting_input`` is where creep had rested, in the input unit, None where it rested
-    with the plays.
+    ``refusal`` is the reason against a forced model; ``resting_input`` is the input at which creep had rested, None if
+    it rested with the plays.
     """
 
     solver: str
@@ -138,8 +137,8 @@ class FitReport:
     creep_rates_chosen: bool
 
     def to_dict(self, structure: ModelStructure) -> dict[str, Any]:
-        """Figures and sentences as JSON can hold them."""
-        findings = [sentence for _, sentence in sorted(self._findings(structure), key=lambda each: -each[0])]
+        """Numbers and sentences for JSON."""
+        findings = [sentence for _, sentence in sorted(self._findings(structure), key=lambda finding: -finding[0])]
         headline = self.fit.headline(structure.output_unit)
         return {
             **asdict(self),
@@ -150,7 +149,7 @@ class FitReport:
         }
 
     def _findings(self, s: ModelStructure) -> Iterator[tuple[float, str]]:
-        """What an engineer has to know, with what it costs or would have cost, per cent of the range."""
+        """The important sentences, each with the error that its cause adds or would add, per cent of the range."""
         fit = self.fit
         if self.refusal is not None:
             yield 1e3, f"The model was forced although {self.refusal}."
@@ -159,31 +158,24 @@ class FitReport:
         if not self.hysteresis:
             yield (
                 150.0,
-                (
-                    "No hysteresis: the data lie on a single curve, which a line describes to "
-                    f"{percent(fit.line_percent)} and a cubic to "
-                    f"{percent(fit.cubic_percent)}."
-                ),
+                "No hysteresis: the data lie on a single curve, which a line describes to "
+                f"{percent(fit.line_percent)} and a cubic to {percent(fit.cubic_percent)}.",
             )
         if fit.skipped:
             transient = fit.skipped_max_percent > FAR_MORE * fit.max_percent
             yield (
                 fit.skipped_max_percent,
-                (
-                    f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; "
-                    f"{'they hold a transient that no start explains: ' if transient else ''}"
-                    f"the error there reaches {percent(fit.skipped_max_percent)}."
-                ),
+                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; "
+                f"{'they hold a transient that no start explains: ' if transient else ''}"
+                f"the error there reaches {percent(fit.skipped_max_percent)}.",
             )
         if fit.samples < fit.skipped:
             yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on."
         if self.one_way:
             yield (
                 90.0,
-                (
-                    "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
-                    "barely be separated from curvature."
-                ),
+                "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
+                "barely be separated from curvature.",
             )
         if self.offset is not None and self.offset.pays:
             yield (
@@ -194,7 +186,7 @@ class FitReport:
             yield self.lag.error_percent - self.lag.error_without_lag_percent, _lag_sentence(self.lag, s.sample_time)
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
-        """What the page says as well."""
+        """Further sentences of the page."""
         if self.resting_input is not None:
             yield (
                 f"Creep starts as if the actuator had rested at {quantity(self.resting_input, s.input_unit, 3)}, "
@@ -228,7 +220,7 @@ class FitReport:
         )
 
     def _advice(self) -> Iterator[str]:
-        """What to do about it, most useful first."""
+        """Recommendations, the most useful first."""
         if self.excitation.unreached:
             yield (
                 "Drive over more of the range, or ask for lower orders: the thresholds of "

@@ -1,12 +1,12 @@
-"""A fit looked at again: what the model says sample by sample, how sure each weight is, and what is left over.
+"""A fit in detail: the model's output, the confidence interval of each weight, and the residual.
 
 With residuals e of the error (5), σ² their mean square and P the mean of ΞΞᵀ in slope coordinates over N samples, the
-weights that touch no bound have about the covariance
+covariance of the weights that are not at a bound is about
 
     cov v = σ² P⁻¹ / N_e,      N_e = N (1 − ρ) / (1 + ρ),
 
-ρ the correlation of neighbouring output errors, since residuals follow each other with memory; cov w = T cov v Tᵀ.
-Weights at a bound and thresholds never reached have no such interval.
+with the correlation ρ of neighbouring output errors, since residuals are not independent; cov w = T cov v Tᵀ.
+Weights at a bound and those of unreached thresholds have no such interval.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ from piezo_model.recordings import Recording
 from solvers.arrays import Vector
 
 LONGEST = 1_000_000
-"""Samples that are looked at, from the start."""
+"""Most samples of a review, from the start."""
 TWO_SIDED = 1.96
 
 
@@ -37,7 +37,7 @@ class Weight:
     value: float
     """In unit amplitudes, with w_H0 = 1."""
     half_width: float
-    """Of the 95 % interval; NaN at a bound and where it was not reached."""
+    """Of the 95 % interval; NaN for a weight at a bound or unreached."""
     excitation: float
     """RMS of the operator's signal in unit amplitudes."""
     reached: bool
@@ -46,21 +46,20 @@ class Weight:
 
 @dataclass(frozen=True)
 class Review:
-    """A recording and what its model makes of it."""
+    """A recording and its model."""
 
     model: HysteresisCreepModel
     x: Vector
     y: Vector
     y_model: Vector
-    """As they were fitted, in the units of the recording; a lag and an offset that were removed are so here, too. Shape
-    (N,)."""
+    """Input, measured and modelled output in the recording's units, shape (N,), without a removed lag or offset."""
     skipped: int
     """Samples at the start that are not counted."""
     weights: tuple[Weight, ...]
     sentences: tuple[str, ...]
-    """What the identification, or the validation, says."""
+    """Sentences of the identification, or of the validation."""
     fitted: bool
-    """Whether the weights come from this recording; they have no intervals otherwise."""
+    """Whether the weights were identified from this recording; otherwise they have no intervals."""
 
     @property
     def error(self) -> Vector:
@@ -74,7 +73,7 @@ class Review:
         return f[1:], np.sqrt(power[1:])
 
     def advice(self) -> Iterator[str]:
-        """What to do about it, one sentence each."""
+        """Recommendations."""
         report = self.model.report
         if self.fitted:
             yield from report["advice"]
@@ -102,19 +101,14 @@ class Review:
 
 
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:
-    """Look at the fit of a recording again, with start, skip and lag that the identification found, or at a
-    validation."""
+    """Review the fit of a recording, with the start, skip and lag of its identification, or a validation."""
     s, report = model.structure, model.report
     part, shift = recording.head(LONGEST), 0.0
     if validation is not None:
-        state, skip, shift, sentences = (
-            validation.start,
-            validation.fit.skipped,
-            validation.shift,
-            tuple(validation.sentences()),
-        )
+        state, skip, shift = validation.start, validation.fit.skipped, validation.shift
+        sentences = tuple(validation.sentences())
     else:
-        assert model.start is not None  # as every identification leaves it
+        assert model.start is not None  # every identification sets it
         state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
     if report["lag"] is not None and report["lag"]["removed"]:
         part, _, state = without_lag(part, s, report["lag"]["samples"], 0, state)

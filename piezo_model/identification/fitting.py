@@ -1,7 +1,7 @@
-"""From a recording to the quadratic program (6), its answer and the errors of its model, given the structure and the
-states at the start.
+"""The quadratic program (6) of a recording, its solution and the errors of the model, for a given structure and initial
+state.
 
-The errors are those of the output, of the model and of the best line and cubic beside it.
+The errors are those of the output, for the model and for the best line and cubic.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ import numpy as np
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.alternative_models import left_over, polynomials
-from piezo_model.identification.alternative_models import rms as rms_of
+from piezo_model.identification import alternative_models as models
 from piezo_model.identification.fit_report import Certificate, Fit
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
@@ -27,10 +26,10 @@ from solvers.certificate import certify, exact_cost_gap
 if TYPE_CHECKING:
     from piezo_model.model import HysteresisCreepModel
 
-ENOUGH = 1_000_000
-"""Samples that a line and a cubic are fitted to, of a longer recording spread over all of it."""
+BASELINE_SAMPLES = 1_000_000
+"""Samples, spread over a longer recording, to which a line and a cubic are fitted."""
 WITHIN, FEWEST_INSIDE = 1.01, 0.2
-"""Unit amplitudes of a drive within the model's range, and the share of such samples from which on they tell an
+"""Largest unit amplitude of a drive within the model's range, and the smallest share of such samples that determines an
 offset."""
 
 
@@ -39,7 +38,7 @@ class IdentificationError(ValueError):
 
 
 def skipping(recording: Recording, skip: int) -> Iterator[tuple[Vector, Vector, int]]:
-    """Chunks of a recording, each with how many of its samples are among the first ``skip``."""
+    """Chunks of a recording, each with the number of its samples among the first ``skip``."""
     for x, y in recording.chunks():
         yield x, y, min(skip, x.size)
         skip -= min(skip, x.size)
@@ -52,7 +51,7 @@ def accumulate(
     state: OperatorState,
     proximal: float,
 ) -> IdentificationProblem:
-    """Run the operators over the whole recording from their states at its start, and count after ``skip`` samples."""
+    """The program of a recording: the operators run from its start, and samples count after the first ``skip``."""
     basis = DataBasis(s, state)
     for x, y, head in skipping(recording, skip):
         basis.update(x[:head], y[:head], count=False)
@@ -61,15 +60,9 @@ def accumulate(
 
 
 def optimum(problem: IdentificationProblem, solver: str) -> Vector:
-    """Weights (d,) that solve the program, in unit amplitudes.
-
-    Raises
-    ------
-    IdentificationError
-        If the solver found no answer.
-    """
+    """Optimal weights (d,) in unit amplitudes; IdentificationError if the solver fails."""
     form, cls = problem.form(), solvers.find(solver).load()
-    for rung in reversed(cls.ladder(form.c)):  # the uppermost one may ask for more than rounding allows
+    for rung in reversed(cls.ladder(form.c)):  # the tightest one may be beyond rounding
         engine = cls(**rung)
         engine.setup(form.qp)
         z = engine.solve().copy()
@@ -79,7 +72,7 @@ def optimum(problem: IdentificationProblem, solver: str) -> Vector:
 
 
 def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
-    """How far the weights (d,) are from the optimum, which is proven in exact arithmetic."""
+    """Distance of the weights (d,) from the optimum, proven in exact arithmetic."""
     form = problem.form()
     z = form.variables(w)
     certificate = certify(form.qp, z)
@@ -88,7 +81,7 @@ def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
 
 
 def error_percent(problem: IdentificationProblem, w: Vector) -> float:
-    """RMS of the error (5) as a share of the input's range."""
+    """RMS of the error (5), per cent of the input's range."""
     return 100.0 * math.sqrt(max(2.0 * problem.cost(w), 0.0)) / (problem.excitation.x_max - problem.excitation.x_min)
 
 
@@ -100,29 +93,30 @@ def forward_error(
     span: float,
     free_shift: bool = False,
 ) -> tuple[Fit, float]:
-    """Figures over the samples after ``skipped``, per cent of ``span``, and the constant that ``free_shift`` removes.
+    """Errors over the samples after ``skipped``, per cent of ``span``, and the offset that ``free_shift`` removes.
 
-    That is the mean error where the drive is within the model's range; 0 where it hardly is, since an extrapolation
-    errs, too.
+    The offset is the mean error within the model's range, since extrapolation has errors of its own; 0 if the drive is
+    hardly ever there.
     """
     s, state, counted = model.structure, state.copy(), recording.length - skipped
     skipped_worst, low, high = 0.0, math.inf, -math.inf
-    sums, stride, thinned = np.zeros(4), max(1, recording.length // ENOUGH), []
+    sums, stride, thinned = np.zeros(4), max(1, recording.length // BASELINE_SAMPLES), []
     for x, y, head in skipping(recording, skipped):
         error = y - model.simulate(x, state)
         skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
         x, y, error = x[head:], y[head:], error[head:]
         low, high = float(np.min(error, initial=low)), float(np.max(error, initial=high))
-        known = np.abs(s.unit_input(x)) <= WITHIN
-        sums += np.sum(error), np.sum(np.square(error)), np.count_nonzero(known), np.sum(error[known])
+        within = np.abs(s.unit_input(x)) <= WITHIN
+        sums += np.sum(error), np.sum(np.square(error)), np.count_nonzero(within), np.sum(error[within])
         thinned.append((s.unit_input(x[::stride]), s.unit_output(y[::stride])))
     total, squares, inside, inside_total = sums.tolist()
     shift = inside_total / inside if free_shift and inside > FEWEST_INSIDE * counted else 0.0
     rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
     worst = max(high - shift, shift - low)
     u, v = (np.concatenate(parts) for parts in zip(*thinned, strict=True))
-    constant, slope = np.linalg.lstsq(polynomials(u, 1), v, rcond=None)[0].tolist()
-    line, cubic = (100.0 * abs(s.y_scale) / span * rms_of(left_over(polynomials(u, degree), v)) for degree in (1, 3))
+    constant, slope = np.linalg.lstsq(models.polynomials(u, 1), v, rcond=None)[0].tolist()
+    line, cubic = (models.rms(models.residual(models.polynomials(u, degree), v)) for degree in (1, 3))
+    unit_percent = 100.0 * abs(s.y_scale) / span
     return Fit(
         counted,
         skipped,
@@ -131,8 +125,8 @@ def forward_error(
         rms,
         worst,
         100.0 * skipped_worst / span,
-        line,
-        cubic,
+        unit_percent * line,
+        unit_percent * cubic,
         (constant, slope),
         span,
     ), shift

@@ -1,8 +1,8 @@
-"""From a recording to a model: the whole of equations (3) to (6) in one call.
+"""From a recording to a model: equations (3) to (6) in one call.
 
-What a recording does not say is found out and reported: sign, transient and the states that the actuator started with
+Unknown properties of a recording are estimated and reported: the sign, a transient and the initial state
 (`preprocessing`), an offset and a lag of the sensor (`sensor_lag`), and the creep rates that its length can
-tell apart. Data that the model class does not describe are refused (`adequacy`).
+distinguish. Data that the model class does not describe are refused (`adequacy`).
 """
 
 import math
@@ -48,16 +48,16 @@ from solvers.arrays import Vector
 LagChoice = Literal["estimate", "remove", "ignore"]
 
 USUAL = 5, 3
-"""Orders n and m where nothing chooses them."""
+"""Default orders n and m."""
 DIRECTION_SAMPLES = 20_000
-"""That both ways round are tried on, from the start."""
+"""Samples from the start to which both directions are fitted."""
 CLEAR = 1.25
-"""The larger error is so many times the smaller one where the fit contradicts a guess."""
+"""Smallest ratio of the two errors that contradicts a guess."""
 
 
 class InadequateError(IdentificationError):
-    """The model class does not describe the data, or the options do not suit them; ``explained`` is the share of the
-    range that another explanation leaves."""
+    """The model class does not describe the data, or the options do not suit them; ``explained`` is the error of
+    another explanation, as a share of the range."""
 
     def __init__(self, sentence: str, explained: float) -> None:
         super().__init__(sentence)
@@ -65,18 +65,18 @@ class InadequateError(IdentificationError):
 
 
 def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
-    """Creep rates in 1/s, decades apart, from the length of the recording to ten sampling periods.
+    """Creep rates in 1/s, one per decade, from the length of the recording to ten sampling periods.
 
     Examples
     --------
-    >>> choose_creep_rates(1e-4, 10.0)
-    (1000.0, 100.0, 10.0, 1.0, 0.1)
+    >>> choose_creep_rates(1e-4, 10.0), choose_creep_rates(1e-3, 5e-3)
+    ((1000.0, 100.0, 10.0, 1.0, 0.1), ())
     """
     return candidate_rates(sample_time, duration_s, per_decade=1)
 
 
 def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] | None = None) -> ModelStructure:
-    """Structure with a free offset over the ranges of a recording; creep rates of its length by default."""
+    """Structure with a free offset over the ranges of a recording; by default with creep rates for its length."""
     rates = choose_creep_rates(recording.sample_time, recording.duration_s) if creep_rates is None else creep_rates
     return ModelStructure.equidistant(
         n,
@@ -116,39 +116,38 @@ def identify(
     y : array (N,)
         Measured output; not with a recording.
     structure : ModelStructure, optional
-        Needed for arrays; for a recording one is made of the ranges found, a free offset, ``n``, ``m`` and
+        Required for arrays; for a recording the default has its ranges, a free offset, ``n``, ``m`` and
         ``creep_rates``.
     n, m : int, optional
         Orders of hysteresis and creep, and of the superposition on each side.
     creep_rates : sequence of float, optional
-        In 1/s; empty for a model without creep. What is not given of orders and rates is chosen by cross-validation
-        (`model_selection`) where the drive makes at least ten excursions, and otherwise n = 5, m = 3 and one rate a
+        In 1/s; empty for a model without creep. Orders and rates that are not given are chosen by cross-validation
+        (`model_selection`) if the drive makes at least ten excursions, and otherwise n = 5, m = 3 and one rate per
         decade (`choose_creep_rates`).
     solver : str
         Any registered solver.
     skip : int, optional
-        Samples at the start that move the operators and are not counted. By default none but those of a switch-on
-        transient.
+        Samples at the start that move the operators and are not counted; by default those of a switch-on transient.
     lag : "estimate", "remove" or "ignore"
-        Whether a lag of the sensor is estimated and said, removed from the output as well, or not looked for.
+        Whether a lag of the sensor is estimated and reported, also removed from the output, or ignored.
     state : OperatorState, optional
-        States before the first sample where they are known, as in a simulation; found by default.
+        States before the first sample if they are known, as in a simulation; estimated by default.
     proximal : float
         As of ``IdentificationProblem``.
     force : bool
-        Whether to give a model, and say why not in its report, where it is no better than a straight line.
+        Whether to return a model that is not adequate, with the reason in its report, instead of an error.
     progress : function of (what, done, total), optional
 
     Returns
     -------
     HysteresisCreepModel
-        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences that say
-        them. Its structure is turned where the output falls as the input rises.
+        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences about them.
+        Its structure is inverted if the output falls as the input rises.
 
     Raises
     ------
     IdentificationError, ValueError
-        For data that cannot give a model, and for data that the model class does not describe.
+        The data cannot give a model, or the model class does not describe them.
 
     Examples
     --------
@@ -206,12 +205,12 @@ def _selected(
     solver: str,
     progress: Progress,
 ) -> HysteresisCreepModel:
-    """The model of the orders and rates that cross-validation takes, the given ones kept, with the choice in its
+    """The model with the orders and rates chosen by cross-validation, except given ones, and the choice in its
     report."""
-    assert model.start is not None  # as every fit leaves it
+    assert model.start is not None  # every fit sets it
     first = int(model.report["fit"]["skipped"])
     s, (x, y) = model.structure, recording.head(moving_from(recording, first) + SAMPLES).arrays()
-    found = select(
+    selection = select(
         x,
         y,
         s,
@@ -223,48 +222,40 @@ def _selected(
         rates=None if creep_rates is None else s.creep_rates,
         progress=progress,
     )
-    if found is None:
+    if selection is None:
         return model
-    other = model
-    if found.chosen != found.unchosen:
+    chosen = selection.chosen
+    if chosen != selection.default:
         progress("identifying", 0, 1)
+        other = None
         with suppress(InadequateError):
-            other = fitted(n=found.chosen.n, m=found.chosen.m, creep_rates=found.chosen.creep_rates)
-    if other is model or other.report["baseline"]["model_percent"] > model.report["baseline"]["model_percent"]:
-        given_up = found.chosen if found.chosen != found.unchosen else None
-        # since that errs less at the output, on data left out
-        found = replace(found, chosen=found.unchosen, given_up=given_up)
-    else:
-        model = other
-    return replace(
-        model,
-        report={
-            **model.report,
-            "selection": found.to_dict(),
-            "sentences": [*model.report["sentences"], found.sentence],
-        },
-    )
+            other = fitted(n=chosen.n, m=chosen.m, creep_rates=chosen.creep_rates)
+        if other and other.report["baseline"]["model_percent"] <= model.report["baseline"]["model_percent"]:
+            model = other
+        else:  # the default has the smaller error of the output on held-out data
+            selection = replace(selection, chosen=selection.default, rejected=chosen)
+    sentences = [*model.report["sentences"], selection.sentence]
+    return replace(model, report={**model.report, "selection": selection.to_dict(), "sentences": sentences})
 
 
 def check_direction(recording: Recording) -> Recording:
-    """The recording, or with input and output exchanged where they were guessed by their values and a fit contradicts
-    that.
+    """The recording, with input and output swapped if they were guessed by their values and a fit contradicts that.
 
-    The guess (`piezo_model.recordings.profile`) looks at the sense of the loops alone, which an open path or a drift
-    turns. A model is fitted both ways round: the operators only ever lag, so that the drive explains the output and
-    not the other way round.
+    The guess (`piezo_model.recordings.profile`) depends on the sense of the loops alone, which an open path or a drift
+    reverses. A model is fitted in both directions: the operators can only lag, so the drive explains the output and
+    not vice versa.
 
     Raises
     ------
     RecordingError
-        Input and output were guessed, and the recording does not tell which is which.
+        Input and output were guessed, and the fits do not distinguish them.
     """
     if recording.reasons.get("input") not in REASONS or recording.reasons.get("output") not in REASONS:
         return recording
     part = recording.head(DIRECTION_SAMPLES)
     reports = [
-        _fitted(each, None, *USUAL, None, None, "box_active_set", "ignore", None, 1e-10, force=True).report
-        for each in (part, part.swapped())
+        _fitted(direction, None, *USUAL, None, None, "box_active_set", "ignore", None, 1e-10, force=True).report
+        for direction in (part, part.swapped())
     ]
     errors = [float(report["fit"]["rms_percent"]) for report in reports]
     either = f"{percent(errors[0])} of the range as they were guessed and {percent(errors[1])} the other way round"
@@ -294,7 +285,7 @@ def _fitted(
     proximal: float,
     force: bool,
 ) -> HysteresisCreepModel:
-    """The model of a recording; InadequateError where it does not describe it."""
+    """The model of a recording; InadequateError for a recording that it does not describe."""
     own_structure = structure is None
     structure = structure_of(recording, n, m, creep_rates) if structure is None else structure
     if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
@@ -303,11 +294,11 @@ def _fitted(
             f"structure is {structure.sample_time:g} s"
         )
     if state is None:
-        found = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
+        counted = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
     else:
-        found = Preprocessed(structure, skip or 0, state, None)
-        require(recording, structure, found.skip)
-    structure, skip, state, rest = found
+        counted = Preprocessed(structure, skip or 0, state, None)
+        require(recording, structure, counted.skip)
+    structure, skip, state, rest = counted
     low, high = y_range(recording, skip)
     start, found_lag = state.copy(), None
     if lag != "ignore":
@@ -318,10 +309,10 @@ def _fitted(
     w = optimum(problem, solver)
     model = HysteresisCreepModel.from_weights(structure, w)
     fit, _ = forward_error(model, recording, skip, state, high - low)
-    judged = check_adequacy(recording, model, skip, state, fit, solver, proximal)
-    if judged.refusal is not None and not force:
-        raise InadequateError(f"{recording.name}: {judged.refusal.why}", judged.refusal.explained)
-    straight = judged.straight and fit.line[1] > 0.0
+    verdict = check_adequacy(recording, model, skip, state, fit, solver, proximal)
+    if verdict.refusal is not None and not force:
+        raise InadequateError(f"{recording.name}: {verdict.refusal.why}", verdict.refusal.explained)
+    straight = verdict.straight and fit.line[1] > 0.0
     if straight:
         w = line(structure, fit)
         model = HysteresisCreepModel.from_weights(structure, w)
@@ -329,10 +320,10 @@ def _fitted(
     report = FitReport(
         solver,
         fit,
-        judged.baseline,
-        judged.hysteresis,
-        judged.refusal and judged.refusal.why,
-        judged.one_way,
+        verdict.baseline,
+        verdict.hysteresis,
+        verdict.refusal and verdict.refusal.why,
+        verdict.one_way,
         problem.excitation_report(),
         None if straight else prove(problem, w),
         found_lag,
@@ -356,14 +347,10 @@ def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: Mode
 
 
 def _offset(problem: IdentificationProblem, w: Vector, solver: str) -> Offset:
-    """Solve again without the constant to see what it is worth."""
+    """The offset, with the error of the optimum without it."""
     s = problem.structure
     without = replace(
-        problem,
-        structure=replace(s, offset=False),
-        P=problem.P[:-1, :-1].copy(),
-        q=problem.q[:-1].copy(),
-        reference=None,
+        problem, structure=replace(s, offset=False), P=problem.P[:-1, :-1].copy(), q=problem.q[:-1].copy()
     )
     return Offset(float(w[-1]) * s.x_scale, error_percent(problem, w), error_percent(without, optimum(without, solver)))
 

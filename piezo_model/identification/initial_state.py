@@ -1,14 +1,14 @@
-"""The operators' states before the first sample, which no recording holds, found by the cost (6) itself.
+"""Estimates the operators' states before the first sample, which no recording contains, by minimising the cost (6).
 
-The play states over their thresholds are one curve from the first input on, z(0) = x(0) with |dz/dr| ≤ 1: the memory of
-what the actuator had seen. A play of threshold r shows its start until the drive has wiped it out, H_r =
-min(max(z_r(0), L_r), U_r) with the running bounds L_r and U_r, so nearly every sample tells something. Creep states
-start as if the actuator had rested at a level, or where the plays are. The search takes the best of a handful of starts
+The initial play states over their thresholds are a curve that starts at the first input, z(0) = x(0) with |dz/dr| ≤ 1:
+the memory of the actuator's past. The initial state of a play of threshold r is visible until the drive has erased it,
+H_r = min(max(z_r(0), L_r), U_r) with the running bounds L_r and U_r, so nearly every sample contributes. Creep states
+start as if the actuator had rested at a level, or where the plays are. The search takes the best of a few starts
 (at rest at a level, which includes coming from above, from below and demagnetised) and refines it on a grid of
 halving steps, so that rounding does not decide.
 
-They are found from the head of a recording, where the drive moves enough for the plays to forget them. Which first
-samples no start explains, as where an amplifier was switched on, is told by an error far larger than anywhere after.
+The head of a recording is enough, up to where the drive has erased the initial states of the plays. First samples that
+no start explains, as of an amplifier that was switched on, have an error far larger than all later ones.
 
 Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
 """
@@ -29,25 +29,24 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 HEAD, LONGEST_HEAD = 200_000, 500_000
-"""Samples that the start is found from: the first, or twice as many as it takes for the plays to forget it."""
+"""Samples of the head, and the limit of a longer one of twice the samples that erase the initial states."""
 MOVED = 0.01
-"""Share of its range that a drive covers within the noise of its rest."""
+"""Largest range of a resting drive, as a share of its whole range."""
 TRANSIENT_SHARE = 0.1
 """Longest transient, as a share of the recording."""
 FAR_MORE, NOTABLE = 4.0, 0.03
-"""An error at the start is a transient's beyond so many times the largest later one, and beyond this share of the
-range."""
+"""Smallest ratio of a transient's error to the largest later one, and its smallest error as a share of the range."""
 LEVELS = tuple(np.linspace(-1.0, 1.0, 9).tolist())
 COARSEST, COARSE, FINEST = 0.5, 2.0**-5, 2.0**-16
-"""Steps of slopes and level in the refinement, halved down to COARSE, and on to FINEST for as long as that helps."""
+"""Steps of slopes and level in the refinement, halved down to COARSE, and to FINEST as long as the cost improves."""
 TRIALS, WORK = 500, 30_000_000
-"""Starts after which the search rests, and samples seen by all of them together."""
+"""Largest numbers of starts tried, and of samples in all trials together."""
 EXACT = 1e-12
-"""Cost in unit amplitudes squared below which rounding decides and not the data."""
+"""Cost in unit amplitudes squared at the level of rounding."""
 FARTHEST = 2.0
-"""Half ranges of the drive from its middle at which creep may have rested."""
+"""Largest distance of a resting level of creep from the middle of the drive, in half ranges."""
 BETTER = 0.998
-"""Share of the cost below which another start is taken, so that what the data hardly tell stays simple."""
+"""Largest ratio of costs at which another start is taken; a simple start is kept otherwise."""
 
 
 @dataclass(frozen=True)
@@ -57,22 +56,22 @@ class Start:
     first: float
     """Input at the first sample, unit amplitudes."""
     slopes: tuple[float, ...]
-    """dz/dr between the thresholds, within −1 and 1: all 1 came down from far above, all −1 up from far below."""
+    """dz/dr between the thresholds, from −1 to 1: all 1 after a descent from far above, all −1 after an ascent from far
+    below."""
     level: float | None
-    """Input in unit amplitudes at which creep had rested; None where the plays are."""
+    """Input in unit amplitudes at which creep had rested; None if it rested with the plays."""
     branch: float = 0.0
-    """How creep had come to its level, as of ``OperatorState.at_rest``."""
+    """Branch on which creep had reached its level, as of ``OperatorState.at_rest``."""
 
     @classmethod
     def rested(cls, s: ModelStructure, first: float, at: float, branch: float = 0.0, *, creep: bool) -> Start:
-        """At rest at ``at`` on a branch, as of ``OperatorState.at_rest``, and driven to the first input from there."""
+        """A start at rest at ``at`` on a branch, as of ``OperatorState.at_rest``, then driven to the first input."""
         r = s.thresholds
         z = np.clip(at + branch * r, first - r, first + r)
         return cls(first, tuple((np.diff(z) / np.diff(r)).tolist()), at if creep else None, branch)
 
     def state(self, s: ModelStructure, centre: float, half: float) -> OperatorState:
-        """States of the operators; plays that a drive of that centre and half range can never tell rest in the
-        middle."""
+        """States of the operators; plays too wide for a drive of that centre and half range rest in the middle."""
         r, state = padded_thresholds(s), OperatorState.at_rest(s, self.first)
         steps = np.diff((0.0, *s.play_thresholds)) * np.array(self.slopes)
         state.play[1 : s.n + 1] = self.first + np.cumsum(steps)
@@ -88,10 +87,10 @@ def find_initial_state(
     cost: Callable[[OperatorState], float],
     refine: bool = True,
 ) -> tuple[OperatorState, float | None]:
-    """Return the start of the smallest cost, and the input in unit amplitudes at which creep had rested, if it had.
+    """Return the state of the smallest cost, and the input in unit amplitudes at which creep had rested, if any.
 
-    The cost is the mean square error over the recording from these states on, with whatever else is free at its best;
-    ``refine`` goes on from the best of the handful.
+    The cost is the mean square error over the recording from this state, minimised over the other unknowns;
+    ``refine`` searches around the best of the first few starts.
     """
     low, high = s.unit_input(np.array(recording.x_range))
     centre, half = float(0.5 * (low + high)), float(0.5 * (high - low))
@@ -99,12 +98,12 @@ def find_initial_state(
     trials = min(TRIALS, WORK // recording.length)
 
     @cache
-    def seen(start: Start) -> float:
+    def cost_of(start: Start) -> float:
         return cost(start.state(s, centre, half))
 
     def better_of(best: Start, others: list[Start]) -> Start:
-        found = min(others, key=seen)
-        return found if seen(best) > EXACT and seen(found) < BETTER * seen(best) else best
+        other = min(others, key=cost_of)
+        return other if cost_of(best) > EXACT and cost_of(other) < BETTER * cost_of(best) else best
 
     levels = [centre + half * level for level in LEVELS]
     best = better_of(
@@ -117,10 +116,10 @@ def find_initial_state(
         best = better_of(best, [replace(best, level=level) for level in levels])
     if not refine:
         return best.state(s, centre, half), best.level
-    free, step, helped = [i for i, r in enumerate(s.play_thresholds) if r < half], COARSEST, True
-    while step >= COARSE or (helped and step >= FINEST):
-        before, helped = None, False
-        while best != before and seen.cache_info().misses < trials:
+    free, step, improved = [i for i, r in enumerate(s.play_thresholds) if r < half], COARSEST, True
+    while step >= COARSE or (improved and step >= FINEST):
+        before, improved = None, False
+        while best != before and cost_of.cache_info().misses < trials:
             before = best
             for change in (step, -step):
                 for i in free:
@@ -129,29 +128,28 @@ def find_initial_state(
                 if best.level is not None:
                     level = centre + half * max(-FARTHEST, min(FARTHEST, (best.level - centre) / half + change))
                     branch = max(-1.0, min(1.0, best.branch + change))
-                    turned = best.level - 0.5 * half * (branch - best.branch)  # about the middle threshold
+                    rotated = best.level - 0.5 * half * (branch - best.branch)  # about the middle threshold
                     best = better_of(
                         best,
                         [
                             replace(best, level=level),
                             replace(best, branch=branch),
-                            replace(best, level=turned, branch=branch),
+                            replace(best, level=rotated, branch=branch),
                         ],
                     )
-            helped |= best != before
+            improved |= best != before
         step *= 0.5
     return best.state(s, centre, half), best.level
 
 
 def head_of(recording: Recording, s: ModelStructure, skip: int = 0) -> Recording:
-    """The samples that starts are tried on, as many after the first ``skip``, which are not counted, as without
-    these."""
+    """The samples that estimate the initial state, not counting the first ``skip``."""
     settled = settled_from(recording, s)
     return recording.head(skip + max(HEAD, min(2 * settled, max(LONGEST_HEAD, settled + HEAD // 2))))
 
 
 def settled_from(recording: Recording, s: ModelStructure) -> int:
-    """Index of the first sample at which every play that the drive moves at all is known, whatever it started at."""
+    """Index of the first sample at which every play that the drive moves is independent of its initial state."""
     span = recording.x_range[1] - recording.x_range[0]
     return covered_from(
         recording, max((2.0 * r * s.x_scale for r in s.play_thresholds if 2.0 * r * s.x_scale < span), default=0.0)
@@ -160,25 +158,22 @@ def settled_from(recording: Recording, s: ModelStructure) -> int:
 
 def moving_from(recording: Recording, skip: int) -> int:
     """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if
-    it stays so."""
+    it stays at rest."""
     return covered_from(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
 
 
 def covered_from(recording: Recording, span: float, skip: int = 0) -> int:
     """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
     never does."""
-    low, high, seen = math.inf, -math.inf, 0
-    for x, _ in recording.chunks():
-        after = max(skip - seen, 0)
-        lows, highs = (
-            np.minimum.accumulate(np.minimum(x[after:], low)),
-            np.maximum.accumulate(np.maximum(x[after:], high)),
-        )
+    low, high, count = math.inf, -math.inf, 0
+    for x, _, head in skipping(recording, skip):
+        lows = np.minimum.accumulate(np.minimum(x[head:], low))
+        highs = np.maximum.accumulate(np.maximum(x[head:], high))
         covered = np.flatnonzero(highs - lows >= span)
         if covered.size:
-            return seen + after + int(covered[0])
-        low, high, seen = np.min(lows, initial=low), np.max(highs, initial=high), seen + x.size
-    return seen
+            return count + head + int(covered[0])
+        low, high, count = np.min(lows, initial=low), np.max(highs, initial=high), count + x.size
+    return count
 
 
 def y_range(recording: Recording, skip: int) -> tuple[float, float]:
@@ -192,15 +187,15 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
 
 
 def longest_transient(head: Recording, s: ModelStructure) -> int:
-    """Samples at the start within which a transient may lie; 0 where the drive does not move after them."""
-    look = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
-    return look if look and moving_from(head, look) < head.length else 0
+    """Largest number of samples at the start that may be a transient; 0 if the drive does not move after them."""
+    longest = min(settled_from(head, s), int(TRANSIENT_SHARE * head.length))
+    return longest if longest and moving_from(head, longest) < head.length else 0
 
 
-def transient_end(error: Vector, look: int) -> int:
-    """First samples, at most ``look``, of which an error, as a share of the range, is far larger than anywhere after
-    them; 0 for none."""
-    later = float(np.max(error[look:]))
-    if np.max(error[:look], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
+def transient_end(error: Vector, longest: int) -> int:
+    """Number of samples in a transient of at most ``longest``, whose error, as a share of the range, is far larger than
+    all later ones; 0 for none."""
+    later = float(np.max(error[longest:]))
+    if np.max(error[:longest], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
         return 0
-    return int(np.flatnonzero(error[:look] > later)[-1]) + 1
+    return int(np.flatnonzero(error[:longest] > later)[-1]) + 1

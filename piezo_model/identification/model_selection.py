@@ -1,16 +1,15 @@
-"""Creep rates and the orders n and m, chosen by cross-validation on whole excursions of the drive.
+"""Chooses creep rates and the orders n and m by cross-validation on whole excursions of the drive.
 
-The creep part is K = Σ w_Ki Σ_a z_i(a), one state for each rate a, and every operator is fixed beforehand, so that the
-cost (6) of any set of rates, thresholds and dead zones is made of sums of the columns
+The creep part is K = Σ w_Ki Σ_a z_i(a), one state for each rate a, and every operator is known beforehand, so the
+cost (6) of any set of rates, thresholds and dead zones depends on sums of the columns
 
     x,  H_r [x] for all thresholds r,  −S_r' [y] for all dead zones r',  z_r(a) for all thresholds and rates,  1.
 
-One pass gives the Gram matrix of these columns for each fold; programs of all candidates follow from it without the
-samples. The recording is cut where the drive turns at the bottom of its excursions, excursions are gathered in FOLDS
-stretches of about equal length, weights come from all stretches but one and are judged by the error of the drive (5) on
-that one. Of all candidates that err at most PAYS times as much as the structure without a choice, and whose mean square
-error is within one standard error of the smallest (of the difference, fold by fold), the one with the fewest unknowns
-is taken.
+One pass gives the Gram matrix of these columns for each fold; the programs of all candidates follow from it without the
+samples. The recording is cut at the bottoms of the drive's excursions into FOLDS folds of about equal length; the
+weights are identified from all folds but one and judged by the error of the drive (5) on that one. Candidates must have
+at most PAYS times the error of the default structure, and a mean square error within one standard error of the
+smallest (of the difference, fold by fold); the one with the fewest unknowns is chosen.
 
 Source: T. Hastie, R. Tibshirani and J. Friedman, The Elements of Statistical Learning, 2nd edition 2009, section 7.10.
 """
@@ -36,20 +35,20 @@ from solvers.arrays import Matrix, Vector
 
 FOLDS = 5
 EXCURSIONS = 2 * FOLDS
-"""Fewest excursions of the drive with which a choice is made."""
+"""Fewest excursions of the drive for a choice."""
 DEPTH = 0.25
-"""Share of its range that the drive goes down and up again in an excursion."""
+"""Smallest descent and ascent of an excursion, as a share of the drive's range."""
 MOST_RATES, BEAM = 4, 4
-"""Most creep rates of a set, and sets of one size from which larger ones are made."""
+"""Most creep rates of a set, and number of best sets that are extended by another rate."""
 PAYS = 0.95
-"""Share of the error without a choice up to which another structure is worth taking."""
+"""Largest ratio of a candidate's error to that of the default structure at which it is worth choosing."""
 PER_DECADE = 2
 HYSTERESIS_ORDERS = (1, 2, 3, 5, 8, 12)
 SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5)
 STILL = 1e-14
-"""Variance in unit amplitudes below which an operator has not moved."""
+"""Largest variance of an operator at rest, unit amplitudes."""
 SAMPLES, CHUNK = 100_000, 8192
-"""Samples that are looked at, and at once."""
+"""Most samples used, and those of one chunk."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -65,73 +64,70 @@ class Candidate:
     """Number of unknowns."""
     error_percent: float
     standard_error: float
-    """RMS error of the drive on data left out, per cent of its range, and its standard error over the folds."""
+    """RMS error of the drive on held-out data, per cent of its range, and its standard error over the folds."""
     fold_errors: tuple[float, ...]
     """The RMS error of each fold, per cent of the range."""
+
+    def __str__(self) -> str:
+        rates = ", ".join(f"{rate:.3g}" for rate in self.creep_rates)
+        creep = f"creep rates {rates} per second" if rates else "no creep"
+        return f"n = {self.n}, m = {self.m} and {creep}"
 
 
 @dataclass(frozen=True)
 class Selection:
-    """All candidates that were tried, and the one to take."""
+    """All tried candidates, and the choice."""
 
     candidates: tuple[Candidate, ...]
     best: Candidate
-    """With the smallest error."""
+    """The candidate with the smallest error."""
     chosen: Candidate
-    """The simplest within one standard error of it."""
-    unchosen: Candidate
-    """What is taken without a choice."""
-    given_up: Candidate | None = None
-    """The simplest, where the choice was given up since it errs more at the output on data left out."""
+    """The simplest candidate within one standard error of the best."""
+    default: Candidate
+    rejected: Candidate | None = None
+    """The simplest candidate, if the default has the smaller error of the output on held-out data."""
 
     @property
     def sentence(self) -> str:
         """The choice in words."""
         c, b, count = self.chosen, self.best, len(self.candidates)
-        if (g := self.given_up) is not None:
+        if (r := self.rejected) is not None:
             return (
-                f"Of {count} structures, n = {g.n}, m = {g.m} and {_said(g)} have the smaller RMS error of the drive "
-                f"on excursions left out, {g.error_percent:.3g} % of its range against {c.error_percent:.3g} %, but "
-                "the larger error of the output on data left out; so the model takes "
-                f"n = {c.n}, m = {c.m} and {_said(c)}."
+                f"Of {count} structures, {r} have the smaller RMS error of the drive on excursions left out, "
+                f"{r.error_percent:.3g} % of its range against {c.error_percent:.3g} %, but the larger error of the "
+                f"output on data left out; so the model takes {c}."
             )
-        before = "" if c == self.unchosen else f", {self.unchosen.error_percent:.3g} % without the choice"
+        before = "" if c == self.default else f", {self.default.error_percent:.3g} % without the choice"
         smallest = "" if c == b else f", {b.error_percent:.3g} % at best"
         return (
-            f"Cross-validation over {count} structures takes n = {c.n}, m = {c.m} and {_said(c)}: an RMS error of the "
-            f"drive of {c.error_percent:.3g} % of its range on excursions left out{before}{smallest}."
+            f"Cross-validation over {count} structures takes {c}: an RMS error of the drive of {c.error_percent:.3g} % "
+            f"of its range on excursions left out{before}{smallest}."
         )
 
     @property
     def table(self) -> tuple[Candidate, ...]:
-        """The chosen one, and of the others the best of each number of rates and of each pair of orders, by their
+        """The choice, the default, and the best candidates of each number of rates and of each pair of orders, by their
         error."""
         kept: dict[object, Candidate] = {}
-        for each in sorted(self.candidates, key=_error):
-            kept.setdefault(len(each.creep_rates), each)
-            kept.setdefault((each.n, each.m), each)
-        return tuple(dict.fromkeys((self.chosen, self.unchosen, *sorted(kept.values(), key=_error))))
+        for candidate in sorted(self.candidates, key=_error):
+            kept.setdefault(len(candidate.creep_rates), candidate)
+            kept.setdefault((candidate.n, candidate.m), candidate)
+        return tuple(dict.fromkeys((self.chosen, self.default, *sorted(kept.values(), key=_error))))
 
     def to_dict(self) -> dict[str, Any]:
-        """The sentence, and the table with the standing of each row, as JSON can hold them."""
-        standing = {self.best: "smallest error", self.unchosen: "without a choice", self.chosen: "chosen"}
+        """The sentence, and the table with the standing of each row, for JSON."""
+        standing = {self.best: "smallest error", self.default: "without a choice", self.chosen: "chosen"}
         columns = ("n", "m", "creep_rates", "d", "error_percent", "standard_error")
         rows = [{**{name: getattr(c, name) for name in columns}, "standing": standing.get(c, "")} for c in self.table]
         return {"sentence": self.sentence, "tried": len(self.candidates), "table": rows}
 
 
-def _said(candidate: Candidate) -> str:
-    rates = ", ".join(f"{rate:.3g}" for rate in candidate.creep_rates)
-    return f"creep rates {rates} per second" if rates else "no creep"
-
-
 def excursions(x: Vector) -> NDArray[np.int64]:
-    """Samples at which the drive turns at the bottom, after it went down and before it goes up by DEPTH of its
-    range."""
+    """Indices of the bottoms of the drive's excursions, after a descent and before an ascent by DEPTH of its range."""
     depth, turns = DEPTH * float(np.ptp(x)), np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
-    x = x[: np.max(turns, initial=0) + 1]  # the last way, on which the drive has not turned yet, may end anywhere
+    x = x[: np.max(turns, initial=0) + 1]  # the last branch may end anywhere
     bottoms: NDArray[np.int64] = find_peaks(-x, prominence=depth)[0]
-    # Of several bottoms of one excursion, which are equally low, the last is taken.
+    # Of several equally low bottoms of one excursion, the last is taken.
     return bottoms[np.maximum.reduceat(x, bottoms) >= x[bottoms] + depth] if bottoms.size else bottoms
 
 
@@ -161,14 +157,14 @@ def select(
     rates: Sequence[float] | None = None,
     progress: Progress = lambda what, done, total: None,
 ) -> Selection | None:
-    """Cross-validate creep rates and orders; None where the drive makes too few excursions to tell.
+    """Cross-validate creep rates and orders; None if the drive makes too few excursions.
 
     Parameters
     ----------
     x, y : array (N,)
         Input and output from the first sample on; SAMPLES of them are enough.
     structure : ModelStructure
-        Of a first fit: ranges, sign and offset are kept, and its orders and rates are those without a choice.
+        Of a first fit: its ranges, sign and offset are kept, and its orders and rates are the default.
     start : OperatorState
         States before the first sample, of that structure.
     skip : int
@@ -177,41 +173,35 @@ def select(
     ns, ms : sequence of int
         Orders to try, those of ``structure`` among them.
     rates : sequence of float, optional
-        Those of ``structure`` where they are known; sets of up to MOST_RATES of ``candidate_rates`` are tried
-        otherwise.
+        Those of ``structure`` if they are given; otherwise sets of up to MOST_RATES of ``candidate_rates`` are tried.
     """
     bottoms = excursions(x[skip:]) + skip
     if bottoms.size < EXCURSIONS:
         return None
-    # Folds end at the bottoms nearest to stretches of equal length.
-    wanted = np.linspace(skip, x.size, FOLDS + 1)[1:-1]
-    edges = np.unique([skip, *(bottoms[np.argmin(np.abs(bottoms - at))] for at in wanted), x.size]).tolist()
+    # Folds end at the bottoms nearest to equal lengths.
+    equal = np.linspace(skip, x.size, FOLDS + 1)[1:-1]
+    edges = np.unique([skip, *(bottoms[np.argmin(np.abs(bottoms - at))] for at in equal), x.size]).tolist()
     if len(edges) <= FOLDS:
         return None
-    usual = structure.n, structure.dead_zones // 2
-    grid = (
-        candidate_rates(structure.sample_time, (x.size - skip) * structure.sample_time)
-        if rates is None
-        else tuple(rates)
-    )
+    orders = structure.n, structure.dead_zones // 2
+    grid = tuple(rates or ())
+    if rates is None:
+        grid = candidate_rates(structure.sample_time, (x.size - skip) * structure.sample_time)
     grams = _Grams(structure, ns, ms, tuple(dict.fromkeys((*grid, *structure.creep_rates))), solver)
     grams.accumulate(x, y, start, edges, progress)
-    unchosen = grams.judged(*usual, structure.creep_rates)
-    best_rates = structure.creep_rates if rates is not None else _search(grams, grid, *usual, progress)
+    default = grams.candidate(*orders, structure.creep_rates)
+    best_rates = structure.creep_rates if rates is not None else _search(grams, grid, *orders, progress)
     for done, (n, m) in enumerate(product(ns, ms)):
         progress(f"n = {n}, m = {m}", done, len(ns) * len(ms))
-        grams.judged(n, m, best_rates)
-    best = min(grams.found.values(), key=_error)
-    if rates is None and (best.n, best.m) != usual:
+        grams.candidate(n, m, best_rates)
+    best = grams.best()
+    if rates is None and (best.n, best.m) != orders:
         _search(grams, grid, best.n, best.m, progress)
-        best = min(grams.found.values(), key=_error)
-    good = [c for c in grams.found.values() if _error(c) <= PAYS * _error(unchosen) and _as_good(c, best)]
-    return Selection(
-        tuple(grams.found.values()),
-        best,
-        min(good, key=lambda c: (c.d, len(c.creep_rates), _error(c)), default=unchosen),
-        unchosen,
-    )
+        best = grams.best()
+    candidates = tuple(grams.candidates.values())
+    good = [c for c in candidates if _error(c) <= PAYS * _error(default) and _as_good(c, best)]
+    chosen = min(good, key=lambda c: (c.d, len(c.creep_rates), _error(c)), default=default)
+    return Selection(candidates, best, chosen, default)
 
 
 def _error(candidate: Candidate) -> float:
@@ -220,13 +210,13 @@ def _error(candidate: Candidate) -> float:
 
 def _as_good(one: Candidate, best: Candidate) -> bool:
     """Whether the mean square error of a candidate is larger by no more than the standard error of the difference."""
-    more = np.square(one.fold_errors) - np.square(best.fold_errors)
-    return bool(np.mean(more) <= np.std(more, ddof=1) / math.sqrt(more.size))
+    excess = np.square(one.fold_errors) - np.square(best.fold_errors)
+    return bool(np.mean(excess) <= np.std(excess, ddof=1) / math.sqrt(excess.size))
 
 
 def _search(grams: _Grams, grid: Sequence[float], n: int, m: int, progress: Progress) -> tuple[float, ...]:
-    """The best set of rates for orders: all of one and two, and larger ones from the best of one less."""
-    judged = best = [grams.judged(n, m, ())]
+    """The best set of rates for given orders: all sets of one and two rates are tried, and extensions of the best."""
+    tried = best = [grams.candidate(n, m, ())]
     for size in range(1, MOST_RATES + 1):
         larger = {
             tuple(sorted({*c.creep_rates, rate}, reverse=True))
@@ -234,14 +224,14 @@ def _search(grams: _Grams, grid: Sequence[float], n: int, m: int, progress: Prog
             for rate in grid
             if rate not in c.creep_rates
         }
-        found = sorted((grams.judged(n, m, each) for each in sorted(larger)), key=_error)
-        judged, best = [*judged, *found], found if size == 1 else found[:BEAM]
+        extended = sorted((grams.candidate(n, m, rates) for rates in sorted(larger)), key=_error)
+        tried, best = [*tried, *extended], extended if size == 1 else extended[:BEAM]
         progress("creep rates", size, MOST_RATES)
-    return min(judged, key=_error).creep_rates
+    return min(tried, key=_error).creep_rates
 
 
 class _Grams:
-    """Gram matrices of all columns, one a fold, and the candidates that were judged by them."""
+    """Gram matrices of all columns, one per fold, and the candidates computed from them."""
 
     def __init__(
         self, structure: ModelStructure, ns: Sequence[int], ms: Sequence[int], rates: tuple[float, ...], solver: str
@@ -249,18 +239,18 @@ class _Grams:
         self.structure, self.rates, self.solver = structure, rates, solver
         self.plays = tuple(sorted({r for n in ns for r in _orders(structure, n, 0).play_thresholds}))
         self.zones = tuple(sorted({r for m in ms for r in _orders(structure, 0, m).dead_zone_thresholds}))
-        self.found: dict[tuple[int, int, tuple[float, ...]], Candidate] = {}
+        self.candidates: dict[tuple[int, int, tuple[float, ...]], Candidate] = {}
         self.folds: list[Matrix] = []
         self.counts: list[int] = []
 
     def accumulate(self, x: Vector, y: Vector, start: OperatorState, edges: Sequence[int], progress: Progress) -> None:
-        """Run all operators once over the samples and sum the products of their columns, fold by fold."""
+        """Run all operators once over the samples and sum the products of their columns by fold."""
         s = replace(
             self.structure, play_thresholds=self.plays, dead_zone_thresholds=self.zones, creep_rates=(), offset=True
         )
         r, own = np.array((0.0, *self.plays)), np.array((0.0, *self.structure.play_thresholds))
         play = np.interp(r, own, start.play[: own.size])
-        # creep starts alike for all rates
+        # creep starts from the same state for all rates
         rested = np.interp(r, own, start.creep[: own.size]) if start.creep.size else play
         structures = [replace(s, creep_rates=(rate,)) for rate in self.rates] or [s]
         states = [OperatorState.of(play, [rested] * len(each.creep_rates), each) for each in structures]
@@ -285,10 +275,14 @@ class _Grams:
             self.counts.append(end - begin)
             progress("running the operators", fold + 1, len(edges) - 1)
 
-    def judged(self, n: int, m: int, rates: Sequence[float]) -> Candidate:
-        """The candidate of these orders and rates, cross-validated once."""
+    def best(self) -> Candidate:
+        """The candidate with the smallest error."""
+        return min(self.candidates.values(), key=_error)
+
+    def candidate(self, n: int, m: int, rates: Sequence[float]) -> Candidate:
+        """The candidate of given orders and rates, cross-validated once."""
         key = n, m, tuple(rates)
-        if key not in self.found:
+        if key not in self.candidates:
             s = replace(_orders(self.structure, n, m), creep_rates=tuple(rates))
             members, first = self._members(s)
             folds = [
@@ -302,7 +296,7 @@ class _Grams:
                 w = np.concatenate([[1.0], optimum(problem, self.solver)])
                 squares.append(max(float(w @ gram @ w), 0.0) / count)
             errors = 100.0 * np.sqrt(squares) / self.span
-            self.found[key] = Candidate(
+            self.candidates[key] = Candidate(
                 n,
                 m,
                 tuple(rates),
@@ -311,10 +305,10 @@ class _Grams:
                 float(np.std(errors, ddof=1)) / math.sqrt(errors.size),
                 tuple(errors.tolist()),
             )
-        return self.found[key]
+        return self.candidates[key]
 
     def _members(self, s: ModelStructure) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The columns whose sums are those of a structure, x first, one after the other, and where each sum begins."""
+        """Indices of the columns that are summed to those of a structure, x first, and the start of each sum."""
         r, zones, creep = (0.0, *self.plays), 1 + len(self.plays), 1 + len(self.plays) + len(self.zones)
         sums = [
             [0],
@@ -329,7 +323,7 @@ class _Grams:
         return np.concatenate(sums), np.cumsum([0, *(len(each) for each in sums[:-1])])
 
     def _problem(self, s: ModelStructure, gram: Matrix, count: float) -> IdentificationProblem:
-        """The program of a Gram matrix of so many samples; an operator of small variance has not moved."""
+        """The program of a Gram matrix of ``count`` samples; an operator of small variance has not moved."""
         gram, first = gram / count, 1 + s.n + s.dead_zones
         moved = np.diag(gram) - gram[-1] ** 2 > STILL if s.offset else np.diag(gram) > STILL
         excitation = Excitation(
@@ -344,6 +338,6 @@ class _Grams:
 
 
 def _orders(s: ModelStructure, n: int, m: int) -> ModelStructure:
-    """The structure with other orders, thresholds equidistant."""
+    """The structure with other orders and equidistant thresholds."""
     other = ModelStructure.equidistant(n, m, (-1.0, 1.0), (-1.0, 1.0), (), s.sample_time)
     return replace(s, play_thresholds=other.play_thresholds, dead_zone_thresholds=other.dead_zone_thresholds)

@@ -1,8 +1,8 @@
-"""What an identification counts, and from which states on: the sign of the output, a switch-on transient, the start.
+"""Preparation of an identification: the sign of the output, a switch-on transient and the initial state.
 
-A recording is counted from its first sample, since the start is found (`initial_state`). Left out is only what no start
-explains: first samples at which the model of the whole, and that of the rest, errs far more than anywhere later, as
-where an amplifier was switched on.
+All samples of a recording are counted, since the initial state is estimated (`initial_state`), except first samples
+that no initial state explains, as of an amplifier that was switched on: there the errors of the models of the whole and
+of the rest are far larger than all later ones.
 """
 
 import math
@@ -28,13 +28,13 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 SPOILED = 3.0
-"""First samples spoil a fit that errs so many times as much after them as the fit without them."""
+"""Smallest ratio of the later errors of fits with and without the first samples that shows these to be a transient."""
 
 
 class Preprocessed(NamedTuple):
-    """Structure with the sign and ranges of the counted part, first counted sample, states before the first sample.
+    """Structure with the sign and ranges of the counted samples, first counted sample, states before the first sample.
 
-    ``rest`` is the input in unit amplitudes at which creep had rested, None where it rested with the plays.
+    ``rest`` is the input in unit amplitudes at which creep had rested, None if it rested with the plays.
     """
 
     structure: ModelStructure
@@ -46,10 +46,10 @@ class Preprocessed(NamedTuple):
 def preprocess(
     recording: Recording, s: ModelStructure, solver: str, proximal: float, skip: int | None, fit_range: bool
 ) -> Preprocessed:
-    """Find the sign of the output, what to leave out at the start, and the states before the first sample.
+    """Find the sign of the output, the samples to skip, and the states before the first sample.
 
-    First samples to ``skip`` are a transient's by default; with ``fit_range`` the output's range in the structure
-    becomes that of the counted part. IdentificationError where too few samples are left.
+    By default the samples of a transient are skipped; with ``fit_range`` the output's range in the structure becomes
+    that of the counted samples. IdentificationError if too few samples are left.
     """
     head = head_of(recording, s, skip or 0)
 
@@ -68,7 +68,7 @@ def preprocess(
             return s
         return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
 
-    def found(s: ModelStructure, skip: int, refine: bool = True) -> tuple[OperatorState, float | None]:
+    def initial(s: ModelStructure, skip: int, refine: bool = True) -> tuple[OperatorState, float | None]:
         return find_initial_state(head, s, lambda state: cost(s, skip, state), refine)
 
     def errors(s: ModelStructure, skip: int, state: OperatorState) -> Vector:
@@ -76,30 +76,30 @@ def preprocess(
         model = HysteresisCreepModel.from_weights(s, fitted(s, skip, state)[1])
         return np.abs(model.simulate(x, state.copy()) - y) / (2.0 * abs(s.y_scale))
 
-    def transient(look: int) -> int:
-        """First samples that the model of the whole does not describe, or is spoiled by, and that of the rest does not
-        describe either."""
-        state, settled = found(s, 0, refine=False)[0], ranged(s, look)
+    def transient(longest: int) -> int:
+        """Number of first samples that the model of the rest does not describe; 0 if the model of the whole describes
+        them and all others."""
+        state, settled = initial(s, 0, refine=False)[0], ranged(s, longest)
         whole = errors(s, 0, state)
-        if not transient_end(whole, look):
-            rest = errors(settled, look, state)
-            ratio = abs(s.y_scale / settled.y_scale)  # of the ranges that both are shares of
-            if ratio * float(np.max(whole[look:])) <= SPOILED * float(np.max(rest[look:])):
+        if not transient_end(whole, longest):
+            rest = errors(settled, longest, state)
+            ratio = abs(s.y_scale / settled.y_scale)  # the two errors are shares of different ranges
+            if ratio * float(np.max(whole[longest:])) <= SPOILED * float(np.max(rest[longest:])):
                 return 0
-        return transient_end(errors(settled, look, found(settled, look)[0]), look)
+        return transient_end(errors(settled, longest, initial(settled, longest)[0]), longest)
 
     s = ranged(s, skip or 0)
     rest = OperatorState.at_rest(s, float(s.unit_input(next(head.chunks(1))[0])[0]))
-    s = min((s, s.turned()), key=lambda each: cost(each, skip or 0, rest))
+    s = min((s, s.turned()), key=lambda signed: cost(signed, skip or 0, rest))
     if skip is None:
-        look = longest_transient(head, s)
-        skip = transient(look) if look else 0
+        longest = longest_transient(head, s)
+        skip = transient(longest) if longest else 0
         s = ranged(s, skip)
-    return Preprocessed(s, skip, *found(s, skip))
+    return Preprocessed(s, skip, *initial(s, skip))
 
 
 def require(recording: Recording, s: ModelStructure, skip: int) -> None:
-    """Refuse a recording that skipping leaves too little of, or no movement."""
+    """Refuse a recording with too few samples, or no movement, after the skipped ones."""
     if recording.length - skip <= s.d:
         raise IdentificationError(
             f"{recording.name}: only {max(recording.length - skip, 0)} of {recording.length} samples are counted"

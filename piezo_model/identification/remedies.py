@@ -1,4 +1,4 @@
-"""What would make a refused recording give a model: options are tried before one is suggested."""
+"""Options with which a refused recording gives a model; each is tried before it is suggested."""
 
 from collections.abc import Callable
 
@@ -11,15 +11,14 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
 
 Refit = Callable[..., HysteresisCreepModel]
-"""The identification again with other keywords; IdentificationError where it is refused again."""
+"""Repeats the identification with other options; IdentificationError if it is refused again."""
 
 
 def remedy(refit: Refit, recording: Recording, skip: int, m: int, explained: float) -> str:
-    """A clause that names the option with which the recording does give a model, with the error then; "" where none was
-    found.
+    """A clause that names the option with which the recording gives a model, and its error; "" without one.
 
-    What is tried: to leave out first samples, and lower orders than ``m``, 0 where it may not be chosen. An option
-    that leaves more than the explanation of the refusal does, ``explained`` as a share of the range, helps nobody.
+    More skipped samples are tried, and orders lower than ``m``, which is 0 if it is fixed. A model must have a smaller
+    error than the explanation of the refusal, ``explained`` as a share of the range.
     """
 
     def tried(**changes: int) -> HysteresisCreepModel | None:
@@ -29,22 +28,20 @@ def remedy(refit: Refit, recording: Recording, skip: int, m: int, explained: flo
             return None
         return model if model.report["fit"]["rms_percent"] < 100.0 * explained else None
 
-    if (found := _transient(tried, recording, skip)) is not None:
-        first = int(found.report["fit"]["skipped"])
-        return (
-            f"; its first {first} samples seem to hold a transient: with --skip {first} the model leaves {_left(found)}"
-        )
+    if (model := _without_transient(tried, recording, skip)) is not None:
+        first = int(model.report["fit"]["skipped"])
+        return f"; its first {first} samples seem to hold a transient: with --skip {first} {_error(model)}"
     for lower in range(m - 1, -1, -1):
         if (model := tried(m=lower)) is not None:
-            return f"; with --m {lower} the model leaves {_left(model)}"
+            return f"; with --m {lower} {_error(model)}"
     return ""
 
 
-def _transient(
+def _without_transient(
     tried: Callable[..., HysteresisCreepModel | None], recording: Recording, skip: int
 ) -> HysteresisCreepModel | None:
-    """The model without the fewest first samples that it takes, where it errs far more in them than in all others,
-    and not because the drive goes farther there."""
+    """The model without a transient; None if the errors of the first samples are not far larger than all others within
+    the same range of the drive."""
     longest = int(TRANSIENT_SHARE * recording.length)
     model = tried(skip=longest) if longest > skip else None
     if model is None or model.start is None:
@@ -58,5 +55,5 @@ def _transient(
     return (tried(skip=fewest) if fewest > skip else None) or model
 
 
-def _left(model: HysteresisCreepModel) -> str:
-    return percent(float(model.report["fit"]["rms_percent"]))
+def _error(model: HysteresisCreepModel) -> str:
+    return f"the model leaves {percent(float(model.report['fit']['rms_percent']))}"

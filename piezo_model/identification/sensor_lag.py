@@ -1,14 +1,13 @@
-"""How many samples a sensor lags behind, and its signal without that lag.
+"""The lag of a sensor in samples, and its signal without the lag.
 
-A sensor with a lag of L samples shows y_k = d(k − L) of the displacement d, so that d at the sample k is y at k + L.
-Correlating input and output does not find L: hysteresis lags too. What tells them apart is that a hysteretic model fits
-the output best once the lag is taken out, so L minimises the residual of the identification: an integer grid first,
-then Brent's golden section and parabolas (R. P. Brent, Algorithms for Minimization without Derivatives, 1973, ch. 5)
-for the fraction.
+A sensor with a lag of L samples shows y_k = d(k − L) of the displacement d, so d at sample k is y at k + L.
+The correlation of input and output does not determine L, since hysteresis lags too. But a hysteretic model fits best
+without the lag, so L minimises the residual of the identification: first on an integer grid, then by Brent's golden
+section and parabolas (R. P. Brent, Algorithms for Minimization without Derivatives, 1973, ch. 5) for the fraction.
 
-Between samples the signal is interpolated by a sinc under a Kaiser window (J. F. Kaiser, "Nonrecursive digital filter
+Between samples the signal is interpolated by a sinc with a Kaiser window (J. F. Kaiser, "Nonrecursive digital filter
 design using the I0-sinh window function", 1974) and not by a spline: halfway between samples a cubic spline keeps 75 %
-of the variance of white noise, which the residual would take for a better fit, and this kernel 96 %.
+of the variance of white noise, which would look like a better fit, and this kernel 96 %.
 """
 
 import math
@@ -27,28 +26,28 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 HALF_WIDTH = 32
-"""Samples that the interpolation reaches to each side."""
+"""Samples of the interpolation kernel on each side."""
 KAISER_BETA = 10.0
 LAG_SAMPLES = 100_000
-"""Samples that the lag is estimated from: enough for it, and a second of work."""
+"""Samples for the estimate of the lag, about a second of work."""
 
 LONGEST_LAG = 10
-"""Samples of lag looked for."""
+"""Longest lag that is tried, in samples."""
 RESOLUTION = 0.01
-"""Fraction of a sample to which the lag is found."""
+"""Resolution of the lag in samples."""
 
 
 def minimise_over_lag(error: Callable[[float], float], longest: int, *, remove: bool = False) -> Lag:
-    """Find the lag between 0 and ``longest`` samples that leaves the smallest error.
+    """Find the lag between 0 and ``longest`` samples with the smallest error.
 
     Parameters
     ----------
     error : callable
-        Error of the identification at a lag in samples, counted over the same samples at every lag.
+        Error of the identification at a lag in samples, over the same samples at every lag.
     longest : int
-        Largest lag looked at, in samples.
+        Longest lag that is tried, in samples.
     remove : bool
-        Whether a lag that is found is removed.
+        Whether the lag is to be removed.
 
     Examples
     --------
@@ -75,7 +74,7 @@ def shift_output(y: Vector, lag: float) -> tuple[Vector, slice]:
     values : array, shape (kept,)
         The signal at ``k + lag`` for every sample ``k`` of ``kept``.
     kept : slice
-        Samples that are left: all that have :data:`HALF_WIDTH` neighbours there on both sides.
+        Samples that are kept: those with :data:`HALF_WIDTH` neighbours on both sides.
 
     Examples
     --------
@@ -95,9 +94,9 @@ def shift_output(y: Vector, lag: float) -> tuple[Vector, slice]:
 def estimate_lag(
     recording: Recording, s: ModelStructure, skip: int, solver: str, state: OperatorState, proximal: float, remove: bool
 ) -> Lag | None:
-    """Return the delay of the output with the smallest error (5) left after the fit, over the same samples for all.
+    """Return the delay of the output with the smallest error (5) of the fit, over the same samples for all delays.
 
-    None where the recording is too short for it, or the drive moves at its ends alone.
+    None if the recording is too short, or the drive moves at its ends alone.
     """
     x, y = next(recording.chunks(moving_from(recording, skip) + LAG_SAMPLES))
     longest = min(LONGEST_LAG, (x.size - skip) // 20)
@@ -129,7 +128,7 @@ def without_lag(
     skip: int,
     state: OperatorState,
 ) -> tuple[Recording, int, OperatorState]:
-    """Return the recording without the lag, and what is left of ``skip`` and the states where it starts now."""
+    """Return the recording without the lag, with ``skip`` and the states at its new start."""
     x, y = recording.arrays()
     values, kept = shift_output(y, lag)
     start = DataBasis(s, state)

@@ -1,8 +1,7 @@
-"""A model on a recording that its identification has not seen.
+"""Validation of a model on a recording that its identification has not used.
 
-The weights stay. What no recording holds is found as in the identification: the states before the first sample
-(`initial_state`), here by the variance of the output's error, and the sensor's offset between the two sessions, which
-is the mean of it.
+The weights stay. The unknowns of the recording are estimated: the states before the first sample (`initial_state`) by
+the variance of the output's error, and the change of the sensor's offset since the identification by its mean.
 """
 
 from __future__ import annotations
@@ -33,34 +32,34 @@ from solvers.arrays import Vector
 if TYPE_CHECKING:
     from piezo_model.model import HysteresisCreepModel
 
-LOOKED_AT = 1_000_000
-"""Samples among which an outlier is looked for."""
+OUTLIER_SAMPLES = 1_000_000
+"""Samples from the start in which an outlier is searched for."""
 SAME = 1.001
-"""Share of the reported error up to which the start that the identification found explains a recording."""
+"""Largest ratio of the error to the reported one at which the identification's initial state is kept."""
 
 
 @dataclass(frozen=True)
 class Validation:
-    """What a model is worth on a recording."""
+    """The errors of a model on a recording."""
 
     model: HysteresisCreepModel
     fit: Fit
-    """The figures that an identification reports, with ``shift`` removed."""
+    """The errors as of an identification, with ``shift`` removed."""
     shift: float
-    """Offset of the sensor against the session of the identification, output unit."""
+    """Change of the sensor's offset since the identification, output unit."""
     start: OperatorState
-    """States before the first sample, as they were found."""
+    """Estimated states before the first sample."""
     beyond_percent: float
-    """How far the drive leaves the range that the model was identified over, per cent of that range."""
+    """Excess of the drive over the range of the identification, per cent of that range."""
     outlier: str
-    """The sample of the output that stands alone, as a clause; "" for none."""
+    """A clause about a single outlier of the output; "" without one."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Figures and sentences as JSON can hold them."""
+        """Numbers and sentences for JSON."""
         return {"fit": asdict(self.fit), "shift": self.shift, "sentences": list(self.sentences())}
 
     def sentences(self) -> Iterator[str]:
-        """The headline, then what an engineer has to know."""
+        """The headline, then the other important sentences."""
         unit = self.model.structure.output_unit
         if self.model.warning:
             yield self.model.warning
@@ -92,13 +91,10 @@ class Validation:
 
 
 def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
-    """The states before the first sample of a recording that explain it best, the identification's where these do as
-    well as there, and how many first samples hold a transient.
+    """The states before the first sample of a recording that fit best, and the number of samples in a transient.
 
-    Raises
-    ------
-    IdentificationError
-        The sampling period is another one than the model's.
+    The identification's states are kept if the error is as small as it was there. IdentificationError for another
+    sampling period than the model's.
     """
     s = model.structure
     if abs(recording.sample_time / s.sample_time - 1.0) > 1e-3:
@@ -106,45 +102,46 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
             f"{recording.name}: is sampled every {recording.sample_time:g} s and the model every {s.sample_time:g} s"
         )
     head = head_of(recording, s)
-    (x, y), look = head.arrays(), longest_transient(head, s)
+    (x, y), longest = head.arrays(), longest_transient(head, s)
 
     def error(state: OperatorState, skip: int) -> Vector:
-        found: Vector = ((model.simulate(x, state.copy()) - y) / (2.0 * s.y_scale))[skip:]
-        return found
+        unit_error: Vector = ((model.simulate(x, state.copy()) - y) / (2.0 * s.y_scale))[skip:]
+        return unit_error
+
+    def initial(skip: int) -> OperatorState:
+        return find_initial_state(head, s, lambda state: float(np.var(error(state, skip))))[0]
 
     def transient(state: OperatorState, skip: int) -> int:
         centred = np.abs(error(state, 0) - np.median(error(state, skip)))
-        return transient_end(centred, look) if look else 0
+        return transient_end(centred, longest) if longest else 0
 
     fit = model.report.get("fit")
     if model.start is not None and fit is not None:
         own = error(model.start, fit["skipped"])
         if own.size and 2.0 * abs(s.y_scale) * np.sqrt(np.mean(own**2)) <= SAME * fit["rms"]:
             return model.start.copy(), transient(model.start, fit["skipped"])
-    state = find_initial_state(head, s, lambda state: float(np.var(error(state, 0))))[0]
-    if look and np.max(np.abs(error(state, 0)[:look])) > np.max(np.abs(error(state, look))):
-        settled = find_initial_state(head, s, lambda state: float(np.var(error(state, look))))[0]
-        if skip := transient(settled, look):
+    state = initial(0)
+    if longest and np.max(np.abs(error(state, 0)[:longest])) > np.max(np.abs(error(state, longest))):
+        settled = initial(longest)
+        if skip := transient(settled, longest):
             return settled, skip
     return state, 0
 
 
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
-    """Judge a model on a recording; see ``HysteresisCreepModel.validate``."""
+    """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     s = model.structure
-    for what, own, other in (
-        ("input", recording.input_unit, s.input_unit),
-        ("output", recording.output_unit, s.output_unit),
-    ):
+    for role in ("input", "output"):
+        own, other = getattr(recording, f"{role}_unit"), getattr(s, f"{role}_unit")
         if own and other and own != other:
-            raise IdentificationError(f"{recording.name}: its {what} is in {own} and that of the model in {other}")
+            raise IdentificationError(f"{recording.name}: its {role} is in {own} and that of the model in {other}")
     (state, skip), lag = start_and_transient(model, recording), model.report.get("lag")
     (low, high), start = y_range(recording, skip), state.copy()
     span = high - low
     if lag is not None and lag["removed"]:
         recording, skip, state = without_lag(recording, s, lag["samples"], skip, state)
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
-    y = recording.head(LOOKED_AT).arrays()[1]
+    y = recording.head(OUTLIER_SAMPLES).arrays()[1]
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
     return Validation(
         model,

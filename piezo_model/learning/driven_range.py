@@ -1,14 +1,13 @@
-"""Thresholds follow the range that is really driven.
+"""Adaptation of the thresholds to the range that is driven, separately for drive and output:
 
-    widen    where the drive, at once, or the output, in a whole cycle or piece without a fault, went beyond OVER of the
-    structure's range narrow   where all the cycles, or pieces of PIECE_S, that are remembered, 6 at least, stayed
-    within half of its width, or 60 within ¾
+    widen    if the drive at any time, or the output in a whole piece without a fault, exceeds OVER times the range
+    narrow   if 6 pieces in a row stay within half of the range, or 60 within ¾
 
-wider to what holds both the old range and the driven one, narrower to the range of those cycles, with MARGIN on either
-side, drive and output each for itself. The thresholds stay where they are
-in unit amplitudes and the model is carried over: with x̃ = h + g x̃' the play of threshold r is h + g times the play of
-threshold r/g, so that the weights follow from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds;
-creep likewise, and S⁻¹ has the mean slopes of the old one between the new thresholds. The shifts go into the constant.
+A piece is a cycle, or PIECE_S of continuous operation. The new range is the union of the old and the driven one, or the
+range of those pieces, with MARGIN on both sides. The thresholds keep their unit amplitudes and the model is converted:
+with x̃ = h + g x̃' the play of threshold r is h + g times the play of threshold r/g, so that the weights follow from the
+virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; likewise for creep. S⁻¹ gets the mean slopes of the old
+one between the new thresholds, and the constant the shifts.
 """
 
 from collections.abc import Iterable
@@ -25,17 +24,17 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 Span = tuple[float, float, float, float]
-"""Lowest and highest drive and output, in unit amplitudes."""
+"""Lowest and highest drive, lowest and highest output, in unit amplitudes."""
 
 OVER, MARGIN = 1.1, 0.05
 UNDER = {6: 0.5, 60: 0.75}
-"""Narrower, where so many pieces stayed within this share: other thresholds cost a cycle's learning, which a
-small gain is worth only where the range has been what it is for long."""
+"""Numbers of pieces, and the share of the range that they must stay within for a narrower one: a change costs the
+learning of a cycle, so that a small gain needs a long observation."""
 MEMORY, PIECE_S = max(UNDER), 10.0
 
 
 class RangeMemory(TypedDict):
-    """What changes while it runs."""
+    """State of a :class:`DrivenRange`."""
 
     spans: list[tuple[Number, Number, Number, Number]]
     looked: Annotated[int, Meta(ge=0, le=2**53)]
@@ -43,15 +42,15 @@ class RangeMemory(TypedDict):
 
 @dataclass
 class DrivenRange:
-    """What was driven lately; ``looks`` of them make a piece."""
+    """Spans of the last pieces; a piece consists of ``looks`` observations."""
 
     looks: int = 1
     spans: list[Span] = field(default_factory=list)
-    """Of each piece, the last one perhaps not whole."""
+    """Span of each piece; the last piece may be incomplete."""
     looked: int = 0
 
     def look(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
-        """Take what was driven since the last look; returns a structure of other ranges, where they should change."""
+        """Add the span since the last observation; returns a structure of other ranges if they should change."""
         x_low, x_high, y_low, y_high = (float(value) for value in span)
         if self.looked % self.looks and self.spans:
             before = self.spans.pop()
@@ -81,18 +80,18 @@ class DrivenRange:
         return replace(s, **ranges)
 
     def interrupt(self) -> None:
-        """Forget the piece that a fault of the sensor fell into."""
+        """Discard an incomplete piece after a sensor fault."""
         if self.looked % self.looks:
             self.spans.pop()
             self.looked -= self.looked % self.looks
 
     def memory(self) -> RangeMemory:
-        """What changes while it runs."""
+        """The state."""
         return {"spans": list(self.spans), "looked": self.looked}
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:
-    """Return the model in a structure with a constant that differs from its own in the ranges.
+    """Convert a model to a structure that differs in its ranges and has a constant.
 
     Examples
     --------

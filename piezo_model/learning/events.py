@@ -1,30 +1,21 @@
-"""What a self-learning compensator writes into its log, and the words that the core and Python share."""
+"""Log entries of a self-learning compensator, and the enumerations that Python shares with the core."""
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag, StrEnum
 from typing import Literal
 
-LOG_LENGTH = 1000
-"""Events kept; older ones go."""
-
 
 class Phase(StrEnum):
-    """States of the machine; continuous operation has ``reset`` and ``learn`` only."""
+    """Phases in the core's order; continuous operation has ``reset`` and ``learn`` only."""
 
     RESET = "reset"
     BUILD = "build"
     LEARN = "learn"
 
 
-PHASES = tuple(Phase)
-RESET, BUILD, LEARN = range(3)
-"""The same as the core has them."""
-
-
 class BlockEvent(IntFlag):
-    """What came of a block, as of ``core/learner.h``."""
+    """Events of a block, as in ``core/learner.h``."""
 
     TAKE_OVER = 1
     SENSOR_FAULT = 2
@@ -40,7 +31,7 @@ class BlockEvent(IntFlag):
 
 
 class Verdict(IntEnum):
-    """What the guard of the sensor (``core/sensor_guard.h``) says of one sample."""
+    """Verdicts of the sensor guard (``core/sensor_guard.h``) on a sample."""
 
     GOOD = 0
     MISSING = 1
@@ -50,16 +41,13 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True)
 class Event:
-    """Something worth knowing: a hand-over, a refusal, a fault of the sensor; times in samples."""
+    """A hand-over, a refusal, a sensor fault or a change of ranges; times in samples."""
 
     sample: int
     what: Literal["hand-over", "refused", "sensor", "range"]
     message: str
     error_old: float = math.nan
-    """RMS error (5) of the weights in use on the data that were learned from, unit amplitudes."""
+    """RMS error (5) of the old weights on the learned data, in unit amplitudes."""
     error_new: float = math.nan
     learning_since: int = 0
-    """When the solver began."""
-
-
-Log = deque[Event]
+    """Sample at which the solver began."""

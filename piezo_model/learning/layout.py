@@ -1,4 +1,4 @@
-"""Names of what the core's learner has in one piece (``core/learner.h``), and the numbers that its settings become."""
+"""Layout of the core's learner (``core/learner.h``), and the settings that it gets."""
 
 import math
 from collections.abc import Mapping
@@ -8,62 +8,79 @@ import numpy as np
 from piezo_model.learning.settings import MIN_SLOPE
 from piezo_model.structure import ModelStructure
 
-MEMORY = (
-    "learning",
-    "left",
-    "probation",
-    "level",
-    "squares_in_use",
-    "squares_candidate",
-    "predicted",
-    "established",
-    "noted",
-    "revert",
-    "wait",
-    "pending",
-    "fault_count",
-    "in_half",
-    "x_low",
-    "x_high",
-    "x_low_before",
-    "x_high_before",
-    "hand_overs",
-    "refusals",
-    "faults",
-    "failures",
-    "span",
+INTEGER, REAL = np.int64, np.float64
+SETTINGS = np.dtype(
+    [
+        ("way", INTEGER),
+        ("solver", INTEGER),
+        ("middle", INTEGER),
+        ("interval", INTEGER),
+        ("checkpoint", INTEGER),
+        ("half_window", INTEGER),
+        ("reset_lasts", INTEGER),
+        ("build_lasts", INTEGER),
+        ("learn_lasts", INTEGER),
+        ("solve_lasts", INTEGER),
+        ("forgetting", REAL),
+        ("share", REAL),
+        ("proximal", REAL),
+        ("min_slope", REAL),
+        ("smoothing", REAL),
+        ("step_ratio", REAL),
+    ]
 )
-"""What a learner remembers beside vectors; the last are four numbers."""
-CLOCK = ("next_interval", "phase", "phase_left", "learning_since", "error_in_use", "error_found", "past_share")
-"""The first four are whole numbers."""
-COUNTS = (
-    "way",
-    "solver",
-    "middle",
-    "interval",
-    "checkpoint",
-    "half_window",
-    "reset_lasts",
-    "build_lasts",
-    "learn_lasts",
-    "solve_lasts",
+MEMORY = np.dtype(
+    [
+        ("learning", REAL),
+        ("left", REAL),
+        ("probation", REAL),
+        ("level", REAL),
+        ("squares_in_use", REAL),
+        ("squares_candidate", REAL),
+        ("predicted", REAL),
+        ("established", REAL),
+        ("noted", REAL),
+        ("revert", REAL),
+        ("wait", REAL),
+        ("pending", REAL),
+        ("fault_count", REAL),
+        ("in_half", REAL),
+        ("drive", REAL, 2),
+        ("drive_before", REAL, 2),
+        ("hand_overs", REAL),
+        ("refusals", REAL),
+        ("faults", REAL),
+        ("failures", REAL),
+        ("span", REAL, 4),
+    ]
 )
-SHARES = ("forgetting", "share", "proximal", "min_slope", "smoothing", "step_ratio")
+CLOCK = np.dtype(
+    [
+        ("next_interval", INTEGER),
+        ("phase", INTEGER),
+        ("phase_left", INTEGER),
+        ("learning_since", INTEGER),
+        ("error_in_use", REAL),
+        ("error_found", REAL),
+        ("past_share", REAL),
+    ]
+)
 CONTINUOUS, CYCLIC = range(2)
+"""Values of ``way``."""
 EXACT, STEPS, ANSWERED = range(3)
-"""Who solves: the core's exact solver, the core by projected steps, or somebody whose answer it is given."""
+"""Values of ``solver``: the core's exact solver, projected steps of the core, or a solver outside the core."""
 
 PROXIMAL = 1e-8
-"""In continuous operation, the share of the diagonal with which the solver holds what the data leave open where it
-is."""
+"""Strength of the proximal term in continuous operation, as a share of each diagonal entry."""
 CHECKPOINT_S = 0.5
-"""Between states that are noted to be gone back to after a fault of the sensor."""
+"""Time between the checkpoints that a sensor fault goes back to."""
 MOST_ROWS, FEWEST_ROWS = 32, 8
-"""Samples of a block: many rows are added to the Gram matrix at once, and few fit into the first-level cache."""
+"""Largest and smallest block in samples: larger ones are added to the Gram matrix faster, smaller ones fit into the
+first-level cache."""
 
 
 def block_samples(counts: tuple[int, ...]) -> int:
-    """Samples of a block: what divides all counts, or else as many as make the last rows of a phase few.
+    """Samples of a block: a common divisor of all counts, or else a size that wastes few samples at the end of a phase.
 
     Examples
     --------
@@ -80,7 +97,7 @@ def block_samples(counts: tuple[int, ...]) -> int:
 def continuous_numbers(
     s: ModelStructure, hand_over_s: float, memory_s: float, reset_s: float
 ) -> tuple[int, dict[str, float]]:
-    """Samples of a block, and the settings of continuous operation with the exact solver."""
+    """Samples of a block, and the :data:`SETTINGS` of continuous operation with the exact solver."""
     block = block_samples((s.samples(hand_over_s),))
     interval = max(2, s.samples(hand_over_s) // block) * block
     forgetting = math.exp(-s.sample_time / memory_s)
@@ -100,7 +117,8 @@ def continuous_numbers(
     }
 
 
-def write_settings(numbers: Mapping[str, float], into: np.ndarray) -> None:
-    """Write settings by their names into the core's ``LearnerSettings``; those that are not named are 0."""
-    into[: len(COUNTS)].view(np.int64)[:] = [int(numbers.get(name, 0)) for name in COUNTS]
-    into[len(COUNTS) :] = [numbers.get(name, 0.0) for name in SHARES]
+def write_settings(numbers: Mapping[str, float], settings: np.ndarray) -> None:
+    """Write settings by name into the core's ``LearnerSettings``, whose others are 0."""
+    record = settings.view(SETTINGS)
+    for name, value in numbers.items():
+        record[name] = value

@@ -1,4 +1,4 @@
-"""Settings of a self-learning compensator: everything about it that is neither model nor memory."""
+"""Settings of a self-learning compensator."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,19 +10,18 @@ from piezo_model.learning.solving import require_setting
 
 LONGEST_S = 1e9
 MOST_SAMPLES = 2**53
-"""Of a solve."""
+"""Largest number of samples for a solve."""
 Mode = Literal["cyclic", "continuous"]
 EXACT_SOLVERS = ("projected_difference", "box_active_set", "recursive_active_set")
-"""What means the core's exact solver in continuous operation: the default, and those that are exact."""
+"""Solvers that continuous operation replaces by the core's exact solver: the default, and the exact ones."""
 
 MIN_SLOPE = 0.1
-"""Smallest slope of S⁻¹, in unit amplitudes, that is learned. With a much smaller one a single wrong slope in an outer
-piece would be there for ever: the drive would hardly rise with the reference, so the output would never come to where
-it is put right."""
+"""Smallest slope of S⁻¹ that is learned, in unit amplitudes. With a much smaller slope in an outer piece the drive
+would hardly rise with the reference, so the output would not reach the piece and a wrong slope would persist."""
 
 
 def require_seconds(**times: float) -> None:
-    """ValueError by the name of a setting that is not a time whose samples can be counted."""
+    """Require times above 0 and up to :data:`LONGEST_S`; the ValueError names the setting."""
     for name, value in times.items():
         if not (isinstance(value, int | float) and 0.0 < value <= LONGEST_S):
             raise ValueError(f"{name} must be a positive number of seconds up to {LONGEST_S:g}, not {value!r}")
@@ -30,7 +29,7 @@ def require_seconds(**times: float) -> None:
 
 @dataclass(frozen=True)
 class LearningSettings:
-    """See :class:`piezo_model.self_learning.SelfLearningCompensator`; ValueError names the setting that cannot be."""
+    """See :class:`piezo_model.self_learning.SelfLearningCompensator`; a ValueError names the invalid setting."""
 
     reset_s: float = 0.1
     build_s: float = 8.0

@@ -1,4 +1,4 @@
-"""The program of a learning phase solved at once by any registered solver, while the machine runs."""
+"""Solution of a learner's program by any registered solver."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from solvers.protocol import Solver
 
 STEPPED = "projected_difference"
-"""The solver that takes a step a sample, in the core."""
+"""The solver that the core runs itself, one step for each sample."""
 
 
 def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector, c: float = 1.0) -> Vector:
-    """Answer (d,) of a solver, NaN where it found none; warm from ``start`` where it can.
+    """Answer (d,) of a solver, or NaN if it finds none; warm-started from ``start`` if the solver supports it.
 
-    It is set up before with other data of the same structure, so that nothing of the answer is worked out then.
+    The setup gets other data of the same structure, so that the solution is computed by the solve alone.
 
-    The ``options`` are lane, settings and ``setting``: what :func:`solvers.protocol.setting_text` calls a rung of the
-    solver's ladder, or the use without any; by default the tightest that it says it reaches.
+    The ``options`` are lane, settings and ``setting``, the text of a rung of the solver's ladder
+    (:func:`solvers.protocol.setting_text`) or of its default use; without ``setting``, the tightest rung that succeeds.
 
     Examples
     --------
@@ -48,14 +48,14 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
 def _asked(
     solver: str, c: float, lane: str | None = None, setting: str | None = None, **settings: Any
 ) -> Iterator[Solver]:
-    """A solver at the setting that is wanted, or at each of its ladder from the tightest on."""
+    """The solver at the given setting, or at each rung of its ladder from the tightest on."""
     cls = solvers.find(solver, lane).load()
     for asked in cls.ladder(c)[::-1] if setting is None else [cls.at(setting, c)]:
         yield cls(**{**asked, **settings})
 
 
 def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
-    """ValueError where the solver has no such setting; without its library that cannot be told."""
+    """Raise ValueError if the solver has no such setting; not checked if its library is not installed."""
     if setting is None:
         return
     try:
@@ -68,8 +68,7 @@ def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
 
 
 def step_ratio(options: Mapping[str, Any] | None) -> float:
-    """The step of the projected difference equation as a share of the limit of stability; ValueError where it cannot
-    be."""
+    """Step of the projected difference equation as a share of the stability limit; ValueError if it is invalid."""
     from qpsolvers import Problem
 
     engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "setting"})

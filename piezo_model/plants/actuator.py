@@ -1,4 +1,4 @@
-"""What every simulated actuator shares: its ranges, its creep, its rest, and the coordinates u and v.
+"""Base of the simulated actuators: ranges, creep, rest, and the coordinates u and v.
 
     u = (x − x_c) / (Δx / 2) ∈ [−1, 1],   v = Γ[u] ∈ [−1, 1],   y = y_c + v · Δy / 2
 
@@ -15,6 +15,7 @@ systems", Control and Intelligent Systems 29 (2001), 74-83, with threshold 0).
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,6 +30,13 @@ from solvers.arrays import Vector
 
 Memory = dict[str, NDArray[np.float64]]
 """States of hysteresis and creep by name, in the coordinate u."""
+
+
+def along(function: Callable[..., object], u: Vector, *arguments: object) -> Vector:
+    """Output (N,) of a function of the core for u (N,); it advances the states among its arguments."""
+    output = np.empty_like(u)
+    function(u, *arguments, output)
+    return output
 
 
 def curved(v: Vector, saturation: float, asymmetry: float) -> Vector:
@@ -55,14 +63,14 @@ class Actuator(Plant):
     sample_time : float
         Sampling period, s.
     creep_share : float
-        Part of the whole displacement that comes by creep, 0 (none) to below 1.
+        Share of the displacement that is creep, from 0 (none) to below 1.
     creep_rates_per_s : tuple of float
         Rates a_j of the creep, 1/s.
 
     Raises
     ------
     ValueError
-        Where an option makes no actuator; the sentence names it.
+        If an option is out of range; the message names it.
     """
 
     x_range: tuple[float, float] = (0.0, 150.0)
@@ -73,7 +81,7 @@ class Actuator(Plant):
     _memory: Memory = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the options, build the fixed arrays and go to rest."""
+        """Check the options, compute the parameters and reset the state."""
         checks.ascending(x_range=self.x_range, y_range=self.y_range)
         checks.positive(sample_time=self.sample_time)
         if not 0.0 <= self.creep_share < 1.0:
@@ -87,11 +95,11 @@ class Actuator(Plant):
 
     @abstractmethod
     def _build(self) -> None:
-        """Check the actuator's own options and build what stays fixed."""
+        """Check the options of the subclass and compute its parameters."""
 
     @abstractmethod
     def _rest(self) -> Memory:
-        """Return new memory: settled at u = −1, where v = −1 or near it, after having been at u = 1."""
+        """Return the memory of an actuator settled at u = −1, with v near −1, after u = 1."""
 
     @abstractmethod
     def _respond(self, u: Vector) -> Vector:
@@ -99,11 +107,11 @@ class Actuator(Plant):
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Return options of its own that make one individual of its kind; by default all are alike."""
+        """Draw the options of an individual actuator; by default all are alike."""
         return {}
 
     def run(self, x: ArrayLike) -> Vector:
-        """Drive the actuator on from where it stands; see :meth:`Plant.run`."""
+        """Continue with a drive; see :meth:`Plant.run`."""
         x = np.asarray(x, dtype=np.float64)
         if x.ndim != 1:
             raise ValueError(f"the drive must be 1-d, not of shape {x.shape}")
@@ -116,13 +124,14 @@ class Actuator(Plant):
         return y
 
     def _with_log_creep(self, hysteresis: Vector, u: Vector) -> Vector:
-        """Mix the answer of a hysteresis operator, (N,) and in [−1, 1], with the creep of the module."""
-        K = np.empty_like(u)
-        bindings.log_creep(u, self._a, self._memory["z_creep"], self._memory["u_previous"], K)
+        """Add the creep of the module to the output of a hysteresis operator, (N,) in [−1, 1]."""
+        z = np.empty((u.size, self._a.size))
+        bindings.creep(u, np.zeros(self._a.size), self._a, self._memory["z_creep"], z)
+        K = sum(z.T) / self._a.size  # rate by rate, so that one sample has the same bits as many
         return (1.0 - self.creep_share) * hysteresis + self.creep_share * K
 
     def _rest_of_log_creep(self) -> Memory:
-        return {"z_creep": np.full(self._a.size, -1.0), "u_previous": np.full(1, -1.0)}
+        return {"z_creep": np.full(self._a.size, -1.0)}
 
     def reset(self) -> None:
         """Go to rest at the low end of the drive."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, Memory
+from piezo_model.plants.actuator import Actuator, Memory, along
 from solvers.arrays import Vector
 
 
@@ -66,15 +66,12 @@ class BoucWen(Actuator):
             raise ValueError(f"stiffness must be above 2 A beta / (beta + gamma) = {steepest}, not {self.stiffness}")
 
     def _rest(self) -> Memory:
-        h, u_before = np.zeros(1), np.zeros(1)
-        # From the virgin state to the major loop: a few full cycles leave no trace of the start.
-        for end in (1.0, -1.0) * 20:
-            self._h_along(np.array([end]), h, u_before)
-        return {"h": h, "u_before": u_before, **self._rest_of_log_creep()}
+        memory = {"h": np.zeros(1), "u_before": np.zeros(1), **self._rest_of_log_creep()}
+        self._h(np.array([1.0, -1.0] * 20), memory)  # these cycles leave no trace of the virgin state
+        return memory
 
     def _respond(self, u: Vector) -> Vector:
-        h = self._h_along(u, self._memory["h"], self._memory["u_before"])
-        return self._with_log_creep(u - h / self.stiffness, u)
+        return self._with_log_creep(u - self._h(u, self._memory) / self.stiffness, u)
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
@@ -87,7 +84,6 @@ class BoucWen(Actuator):
             "exponent": random.uniform(1.0, 1.8),
         }
 
-    def _h_along(self, u: Vector, h: Vector, u_before: Vector) -> Vector:
-        path = np.empty_like(u)
-        bindings.bouc_wen(u, self.loading_slope, self.beta, self.gamma, self.exponent, h, u_before, path)
-        return path
+    def _h(self, u: Vector, memory: Memory) -> Vector:
+        parameters = self.loading_slope, self.beta, self.gamma, self.exponent
+        return along(bindings.bouc_wen, u, *parameters, memory["h"], memory["u_before"])

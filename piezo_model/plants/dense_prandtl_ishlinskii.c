@@ -2,7 +2,7 @@
 #include "bindings_model.h"
 #include "operators.h"
 
-/* n plays of thresholds r and weights w_H and w_K, and creep at so many rates of each. */
+/* n thresholds r with the weights w_H of play and w_K of creep, and the gains of the creep rates of each. */
 typedef struct {
     int64_t n, rates;
     const double *r, *w_H, *w_K, *gain;
@@ -15,10 +15,10 @@ static void plays_and_creep(const Dense *p, int64_t samples, const double *u, do
         total[k] = 0;
         for (int64_t i = 0; i < p->n; ++i) {
             double creep = 0;
-            z_play[i] = play_step(u[k], p->r[i], z_play[i]);
+            z_play[i] = play_of(u[k], p->r[i], z_play[i]);
             for (int64_t j = 0; j < p->rates; ++j) {
                 double *const z = z_creep + i * p->rates + j;
-                *z = creep_step(*before, p->r[i], p->gain[j], *z);
+                *z = creep_of(*before, p->r[i], p->gain[j], *z);
                 creep += *z;
             }
             total[k] += p->w_H[i] * z_play[i] + p->w_K[i] * creep / (double)p->rates;

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, Memory, curved
+from piezo_model.plants.actuator import Actuator, Memory, along, curved
 from solvers.arrays import Vector
 
 
@@ -72,11 +72,8 @@ class DensePrandtlIshlinskii(Actuator):
         return {"z_play": settled, "z_creep": z_creep, "u_previous": np.full(1, -1.0)}
 
     def _respond(self, u: Vector) -> Vector:
-        memory = self._memory
-        v = np.empty_like(u)
-        bindings.plays_and_creep(
-            u, self._r, self._w_H, self._w_K, self._a, memory["z_play"], memory["z_creep"], memory["u_previous"], v
-        )
+        parameters = self._r, self._w_H, self._w_K, self._a
+        v = along(bindings.plays_and_creep, u, *parameters, *self._memory.values())
         return curved(v, self.saturation, self.asymmetry)
 
     @staticmethod

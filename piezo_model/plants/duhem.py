@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, Memory, curved
+from piezo_model.plants.actuator import Actuator, Memory, along, curved
 from solvers.arrays import Vector
 
 
@@ -52,23 +52,20 @@ class Duhem(Actuator):
         checks.positive(alpha=self.alpha)
         checks.between(0.5, 1.0, slope_after_turn=self.slope_after_turn)
         curved(np.zeros(1), self.saturation, self.asymmetry)
-        # Nothing that the drive can do brings |e| above its limits or |v| above 1 plus them.
+        # For any drive |e| stays within its limits, and so |v| within 1 plus them.
         self._half = 1.0 + (1.0 - self.slope_after_turn) / self.alpha
 
     def _rest(self) -> Memory:
-        e, u_before = np.zeros(1), np.zeros(1)
-        self._deviation(np.array([1.0, -1.0] * 20), e, u_before)
-        return {"e": e, "u_before": u_before, **self._rest_of_log_creep()}
+        memory = {"e": np.zeros(1), "u_before": np.zeros(1), **self._rest_of_log_creep()}
+        self._deviation(np.array([1.0, -1.0] * 20), memory)
+        return memory
 
     def _respond(self, u: Vector) -> Vector:
-        e = self._deviation(u, self._memory["e"], self._memory["u_before"])
+        e = self._deviation(u, self._memory)
         return self._with_log_creep(curved((u + e) / self._half, self.saturation, self.asymmetry), u)
 
-    def _deviation(self, u: Vector, e: Vector, u_before: Vector) -> Vector:
-        """e (N,) along u (N,); advances e (1,) and u_before (1,)."""
-        path = np.empty_like(u)
-        bindings.deviation(u, self.alpha, self.slope_after_turn, e, u_before, path)
-        return path
+    def _deviation(self, u: Vector, memory: Memory) -> Vector:
+        return along(bindings.deviation, u, self.alpha, self.slope_after_turn, memory["e"], memory["u_before"])
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, Memory, curved
+from piezo_model.plants.actuator import Actuator, Memory, along, curved
 from solvers.arrays import Vector
 
 
@@ -58,16 +58,14 @@ class MaxwellSlip(Actuator):
         self._spring = 1.0 - self.slip_share
         self._k = np.full(self.sliders, self.slip_share / self.sliders)
         self._f = self._k * self.reach * np.arange(1, self.sliders + 1) / self.sliders
-        memory = self._unsettled()
-        self._half = float(np.ptp(self._charge(np.array([1.0, -1.0]), memory))) / 2.0
+        self._half = float(np.ptp(self._charge(np.array([1.0, -1.0]), self._unsettled()))) / 2.0
 
     def _unsettled(self) -> Memory:
         return {"force": np.zeros(self.sliders), "q": np.zeros(1), "u_before": np.zeros(1)}
 
     def _charge(self, u: Vector, memory: Memory) -> Vector:
-        path = np.empty_like(u)
-        bindings.charge(u, self._spring, self._k, self._f, memory["force"], memory["q"], memory["u_before"], path)
-        return path
+        states = memory["force"], memory["q"], memory["u_before"]
+        return along(bindings.charge, u, self._spring, self._k, self._f, *states)
 
     def _rest(self) -> Memory:
         memory = self._unsettled()

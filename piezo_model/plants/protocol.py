@@ -1,8 +1,8 @@
-"""What a plant is: y(k) = Γ[x](k), a drive voltage in and a displacement out, one sample after the other.
+"""The protocol of a plant y(k) = Γ[x](k), from a drive voltage to a displacement, sample by sample.
 
-A plant is the truth that the experiments run against, so it is written apart from the model that is identified
-from it. A run is the same, bit for bit, however it is cut into chunks. Whatever a plant remembers (hysteresis, creep,
-noise) goes with it into a copy (``copy.deepcopy``), which goes on by itself.
+A plant is the truth of an experiment, so it is implemented independently of the identified model. A run in chunks gives
+the same bits as a single run. A copy (``copy.deepcopy``) includes the state (hysteresis, creep, noise) and is
+independent.
 """
 
 from abc import ABC, abstractmethod
@@ -17,15 +17,15 @@ class Plant(ABC):
     """An actuator, or an actuator with its sensor, sampled every ``sample_time`` seconds."""
 
     x_range: tuple[float, float]
-    """Drive that the amplifier can give, V; what is asked beyond is limited to it."""
+    """Range of the amplifier, V; the drive is limited to it."""
     y_range: tuple[float, float]
-    """Displacement that the actuator can reach, µm, before any drift or noise of the sensor."""
+    """Range of the displacement, µm, without drift and sensor noise."""
     sample_time: float
     """Sampling period, s."""
 
     @abstractmethod
     def run(self, x: ArrayLike) -> Vector:
-        """Drive the plant on from where it stands.
+        """Continue with a drive.
 
         Parameters
         ----------
@@ -35,18 +35,18 @@ class Plant(ABC):
         Returns
         -------
         ndarray, shape (N,)
-            Displacement, µm; sample k is the answer to x[0..k].
+            Displacement, µm; sample k depends on x[0..k].
 
         Raises
         ------
         ValueError
-            Where the drive is not 1-d or not finite.
+            If the drive is not 1-d or not finite.
         """
 
     def step(self, x: float) -> float:
-        """Drive the plant one sample on: x in V, the answer in µm, the same bits as :meth:`run` gives."""
+        """Continue with one sample: x in V, the displacement in µm, to the last bit as :meth:`run`."""
         return float(self.run(np.array([x], dtype=np.float64))[0])
 
     @abstractmethod
     def reset(self) -> None:
-        """Put the plant at rest at the low end of its range, time zero, as it was made."""
+        """Restore the initial state: at rest at the low end of the range, at time zero."""

@@ -13,7 +13,7 @@ static void relay_lines(const Lines *p, int64_t samples, const double *u, double
     for (int64_t k = 0; k < samples; ++k) {
         total[k] = -p->shift;
         for (int i = 0; i < p->n; ++i) {
-            z[i] = play_step(u[k], p->r[i], z[i]);
+            z[i] = play_of(u[k], p->r[i], z[i]);
             const double t = (z[i] - p->c[i]) / p->sigma[i];
             total[k] += p->gain[i] * t / sqrt(1 + t * t);
         }

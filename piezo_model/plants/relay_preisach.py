@@ -27,7 +27,7 @@ import numpy as np
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator, Memory
+from piezo_model.plants.actuator import Actuator, Memory, along
 from solvers.arrays import Vector
 
 
@@ -87,8 +87,8 @@ class RelayPreisach(Actuator):
         return {"z_play": -(1.0 - self._r), **self._rest_of_log_creep()}
 
     def _respond(self, u: Vector) -> Vector:
-        relays = np.empty_like(u)
-        bindings.relay_lines(u, self._r, self._c, self._sigma, self._gain, self._shift, self._memory["z_play"], relays)
+        parameters = self._r, self._c, self._sigma, self._gain, self._shift
+        relays = along(bindings.relay_lines, u, *parameters, self._memory["z_play"])
         return self._with_log_creep(self.reversible_share * u + (1.0 - self.reversible_share) * relays, u)
 
     @staticmethod

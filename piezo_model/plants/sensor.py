@@ -1,10 +1,10 @@
-"""A plant as its sensor sees it: drifting gain, lag, delay, offset, noise, quantisation and gaps, in this order.
+"""The measurement of a plant: drifting gain, lag, delay, offset, noise, quantisation and gaps, in this order.
 
     d(k) = y_c + g(k Ts) (y(k) − y_c),   g(t) = 1 + ġ t + ĝ sin(2π t / T)
     l(k) = l(k−1) + (1 − e^(−Ts/τ)) (d(k) − l(k−1))
     m(k) = Q( l(k − D) + b + σ ν(k) ),   Q(v) = Δ round(v / Δ)
 
-and nothing (NaN) for the last G of every P samples. y_c is the centre of the plant's range, ν white and Gaussian. The
+and NaN for the last G of every P samples. y_c is the centre of the plant's range, ν white and Gaussian. The
 gain belongs to the actuator (temperature, ageing), the rest to the sensor and its converter.
 """
 
@@ -35,7 +35,7 @@ class Sensor(Plant):
     Parameters
     ----------
     plant : Plant
-        What is measured; from then on driven through this object only.
+        The measured plant; afterwards to be driven through this object only.
     noise_um : float
         σ, standard deviation of the noise, µm.
     quantum_um : float
@@ -49,18 +49,18 @@ class Sensor(Plant):
     offset_um : float
         b, µm.
     lag_s : float
-        τ, s; at the first sample the lag is over.
+        τ, s; the lag is settled at the first sample.
     gap_samples, gap_period_samples : int
         G and P, with G below P; 0 for no gaps.
     delay_samples : int
         D; before the first answer arrives the line holds the first answer.
     seed : int
-        Of the noise; the same seed gives the same noise however the run is cut.
+        Seed of the noise, which does not depend on how a run is cut into chunks.
 
     Raises
     ------
     ValueError
-        Where an option makes no sensor; the sentence names it.
+        If an option is out of range; the message names it.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class Sensor(Plant):
         self._keep = math.exp(-self.sample_time / self.lag_s) if self.lag_s > 0.0 else 0.0
 
     def run(self, x: ArrayLike) -> Vector:
-        """Drive the plant on and measure it; see :meth:`Plant.run`."""
+        """Continue with a drive and measure; see :meth:`Plant.run`."""
         y = self.plant.run(x)
         if not y.size:
             return y

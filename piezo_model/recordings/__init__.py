@@ -1,18 +1,17 @@
-"""Recordings of an actuator: files of any format that are checked once, read in chunks and never trusted blindly.
+"""Recordings of an actuator: files of any format, checked once and read in chunks.
 
-A voltage on its way from a file to a weight passes
+A voltage passes these modules on its way from a file to a weight, and none of them twice unless the recording is too
+long to be held in memory:
 
     formats/*           ``batches``: text by Arrow, after `dialect` and `text_table`; binary formats by their libraries,
                         in a child process (`subprocess_reader`)
-    tables              ``Table.pieces``: float64, (columns, rows)
-    roles, profile      which column is what, by names, and by values where these do not say it
+    tables              ``Table.chunks``: float64, (columns, rows)
+    roles, profile      the role of each column, by its name or by its values
     scan                ``scan``: values and clock (`sampling`) checked, held, streamed, or interpolated, in one pass
     recording           ``Recording.chunks``
     identification      `preprocessing` (sign, transient, initial state), `sensor_lag`; `fitting.accumulate`: the sums
                         of (6), `fitting.optimum`: the weights; `fitting.forward_error`, `adequacy`, `fit_report`: their
-                        worth
-
-and enters none of these files twice but where a recording is too long to be held.
+                        errors
 """
 
 from piezo_model.recordings.chunks import RecordingError

@@ -1,10 +1,10 @@
 """Columns of Arrow as arrays: numbers, times, and clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00,
 31.01.2024 12:34:56,789), exact to the nanosecond.
 
-A column is written in one form: all of its clocks have a date or none has, and so with an offset from UTC, which
-counts. Whether day or month comes first makes no difference to the time that has passed for as long as the date stays
-the same. Where it first changes, the order is settled for the whole column: by what is a date at all, and of two by the
-one that comes next. So no order is ever guessed, and a column is read in one pass.
+A column has one form: all of its clocks have a date or none has, and likewise an offset from UTC, which is
+subtracted. The order of day and month does not change the elapsed time until the date changes. The first new date
+determines the order for the whole column: it must be a valid date, and of two possible dates the next one is taken. So
+no order is guessed in advance, and a column is read in one pass.
 """
 
 import math
@@ -38,13 +38,15 @@ SECOND, DAY = 10**9, 86400 * 10**9
 
 
 def column_of(field: pa.Field, rows: int | None = None) -> Column:
-    """A column of a table, of so many rows if that is known."""
-    kinds: dict[Kind, Sequence[bool]] = {
-        "number": (pa.types.is_floating(field.type), pa.types.is_integer(field.type), pa.types.is_decimal(field.type)),
-        "flag": (pa.types.is_boolean(field.type),),
-        "clock": (pa.types.is_temporal(field.type) and not pa.types.is_date(field.type),),
-    }
-    return Column.named(field.name, kind=next((kind for kind, fits in kinds.items() if any(fits)), "text"), rows=rows)
+    """A column of a table."""
+    kind: Kind = "text"
+    if pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or pa.types.is_decimal(field.type):
+        kind = "number"
+    elif pa.types.is_boolean(field.type):
+        kind = "flag"
+    elif pa.types.is_temporal(field.type) and not pa.types.is_date(field.type):
+        kind = "clock"
+    return Column.named(field.name, kind=kind, rows=rows)
 
 
 def arrays_of(batch: pa.RecordBatch) -> list[NDArray[Any]]:
@@ -53,15 +55,14 @@ def arrays_of(batch: pa.RecordBatch) -> list[NDArray[Any]]:
 
 
 def numbers(column: pa.Array) -> NDArray[Any]:
-    """A column of numbers as an array, NaN where a value is missing."""
+    """A column of numbers as an array; missing values are NaN."""
     if column.null_count or pa.types.is_decimal(column.type):
         column = column.cast(pa.float64(), safe=False).fill_null(math.nan)
     return np.asarray(np.from_dlpack(column))  # to_numpy would import pandas
 
 
 def times(column: pa.Array) -> NDArray[Any]:
-    """A column of points in time (datetime64), durations or times of day (timedelta64), NaT where a value is
-    missing."""
+    """A column of points in time (datetime64), durations or times of day (timedelta64); missing values are NaT."""
     whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64()).cast(pa.int64())
     kind = "M" if pa.types.is_timestamp(column.type) else "m"
     return numbers(whole.fill_null(np.iinfo(np.int64).min)).view(f"{kind}8[{column.type.unit}]")
@@ -73,26 +74,25 @@ def is_clock(cell: str) -> bool:
 
 
 class ClockReader:
-    """Times of a column, over any number of pieces.
+    """Times of a text column, over any number of chunks.
 
-    The sentence of an error starts with the label; ``where`` names a row counted from 0.
+    Error messages start with the label; ``where`` names a row counted from 0.
     """
 
     def __init__(self, label: str, where: Callable[[int], str]) -> None:
-        """Start before the first cell."""
         self.label, self.where = label, where
         self._count, self._example = 0, ""
         self._date: str | None = None
         self._zone: str | None = None
-        """Of the first cell, "" for none."""
+        """Date and offset of the first cell, "" for none."""
         self._orders: tuple[str, ...] = ORDERS
-        """That the dates so far leave open."""
+        """Orders that agree with the dates so far."""
         self._minutes: bool | None = None
         """Whether a clock of two numbers has minutes and seconds: some of the first ones have a fraction."""
 
     def times(self, cells: Sequence[str | None]) -> NDArray[Any]:
-        """Times of the next piece, datetime64 from the first date on or timedelta64 since midnight, NaT where a cell
-        is missing; RecordingError for a cell that is not a time in the column's form."""
+        """Times of the next chunk, as datetime64 since the first date or timedelta64 since midnight; missing cells are
+        NaT. RecordingError for a cell that is not a time in the column's form."""
         at = np.array([k for k, cell in enumerate(cells) if cell], dtype=int)
         result = np.full(len(cells), np.iinfo(np.int64).min)  # NaT
         if at.size:
@@ -103,30 +103,30 @@ class ClockReader:
             parts = pc.extract_regex(plain, CLOCK.pattern)
             wrong = pc.index(parts.is_null(), True).as_py()
             if wrong < 0:
-                days, offsets = _each(parts, "date", self._day), _each(parts, "zone", self._offset)
+                days, offsets = _mapped(parts, "date", self._day), _mapped(parts, "zone", self._offset)
                 wrong = next(iter(np.flatnonzero(np.isnan(days + offsets)).tolist()), -1)
             if wrong >= 0:
-                raise RecordingError(self._refusal(str(cells[at[wrong]]), self._count + int(at[wrong])))
+                cell, row = str(cells[at[wrong]]), self._count + int(at[wrong])
+                like = f" like {self._example!r}" if cell != self._example else ""
+                raise RecordingError(f"{self.label} holds {cell!r} in {self.where(row)}, where a clock{like} is needed")
             result[at] = self._times_of_day(parts) + (days * DAY - offsets * SECOND).astype(np.int64)
         self._count += len(cells)
         return result.view("M8[ns]" if self._date else "m8[ns]")
 
     def _times_of_day(self, parts: pa.StructArray) -> NDArray[np.int64]:
         """Nanoseconds since midnight."""
-        first, second, third = (_whole(pc.struct_field(parts, name)) for name in ("first", "second", "third"))
-        half, fraction = (
-            _each(parts, "half", lambda text: HALVES[text.upper()]).astype(np.int64),
-            pc.struct_field(parts, "fraction"),
-        )
+        first, second, third = (_integers(pc.struct_field(parts, name)) for name in ("first", "second", "third"))
+        half = _mapped(parts, "half", lambda text: HALVES[text.upper()]).astype(np.int64)
+        fraction = pc.struct_field(parts, "fraction")
         short = third < 0
         if self._minutes is None and short.any():
             self._minutes = bool((numbers(pc.utf8_length(fraction))[short] > 0).any())
         minutes = np.where(half < 0, first, first % 12 + half) * 60 + second
         seconds = np.where(short & bool(self._minutes), minutes, 60 * minutes + np.maximum(third, 0))
-        return seconds * SECOND + _whole(pc.utf8_slice_codeunits(pc.utf8_rpad(fraction, 9, "0"), 0, 9))
+        return seconds * SECOND + _integers(pc.utf8_slice_codeunits(pc.utf8_rpad(fraction, 9, "0"), 0, 9))
 
     def _day(self, date: str) -> float:
-        """Days since the first date, NaN where the column has no such date."""
+        """Days since the first date; NaN for a date that does not fit the column."""
         if self._date is None:
             self._date = date
         if not date or not self._date:
@@ -134,7 +134,7 @@ class ClockReader:
         days: dict[str, int] = {}
         for order in self._orders:
             try:
-                moment, start = (datetime.strptime(re.sub("[./]", "-", each), order) for each in (date, self._date))
+                moment, start = (datetime.strptime(re.sub("[./]", "-", text), order) for text in (date, self._date))
             except ValueError:  # no such month or day
                 continue
             days[order] = (moment - start).days
@@ -145,7 +145,7 @@ class ClockReader:
         return days[self._orders[0]] if days else math.nan
 
     def _offset(self, zone: str) -> float:
-        """Seconds that a clock is ahead of UTC, NaN where the other clocks do not say it or the other way round."""
+        """Offset of a clock from UTC in seconds; NaN unless all clocks of the column have one, or none has."""
         if self._zone is None:
             self._zone = zone
         try:
@@ -154,21 +154,14 @@ class ClockReader:
             return math.nan
         return (ahead or timedelta()).total_seconds() if bool(zone) == bool(self._zone) else math.nan
 
-    def _refusal(self, cell: str, row: int) -> str:
-        like = f" like {self._example!r}" if cell != self._example else ""
-        return f"{self.label} holds {cell!r} in {self.where(row)}, where a clock{like} is needed"
 
-
-def _each(parts: pa.StructArray, name: str, value: Callable[[str], float]) -> Vector:
-    """A value for each text of a part, asked for once for each of the few that there are, in the order in which they
-    come."""
+def _mapped(parts: pa.StructArray, name: str, value: Callable[[str], float]) -> Vector:
+    """A function of every text of a part, called once for each distinct text in the order of their appearance."""
     coded = pc.struct_field(parts, name).dictionary_encode()
-    values: Vector = np.array([value(text) for text in coded.dictionary.to_pylist()], dtype=np.float64)[
-        numbers(coded.indices)
-    ]
-    return values
+    values: Vector = np.array([value(text) for text in coded.dictionary.to_pylist()], dtype=np.float64)
+    return values[numbers(coded.indices)]
 
 
-def _whole(texts: pa.StringArray) -> NDArray[np.int64]:
-    """Whole numbers, −1 where there is none."""
+def _integers(texts: pa.StringArray) -> NDArray[np.int64]:
+    """Integers; −1 for an empty text."""
     return numbers(pc.if_else(pc.equal(texts, ""), "-1", texts).cast(pa.int64()))

@@ -1,4 +1,4 @@
-"""Pieces of a table: float64 arrays of shape (columns, rows), cut to any size while they stream by."""
+"""Chunks of a table: float64 arrays of shape (columns, rows), cut to any size while they are streamed."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -10,9 +10,9 @@ from piezo_model.structure import SAMPLE_TIMES
 from solvers.arrays import Matrix, Vector
 
 BUFFER_BYTES = 1 << 18
-"""Bytes of a file that are read at once; Arrow reads some tens of such blocks ahead."""
+"""Bytes of a file in one read; Arrow reads some tens of such blocks ahead."""
 ABSURD = 1e30
-"""Size from which a value is none: instruments write 9.9e37 for an overload."""
+"""Smallest magnitude that is not a measured value: instruments write 9.9e37 for an overload."""
 
 
 class RecordingError(ValueError):
@@ -26,42 +26,47 @@ def check_sample_time(label: str, seconds: float) -> None:
         raise RecordingError(f"{label}the sampling period must be from {least:g} to {most:g} s, not {seconds}")
 
 
-def rechunk(pieces: Iterable[Matrix], size: int) -> Iterator[Matrix]:
-    """Cut pieces of any number of rows into pieces of exactly ``size`` rows, the last one shorter; all are copies.
+def rechunk(chunks: Iterable[Matrix], size: int) -> Iterator[Matrix]:
+    """Cut chunks of any size into copies of exactly ``size`` rows; the last one may be shorter.
 
-    >>> [piece.shape for piece in rechunk([np.zeros((2, 5)), np.zeros((2, 4))], 4)]
+    >>> [chunk.shape for chunk in rechunk([np.zeros((2, 5)), np.zeros((2, 4))], 4)]
     [(2, 4), (2, 4), (2, 1)]
     """
     if size < 1:
         raise ValueError(f"the size of a chunk must be at least 1, not {size}")
     held: list[Matrix] = []
     missing = size
-    for piece in pieces:
-        while piece.shape[1] >= missing:
-            yield np.concatenate([*held, piece[:, :missing]], axis=1)
-            piece, held, missing = piece[:, missing:], [], size
-        if piece.shape[1]:
-            held.append(piece)
-            missing -= piece.shape[1]
+    for chunk in chunks:
+        while chunk.shape[1] >= missing:
+            yield np.concatenate([*held, chunk[:, :missing]], axis=1)
+            chunk, held, missing = chunk[:, missing:], [], size
+        if chunk.shape[1]:
+            held.append(chunk)
+            missing -= chunk.shape[1]
     if held:
         yield np.concatenate(held, axis=1)
 
 
-class Elapsed:
-    """Seconds since the first time of a column, over any number of pieces, exact to the unit that the times are kept
-    in.
+def limited(chunks: Iterable[Matrix], rows: int) -> Iterator[Matrix]:
+    """The first rows of a stream of chunks."""
+    for chunk in chunks:
+        yield chunk[:, :rows]
+        rows = max(rows - chunk.shape[1], 0)
 
-    As a number since 1970 a time would be rounded to 0.2 µs. Times of day may pass midnight.
+
+class Elapsed:
+    """Converts chunks of a time column to seconds since its first time, exact to the unit of the times.
+
+    Seconds since 1970 in double precision would be rounded to 0.2 µs. Times of day may pass midnight.
     """
 
     def __init__(self) -> None:
-        """Start before the first time."""
         self._ends: tuple[Any, Any] | None = None
         """First and last time so far."""
         self._midnights = 0
 
     def seconds(self, times: NDArray[Any]) -> Vector:
-        """Seconds of the next piece of datetime64, or of timedelta64 since midnight; NaN where one is missing."""
+        """Seconds of the next chunk of datetime64, or of timedelta64 since midnight; NaN for a missing one."""
         result, known = np.full(times.shape, np.nan), ~np.isnat(times)
         kept = times[known]
         if kept.size:
@@ -74,16 +79,6 @@ class Elapsed:
         return result
 
 
-def limited(pieces: Iterable[Matrix], rows: int | None) -> Iterator[Matrix]:
-    """The first rows of pieces, or all of them."""
-    for piece in pieces:
-        if rows is None:
-            yield piece
-        elif rows > 0:
-            yield piece[:, :rows]
-            rows -= piece.shape[1]
-
-
 def first_line(error: Exception) -> str:
-    """What another library has to say, as a clause of a sentence."""
+    """First line of an error's message, or its type."""
     return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__

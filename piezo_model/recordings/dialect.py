@@ -1,14 +1,14 @@
-"""How a text file writes its table: separator, decimal mark, header, units and where the rows of numbers start.
+"""How a text file writes its table: separator, decimal mark, header, units and the first row of numbers.
 
-Every pair of separator and decimal mark is tried on the first lines. The pair is taken under which the longest run of
-rows of equal width holds the most numbers; what stands above the run is header, units and remarks.
+Every pair of separator and decimal mark is tried on the first lines. The best pair gives the rows of equal width that
+hold the most numbers; the lines above the first of them are header, units and remarks.
 """
 
 import csv
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from piezo_model.recordings.arrow_columns import is_clock
 from piezo_model.recordings.tables import Column, Kind
@@ -16,21 +16,25 @@ from piezo_model.units import canonical
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 """In the order of preference; " " stands for any run of blanks and tabs."""
-COMMENT = re.compile(r"\s*(?:#|%|//|;|!|\*\*)+\s*")
+COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
+COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
 NULLS = {case(cell) for cell in MISSING for case in (str.lower, str.upper, str.capitalize)} | {"NaN"}
-"""The same as they are written."""
+"""The spellings of MISSING."""
 FLAGS = frozenset({"true", "false", "yes", "no", "on", "off"})
 DECIMAL = {
-    ".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE),
-    ",": re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE),
+    mark: re.compile(rf"[+-]?(?:(?:\d+[{mark}]?\d*|[{mark}]\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
+    for mark in ".,"
 }
 THOUSANDS = {
-    ".": re.compile(r"[+-]?\d{1,3}(?P<mark>[,' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:\.\d*)?"),
-    ",": re.compile(r"[+-]?\d{1,3}(?P<mark>[.' \xa0\u202f])\d{3}(?:(?P=mark)\d{3})*(?:,\d*)?"),
+    mark: re.compile(rf"[+-]?\d{{1,3}}(?P<mark>[{other}' \xa0\u202f])\d{{3}}(?:(?P=mark)\d{{3}})*(?:[{mark}]\d*)?")
+    for mark, other in (".,", ",.")
 }
 REMARKS_BELOW_HEADER = 2
 WORTH: dict[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
+"""Score of a cell by its kind."""
+THOUSANDS_WORTH = 1.4
+"""Added for a text that is a number with thousands separators: less than a number, more than a flag."""
 
 
 @dataclass(frozen=True)
@@ -50,51 +54,51 @@ class Dialect:
         return [cell.strip() for cell in next(csv.reader([line.strip(" ")], delimiter=self.separator), [])]
 
     def is_comment(self, line: str) -> bool:
-        """Whether a line is one: a semicolon may also be the separator after an empty first cell."""
+        """Whether a line is a comment; a leading semicolon may also be the separator after an empty first cell."""
         if self.separator == ";" and line.lstrip().startswith(";"):
             return not any(self.kind(cell) in ("number", "clock") for cell in self.split(line))
         return bool(COMMENT.match(line))
 
     def kind(self, cell: str) -> Kind:
-        """What a cell holds."""
+        """Kind of value in a cell."""
         cell = cell.strip()
-        if DECIMAL[self.decimal].fullmatch(cell) and cell.lower() not in MISSING:
-            return "number"
         if cell.lower() in MISSING:
             return "empty"
+        if DECIMAL[self.decimal].fullmatch(cell):
+            return "number"
         if cell.lower() in FLAGS:
             return "flag"
         if is_clock(cell):
             return "clock"
-        return "number" if self.thousands and self.mark(cell) else "text"
+        return "number" if self.thousands and self.thousands_mark(cell) else "text"
 
-    def mark(self, cell: str) -> str:
+    def thousands_mark(self, cell: str) -> str:
         """The mark between groups of three digits in a cell, or "" for none."""
-        found = THOUSANDS[self.decimal].fullmatch(cell.strip())
-        return found["mark"] if found and not (found["mark"] == " " and self.separator == " ") else ""
+        match = THOUSANDS[self.decimal].fullmatch(cell.strip())
+        return match["mark"] if match and not match["mark"] == self.separator == " " else ""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where things are in the first lines of a file."""
+    """Positions of header and rows in the first lines of a file."""
 
     dialect: Dialect
     start: int
     """Index of the first line of numbers."""
     columns: tuple[Column, ...]
-    """Named ``column 1``, ``column 2``, … where the file has no names."""
+    """Named ``column 1``, ``column 2``, … if the file has no names."""
     header: int | None = None
     """Index of the line that names the columns."""
     repeated: tuple[str, ...] = ()
-    """Header and units as lines, to be passed over where they come again."""
+    """Header and units as lines, which are skipped where they occur again."""
     glued: int = 0
-    """Character at which the first row starts in its line, behind a header that lacks its line break."""
+    """Character at which the first row starts in the header's line, if the header lacks its line break."""
 
 
 def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | None = None) -> Layout | None:
-    """Find the table in the first lines of a file, which are complete; None where no rows of numbers are found.
+    """Find the table in the first complete lines of a file; None without rows of numbers.
 
-    The user may say the decimal mark, and the index of the line that names the columns, or -1 for none.
+    The user may give the decimal mark, and the index of the line that names the columns, or -1 for none.
     """
     first = max((header if header is not None else -1) + 1, 0)
     quoted = any('"' in line for line in lines)
@@ -104,20 +108,20 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | No
         for mark in ([decimal] if decimal else ".,")
         if quoted or (separator, mark) != (",", ",")
     ]
-    score, dialect, width, rows = max(
-        (_score(dialect, lines, first) for dialect in dialects), key=lambda found: found[0]
-    )
+    score, dialect, rows = max((_score(dialect, lines, first) for dialect in dialects), key=lambda scored: scored[0])
     if score <= 0:
         return None
-    kinds = _kinds(dialect, [dialect.split(lines[k]) for k in rows])
-    fitting = next((k for k in rows if _fits(dialect, lines[k], width, kinds)), rows[0])
-    return _headed(lines, dialect, _with_damaged_rows(dialect, lines, fitting, width, first), kinds, header)
+    cells = [dialect.split(lines[k]) for k in rows]
+    kinds = _kinds(dialect, cells)
+    good = (k for k, row in zip(rows, cells, strict=True) if _fits(dialect, row, kinds))
+    start = _with_damaged_rows(dialect, lines, next(good, rows[0]), len(kinds), first)
+    return _headed(lines, dialect, start, kinds, header)
 
 
-def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, int, list[int]]:
-    """Numbers in the rows of the commonest width, and those rows."""
-    rows: dict[int, list[int]] = {}
-    worth: dict[int, float] = {}
+def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, list[int]]:
+    """Score of the rows of the best width, the dialect with its thousands separator, and those rows."""
+    rows: defaultdict[int, list[int]] = defaultdict(list)
+    scores: defaultdict[int, float] = defaultdict(float)
     marks: Counter[str] = Counter()
     for at, line in enumerate(lines[first:], start=first):
         try:
@@ -125,32 +129,29 @@ def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, D
         except csv.Error:
             continue
         kinds = [dialect.kind(cell) for cell in cells]
-        found = [
-            mark for cell, kind in zip(cells, kinds, strict=True) if kind == "text" and (mark := dialect.mark(cell))
-        ]
-        marks.update(found)
-        if "number" in kinds or "clock" in kinds or found:
-            rows.setdefault(len(cells), []).append(at)
-            value = sum(WORTH[kind] for kind in kinds) + 1.4 * len(found)
-            worth[len(cells)] = worth.get(len(cells), 0.0) + value
-    if not worth:
-        return 0.0, dialect, 0, []
-    width = max(worth, key=lambda count: worth[count])
+        texts = [cell for cell, kind in zip(cells, kinds, strict=True) if kind == "text"]
+        in_row = [mark for mark in map(dialect.thousands_mark, texts) if mark]
+        marks.update(in_row)
+        if "number" in kinds or "clock" in kinds or in_row:
+            rows[len(cells)].append(at)
+            scores[len(cells)] += sum(WORTH[kind] for kind in kinds) + THOUSANDS_WORTH * len(in_row)
+    if not scores:
+        return 0.0, dialect, []
+    width = max(scores, key=scores.__getitem__)
     if marks:
-        dialect = Dialect(dialect.separator, dialect.decimal, marks.most_common(1)[0][0])
-    return worth[width], dialect, width, rows[width]
+        dialect = replace(dialect, thousands=marks.most_common(1)[0][0])
+    return scores[width], dialect, rows[width]
 
 
 def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
-    """What most cells of each column hold that are not empty."""
+    """The commonest kind of each column, empty cells apart."""
     columns = [Counter(map(dialect.kind, column)) for column in zip(*rows, strict=True)]
     # "empty" comes last, however many there are
-    return tuple(max(seen, key=lambda kind: (kind != "empty", seen[kind], WORTH[kind])) for seen in columns)
+    return tuple(max(counts, key=lambda kind: (kind != "empty", counts[kind], WORTH[kind])) for counts in columns)
 
 
-def _fits(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> bool:
-    cells = dialect.split(line)
-    return len(cells) == width and all(
+def _fits(dialect: Dialect, cells: Sequence[str], kinds: Sequence[Kind]) -> bool:
+    return all(
         dialect.kind(cell) in (kind, "empty")
         for cell, kind in zip(cells, kinds, strict=True)
         if kind in ("number", "clock")
@@ -158,18 +159,18 @@ def _fits(dialect: Dialect, line: str, width: int, kinds: Sequence[Kind]) -> boo
 
 
 def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, width: int, first: int) -> int:
-    """Take rows above the first good one that are damaged and not a header: part of their cells are numbers."""
-    at = start
-    while at > first and lines[at - 1].strip() and not dialect.is_comment(lines[at - 1]):
-        cells = dialect.split(lines[at - 1])
+    """Include the lines above the first good row that are damaged rows and not a header: some of their cells are
+    numbers."""
+    while start > first and lines[start - 1].strip() and not dialect.is_comment(lines[start - 1]):
+        cells = dialect.split(lines[start - 1])
         if len(cells) != width or not any(dialect.kind(cell) == "number" for cell in cells):
             break
-        at -= 1
-    return at
+        start -= 1
+    return start
 
 
 def _headed(lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[Kind], header: int | None) -> Layout:
-    """Find names and units above the first row: the header may be a comment, with a remark or a rule below it."""
+    """Find names and units above the first row; the header may be a comment, with a remark or a rule below it."""
     above = [k for k in range(start) if re.search(r"\w", lines[k])] if header is None else [*range(header, start)]
     headed = [
         (k, cells)
@@ -179,8 +180,8 @@ def _headed(lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[
     if header is not None and header >= 0:
         headed = headed[:2]
     none: Sequence[str] = [""] * len(kinds)
-    if not headed and above and (found := _glued(dialect, lines[above[-1]], kinds)):
-        return Layout(dialect, above[-1], _columns(found[0], none, kinds), above[-1], glued=found[1])
+    if not headed and above and (glued := _glued(dialect, lines[above[-1]], kinds)):
+        return Layout(dialect, above[-1], _columns(glued[0], none, kinds), above[-1], glued=glued[1])
     if not headed:
         return Layout(dialect, start, _columns(none, none, kinds))
     with_units = len(headed) > 1 and _all_units(headed[-1][1])
@@ -196,8 +197,9 @@ def _columns(names: Sequence[str], units: Sequence[str], kinds: Sequence[Kind]) 
 
 
 def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
-    """Names in a header with the first row in the same line, and where that row starts; afmformats has written such."""
-    width, cells = len(kinds), dialect.split(COMMENT.sub("", line, count=1) if dialect.is_comment(line) else line)
+    """Names in a header with the first row in the same line, as afmformats has written it, and the start of that
+    row."""
+    width, cells = len(kinds), dialect.split(_uncommented(dialect, line))
     if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
         return None
     joint = re.fullmatch(r"(\D*?\w?[^\W\d][^\d.+-]*)([+-]?[\d.].*)", cells[width - 1])
@@ -215,12 +217,16 @@ def _all_units(cells: Sequence[str]) -> bool:
     )
 
 
+def _uncommented(dialect: Dialect, line: str) -> str:
+    line = line.strip("\r\n")
+    return COMMENT.sub("", line, count=1) if dialect.is_comment(line) else line
+
+
 def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | None:
-    """The names in a line above columns of these kinds, or None where the line is a remark."""
+    """The names in a line above columns of these kinds; None for a remark."""
     width = len(kinds)
-    text = COMMENT.sub("", line.strip("\r\n"), count=1) if dialect.is_comment(line) else line.strip("\r\n")
-    for cut in _splits(dialect, text):
-        cells = [cell.strip().strip('"').strip() for cell in cut]
+    for parts in _splits(dialect, _uncommented(dialect, line)):
+        cells = [cell.strip().strip('"').strip() for cell in parts]
         if len(cells) == width + 1 > 2:  # a separator at the end, or LabVIEW's comment that no row has
             cells = cells[:-1]
         if len(cells) == width - 1 > 1:  # rows end in a separator, or start with an index
@@ -231,7 +237,7 @@ def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | No
 
 
 def _splits(dialect: Dialect, text: str) -> list[list[str]]:
-    """Ways to cut a header: as the rows are, at wide gaps, and at blanks that do not stand before a bracket."""
+    """Ways to split a header: like the rows, at wide gaps, and at blanks that do not stand before a bracket."""
     wide, bare = re.split(r"\t+|\s{2,}", text.strip()), re.split(r"\s+(?![\[(])", text.strip())
     if dialect.separator == " ":
         return [
@@ -241,6 +247,6 @@ def _splits(dialect: Dialect, text: str) -> list[list[str]]:
             re.findall(r'"[^"]*"', text),
         ]
     ways = [dialect.split(text)]
-    if len(ways[0]) == 1:  # the header is written otherwise than the rows
+    if len(ways[0]) == 1:  # the header has another separator than the rows
         ways += [wide, bare, re.split(r"[,;]", text)]
     return ways

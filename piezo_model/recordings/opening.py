@@ -12,7 +12,7 @@ from piezo_model.recordings.chunks import RecordingError, first_line
 from piezo_model.recordings.tables import HEAD_BYTES, ReadOptions, Table
 
 
-def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
+def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
     """Open a table of any known format.
 
     Raises
@@ -20,7 +20,7 @@ def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
     RecordingError
         The file is missing, empty, a folder, of an unknown format, damaged, or needs a package that is not installed.
     """
-    path = Path(path)
+    path, options = Path(path), options or ReadOptions()
     try:
         if path.is_dir():
             raise RecordingError(f"{path}: is a folder, not a file")
@@ -28,30 +28,28 @@ def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
             head = file.read(HEAD_BYTES)
         if not head:
             raise RecordingError(f"{path}: is an empty file")
-        formats = _registered()
-        text = formats["text"]  # is what no other format recognises
-        known = next((each for each in formats.values() if each is not text and each.recognises(path, head)), text)
-        reading = reading or ReadOptions()
+        text, *binary = _formats()
+        format = next((each for each in binary if each.recognises(path, head)), text)
         for name in ("header_row", "decimal", "sheet"):
-            if getattr(reading, name) is not None and name not in getattr(known, "READS", ()):
-                raise RecordingError(f"{path}: is {known.NAME}, for which no {name.replace('_', ' ')} can be given")
-        if getattr(known, "APART", False):
-            if sys.platform != "linux":
-                raise RecordingError(
-                    f"{path}: is {known.NAME}, which is read in a process of its own, Linux only; text and Parquet are "
-                    "read everywhere"
-                )
-            from piezo_model.recordings import subprocess_reader
+            if getattr(options, name) is not None and name not in getattr(format, "READS", ()):
+                raise RecordingError(f"{path}: is {format.NAME}, for which no {name.replace('_', ' ')} can be given")
+        if not getattr(format, "SUBPROCESS", False):
+            return format.open_table(path, options)
+        if sys.platform != "linux":
+            raise RecordingError(
+                f"{path}: is {format.NAME}, which is read in a process of its own, Linux only; text and Parquet are "
+                "read everywhere"
+            )
+        from piezo_model.recordings import subprocess_reader
 
-            return subprocess_reader.open_table(known, path, reading)
-        return known.open_table(path, reading)
+        return subprocess_reader.open_table(format, path, options)
     except ModuleNotFoundError as error:
-        if error.name == "pyarrow":  # on which the registry of formats stands
+        if error.name == "pyarrow":  # which the formats import at once
             raise RecordingError(
                 f"{path}: reading a file needs the package pyarrow: install piezobench[bench]"
             ) from None
         raise RecordingError(
-            f"{path}: is {known.NAME}, and reading it needs the package {error.name}: install piezobench[formats]"
+            f"{path}: is {format.NAME}, and reading it needs the package {error.name}: install piezobench[formats]"
         ) from None
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file") from None
@@ -60,8 +58,8 @@ def open_table(path: str | Path, reading: ReadOptions | None = None) -> Table:
 
 
 @cache
-def _registered() -> dict[str, ModuleType]:
-    """Every format by its module's name."""
-    formats = importlib.import_module("piezo_model.recordings.formats")
-    names = [module.name for module in pkgutil.iter_modules(formats.__path__)]
-    return {name: importlib.import_module(f"{formats.__name__}.{name}") for name in names}
+def _formats() -> list[ModuleType]:
+    """The modules of all formats; first that of plain text, which any other file is taken for."""
+    package = importlib.import_module("piezo_model.recordings.formats")
+    names = sorted((module.name for module in pkgutil.iter_modules(package.__path__)), key=lambda name: name != "text")
+    return [importlib.import_module(f"{package.__name__}.{name}") for name in names]

@@ -1,11 +1,11 @@
-"""What the values of columns say about their roles where the names say nothing.
+"""Roles of columns by their values, for names that do not tell.
 
-Time never falls. Of two signals the output lags the input, be it by hysteresis, creep or delay: drawn over the input
-the loop is run through counterclockwise where the gain is positive, clockwise where it is negative, so that
+Time never falls. Of two signals the output lags the input, by hysteresis, creep or delay: drawn over the input
+the loop runs counterclockwise for a positive gain and clockwise for a negative one, so that
 
     S = ½ Σ (a_k b_{k+1} − a_{k+1} b_k) · sign(cov(a, b))
 
-is positive if b lags a. Data without a loop have a noisier side, and that is the sensor's.
+is positive if b lags a. In data without a loop, the noisier signal is the sensor's.
 """
 
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ from piezo_model.recordings.chunks import ABSURD, rechunk
 from piezo_model.recordings.tables import Table
 from solvers.arrays import Matrix
 
-LOOK = 1_000_000
-"""Rows from the start that tell input from output."""
+LOOP_ROWS = 1_000_000
+"""Rows from the start that distinguish input and output."""
 LEAST_LOOP = 0.004
-"""Area of a loop, as a share of the product of both ranges, from which its sense tells input from output."""
+"""Smallest area of a loop, as a share of the product of both ranges, whose sense counts."""
 LEAST_NOISE_RATIO = 4.0
 REASONS = LAGS, NOISIER = "because the output lags the input", "because the output is the noisier one"
-"""Why values tell input from output."""
+"""Reasons for roles that values tell."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Profile:
     rises: bool
     """Never falls, and is not constant."""
     counts: bool
-    """Goes up by one from row to row: an index."""
+    """Increases by one in every row: an index."""
     uniform: bool
-    """Goes up by nearly the same from row to row."""
+    """Increases nearly evenly."""
 
 
 def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
@@ -47,13 +47,13 @@ def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
     low, high = np.full(len(at), np.inf), np.full(len(at), -np.inf)
     least, most, total, rows = low.copy(), high.copy(), np.zeros(len(at)), 0
     last: Matrix = np.empty((len(at), 0))
-    for piece in map(_sane, table.pieces(at)):
-        low, high = np.fmin(low, np.fmin.reduce(piece, axis=1)), np.fmax(high, np.fmax.reduce(piece, axis=1))
-        steps = np.diff(np.concatenate([last, piece], axis=1), axis=1)
+    for chunk in map(_without_absurd, table.chunks(at)):
+        low, high = np.fmin(low, np.fmin.reduce(chunk, axis=1)), np.fmax(high, np.fmax.reduce(chunk, axis=1))
+        steps = np.diff(np.concatenate([last, chunk], axis=1), axis=1)
         if steps.size:
             least, most = np.minimum(least, steps.min(axis=1)), np.maximum(most, steps.max(axis=1))
             total, rows = total + steps.sum(axis=1), rows + steps.shape[1]
-        last = piece[:, -1:].copy()
+        last = chunk[:, -1:].copy()
     mean = total / max(rows, 1)
     return {
         k: Profile(
@@ -68,8 +68,8 @@ def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
 
 
 def input_first(table: Table, pair: tuple[int, int]) -> tuple[Sequence[int], str]:
-    """Which of two columns is the input and which the output, and why; nothing where the values do not tell."""
-    rows = _sane(next(rechunk(table.pieces(pair), LOOK), np.empty((2, 0))))
+    """Positions of input and output among two columns, and the reason; empty if the values do not tell."""
+    rows = _without_absurd(next(rechunk(table.chunks(pair), LOOP_ROWS), np.empty((2, 0))))
     if rows.shape[1] < 16:
         return (), ""
     a, b = window = rows - rows[:, :1]
@@ -87,6 +87,6 @@ def input_first(table: Table, pair: tuple[int, int]) -> tuple[Sequence[int], str
     return (), ""
 
 
-def _sane(piece: Matrix) -> Matrix:
-    """NaN in place of absurdly large values, which would overflow in sums."""
-    return np.where(np.abs(piece) < ABSURD, piece, np.nan)
+def _without_absurd(chunk: Matrix) -> Matrix:
+    """The chunk with NaN for values too large to be summed."""
+    return np.where(np.abs(chunk) < ABSURD, chunk, np.nan)

@@ -1,9 +1,9 @@
-"""A recording: what was fed to an actuator and what came out, sampled uniformly.
+"""A recording: input and output of an actuator, sampled uniformly.
 
-The file, of any format that :mod:`piezo_model.recordings.formats` knows, has columns for the input x_k and the output
-y_k, and for the time t_k = t_0 + k T unless T is known otherwise. It is checked once, when it is opened, and streamed
-ever after: a recording of hours fits because nothing of it is kept but its ranges. Columns that the user does not name
-are guessed (:mod:`piezo_model.recordings.roles`), and ``describe()`` says so; what is checked and how is in
+The file, in any format of :mod:`piezo_model.recordings.formats`, has columns for the input x_k and the output y_k, and
+for the time t_k = t_0 + k T unless T is known. It is checked once, when it is opened, and then streamed: a recording
+of hours is no problem, since only its ranges are kept. Columns that the user does not name are guessed
+(:mod:`piezo_model.recordings.roles`), and ``describe()`` reports the guesses; the checks are in
 :mod:`piezo_model.recordings.scan` and :mod:`piezo_model.recordings.sampling`.
 """
 
@@ -30,23 +30,37 @@ from piezo_model.units import canonical, quantity, shown
 from solvers.arrays import Matrix, Vector
 
 HELD = 5_000_000
-"""Samples up to which an identification keeps a recording in memory."""
+"""Largest number of samples that an identification keeps in memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Where signals come from."""
+    """Origin of signals."""
 
     name: str
-    """Path of the file, or what arrays were called."""
+    """Path of the file, or the name given to arrays."""
     sample_time: float
     """Sampling period in seconds."""
     columns: Mapping[str, str] = field(default_factory=dict)
     """Column of the file by role."""
     reasons: Mapping[str, str] = field(default_factory=dict)
-    """Why a column was guessed, by role; not of those that the user named."""
+    """Reason of the guess by role; not of the columns that the user named."""
     form: str = ""
-    """How the file was understood, as a clause: "text, separated by tabs, header in row 3"."""
+    """Format and dialect of the file, as a clause: "text, separated by tabs, header in row 3"."""
+
+    def _describe_signal(self, role: str, unit: str, span: tuple[float, float]) -> str:
+        column = f" {self.columns[role]!r}" if role in self.columns else ""
+        low, high = (f"{value:.4g}" if unit else quantity(value, "") for value in span)
+        return f"{role}{column} from {low} to {high} {shown(unit) if unit else '(unit unknown)'}"
+
+    def _describe_guesses(self) -> str:
+        if not self.reasons:
+            return ""
+        roles = {
+            why: ", ".join(role for role in self.reasons if self.reasons[role] == why) for why in self.reasons.values()
+        }
+        guesses = "; ".join(f"{names} {why}" for why, names in roles.items())
+        return f"; guessed: {guesses} (otherwise {', '.join(f'--{role}' for role in self.reasons)})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,18 +68,18 @@ class Recording(Source):
     """Input and output of an actuator; made by :meth:`open` or :meth:`from_arrays`, which check it."""
 
     length: int
-    """Samples."""
+    """Number of samples."""
     x_range: tuple[float, float]
     """Smallest and largest input, in ``input_unit``."""
     y_range: tuple[float, float]
     """Smallest and largest output, in ``output_unit``."""
     input_unit: str = ""
-    """Unit of the input ("V"), or "" where nothing says it."""
+    """Unit of the input ("V"), or "" if unknown."""
     output_unit: str = ""
-    """Unit of the output ("um"), or "" where nothing says it."""
+    """Unit of the output ("um"), or "" if unknown."""
     time_resolution: float = 0.0
-    """Rounding that shows in the times, in seconds."""
-    _pieces: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False)
+    """Visible rounding of the times, in seconds."""
+    _signals: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False)
 
     @classmethod
     def open(
@@ -90,16 +104,16 @@ class Recording(Source):
         Parameters
         ----------
         path : str or Path
-            Of any format; it is told by the content.
+            Of any format; the content determines it.
         time, input, output : str, optional
             Column names, paths such as ``group/channel``, or numbers counted from 1; guessed by default.
         time_tolerance : float
-            Share of the sampling period by which an interval may differ from it, on top of the rounding of printed
+            Largest deviation of an interval from the sampling period, as a share of it, beside the rounding of printed
             times.
         sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
-            What the file does not say, as in :class:`piezo_model.recordings.tables.ReadOptions`.
+            As in :class:`piezo_model.recordings.tables.ReadOptions`.
         hold : int
-            Samples up to which the recording stays in memory; a longer one is read again whenever it is looked at.
+            Largest number of samples that stay in memory; a longer recording is read again at every use.
 
         Raises
         ------
@@ -116,21 +130,20 @@ class Recording(Source):
         >>> recording.sample_time, recording.length, recording.x_range, recording.output_unit
         (0.005, 3, (0.0, 2.0), 'um')
         """
-        reading = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
-        source, found, (x, y) = _read(
-            path, {"time": time, "input": input, "output": output}, reading, time_tolerance, hold
-        )
-        for role, column, (low, high) in zip(("input", "output"), (x, y), found.ranges, strict=True):
-            _refuse_constant(f"{path}: {role} column {column.name!r}", low, high, found.length)
+        options = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+        named = {"time": time, "input": input, "output": output}
+        source, samples, (x, y) = _read(path, named, options, time_tolerance, hold)
+        for role, column, (low, high) in zip(("input", "output"), (x, y), samples.ranges, strict=True):
+            _refuse_constant(f"{path}: {role} column {column.name!r}", low, high, samples.length)
         return cls(
             **source,
-            length=found.length,
-            x_range=found.ranges[0],
-            y_range=found.ranges[1],
-            input_unit=_unit(reading.input_unit, x),
-            output_unit=_unit(reading.output_unit, y),
-            time_resolution=found.time_resolution,
-            _pieces=found.signals,
+            length=samples.length,
+            x_range=samples.ranges[0],
+            y_range=samples.ranges[1],
+            input_unit=_unit(options.input_unit, x),
+            output_unit=_unit(options.output_unit, y),
+            time_resolution=samples.time_resolution,
+            _signals=samples.signals,
         )
 
     @classmethod
@@ -144,7 +157,7 @@ class Recording(Source):
         output_unit: str = "",
         name: str = "arrays",
     ) -> Recording:
-        """Make a recording of arrays in memory, which are copied.
+        """Make a recording from copies of arrays.
 
         Parameters
         ----------
@@ -156,7 +169,7 @@ class Recording(Source):
         Raises
         ------
         RecordingError
-            Unequal shapes, values that are not finite, a constant input or output, or a senseless sampling period.
+            Unequal shapes, values that are not finite, a constant input or output, or an impossible sampling period.
         """
         check_sample_time(f"{name}: ", sample_time)
         signals = {"input": np.asarray(x, dtype=np.float64), "output": np.asarray(y, dtype=np.float64)}
@@ -182,12 +195,12 @@ class Recording(Source):
             y_range=ranges[1],
             input_unit=input_unit,
             output_unit=output_unit,
-            _pieces=partial(iter, (both,)),
+            _signals=partial(iter, (both,)),
         )
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the first sample to the last."""
+        """Time from the first sample to the last, in seconds."""
         return (self.length - 1) * self.sample_time
 
     def chunks(self, size: int = CHUNK) -> Iterator[tuple[Vector, Vector]]:
@@ -196,29 +209,29 @@ class Recording(Source):
         Each call starts again at the first sample. The arrays are the caller's own.
         """
         count = 0
-        for x, y in rechunk(self._pieces(), size):
+        for x, y in rechunk(self._signals(), size):
             count += x.size
             yield x, y
         if count != self.length:
             raise RecordingError(f"{self.name}: has {count} data rows now and had {self.length} when it was opened")
 
     def arrays(self) -> tuple[Vector, Vector]:
-        """Input and output, each of shape (length,), all in memory."""
+        """Input and output, each of shape (length,)."""
         (both,) = self.chunks(self.length)
         return both
 
     def in_memory(self) -> Recording:
-        """Return the same recording with its samples held in memory."""
-        return replace(self, _pieces=partial(iter, (np.stack(self.arrays()),)))
+        """Return the same recording, held in memory."""
+        return replace(self, _signals=partial(iter, (np.stack(self.arrays()),)))
 
     def head(self, samples: int) -> Recording:
-        """Return the first samples, held in memory, with the ranges and units of the whole."""
+        """Return the first samples, held in memory, with the ranges and units of the whole recording."""
         if self.length <= samples:
             return self.in_memory()
-        return replace(self, length=samples, _pieces=partial(iter, (np.stack(next(self.chunks(samples))),)))
+        return replace(self, length=samples, _signals=partial(iter, (np.stack(next(self.chunks(samples))),)))
 
     def swapped(self) -> Recording:
-        """Return the recording with input and output exchanged."""
+        """Return the recording with input and output swapped."""
         other = {"input": "output", "output": "input"}
         return replace(
             self,
@@ -228,11 +241,11 @@ class Recording(Source):
             output_unit=self.input_unit,
             columns={other.get(role, role): name for role, name in self.columns.items()},
             reasons={other.get(role, role): why for role, why in self.reasons.items()},
-            _pieces=partial(_turned, self._pieces),
+            _signals=partial(_swapped, self._signals),
         )
 
     def describe(self) -> str:
-        """Say in two lines what was recorded, and which columns were guessed and why."""
+        """Describe in two lines the samples, and the columns that were guessed."""
         first = (
             f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
             f"{quantity(self.duration_s, 's')}, one every {quantity(self.sample_time, 's')}"
@@ -241,37 +254,30 @@ class Recording(Source):
             first += f" by {self.columns['time']!r}"
         if self.time_resolution > TIME_TOLERANCE * self.sample_time:
             first += f", rounded to {quantity(self.time_resolution, 's')}"
-        second = ", ".join(
-            _said(role, self.columns.get(role), unit, span)
-            for role, unit, span in (
-                ("input", self.input_unit, self.x_range),
-                ("output", self.output_unit, self.y_range),
-            )
-        )
-        return f"{first}\n{second}{_guessed(self.reasons)}"
+        input = self._describe_signal("input", self.input_unit, self.x_range)
+        output = self._describe_signal("output", self.output_unit, self.y_range)
+        return f"{first}\n{input}, {output}{self._describe_guesses()}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reference(Source):
-    """A signal to be followed; ``sample_time, values, unit = reference`` unpacks it."""
+    """A signal to follow; ``sample_time, values, unit = reference`` unpacks it."""
 
     values: Vector
     """The signal, shape (samples,)."""
     unit: str
-    """Unit of the values, or "" where nothing says it."""
+    """Unit of the values, or "" if unknown."""
 
     def __iter__(self) -> Iterator[Any]:
         """Sampling period, values and unit."""
         return iter((self.sample_time, self.values, self.unit))
 
     def describe(self) -> str:
-        """Say in a sentence what was read and which columns were guessed."""
+        """Describe in a sentence the samples, and the columns that were guessed."""
+        signal = self._describe_signal("reference", self.unit, (float(self.values.min()), float(self.values.max())))
         return (
             f"{self.name}: {self.form}; {self.values.size} samples, one every {quantity(self.sample_time, 's')}; "
-            + _said(
-                "reference", self.columns["reference"], self.unit, (float(self.values.min()), float(self.values.max()))
-            )
-            + _guessed(self.reasons)
+            f"{signal}{self._describe_guesses()}"
         )
 
 
@@ -290,7 +296,7 @@ def read_reference(
     input_unit: str | None = None,
     output_unit: str | None = None,
 ) -> Reference:
-    """Read a file of one signal to be followed, which may be constant, and the times if it has any.
+    """Read a signal to follow, which may be constant, and its times if the file has any.
 
     Parameters
     ----------
@@ -299,7 +305,7 @@ def read_reference(
     time, column : str, optional
         Column names; guessed by default.
     role : "reference" or "input"
-        What the signal is to be recognised as.
+        Role by which the signal is recognised.
     time_tolerance, sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
         As for :meth:`Recording.open`.
 
@@ -308,32 +314,32 @@ def read_reference(
     RecordingError
         With one sentence that names file, column and row.
     """
-    reading = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
-    source, found, (signal,) = _read(path, {"time": time, role: column}, reading, time_tolerance, sys.maxsize)
-    unit = _unit(reading.input_unit if role == "input" else reading.output_unit, signal)
-    return Reference(**source, values=next(rechunk(found.signals(), found.length))[0], unit=unit)
+    options = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+    source, samples, (signal,) = _read(path, {"time": time, role: column}, options, time_tolerance, sys.maxsize)
+    unit = _unit(options.input_unit if role == "input" else options.output_unit, signal)
+    return Reference(**source, values=next(rechunk(samples.signals(), samples.length))[0], unit=unit)
 
 
 def _read(
-    path: str | Path, named: Mapping[str, str | None], reading: ReadOptions, tolerance: float, hold: int
+    path: str | Path, named: Mapping[str, str | None], options: ReadOptions, tolerance: float, hold: int
 ) -> tuple[dict[str, Any], Scan, list[Column]]:
     """Fields of a `Source`, the samples of a file and the columns of its signals."""
-    table = open_table(path, reading)
-    roles = choose_roles(table, named, reading.sample_time is not None)
-    found = scan(table, roles, reading, tolerance, hold)
+    table = open_table(path, options)
+    roles = choose_roles(table, named, options.sample_time is not None)
+    samples = scan(table, roles, options, tolerance, hold)
     columns = {role: table.columns[k] for role, k in roles.at.items()}
     source = {
         "name": str(path),
-        "sample_time": found.sample_time,
+        "sample_time": samples.sample_time,
         "columns": {role: column.name for role, column in columns.items()},
         "reasons": roles.reasons,
-        "form": table.form + found.remark,
+        "form": table.form + samples.remark,
     }
-    return source, found, [column for role, column in columns.items() if role != "time"]
+    return source, samples, [column for role, column in columns.items() if role != "time"]
 
 
-def _turned(pieces: Callable[[], Iterable[Matrix]]) -> Iterator[Matrix]:
-    return (piece[::-1] for piece in pieces())
+def _swapped(signals: Callable[[], Iterable[Matrix]]) -> Iterator[Matrix]:
+    return (chunk[::-1] for chunk in signals())
 
 
 def _unit(given: str | None, column: Column) -> str:
@@ -345,14 +351,3 @@ def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
         raise RecordingError(f"{label} is constant, all {count} values are {low:g}")
     if high - low < 2.0 * SMALLEST:
         raise RecordingError(f"{label}: the range, {high - low:g}, is too small")
-
-
-def _said(role: str, column: str | None, unit: str, span: tuple[float, float]) -> str:
-    low, high = (f"{value:.4g}" if unit else quantity(value, "") for value in span)
-    return f"{role}{f' {column!r}' if column else ''} from {low} to {high} {shown(unit) if unit else '(unit unknown)'}"
-
-
-def _guessed(reasons: Mapping[str, str]) -> str:
-    roles = {why: ", ".join(role for role in reasons if reasons[role] == why) for why in reasons.values()}
-    said = "; ".join(f"{some} {why}" for why, some in roles.items())
-    return f"; guessed: {said} (otherwise {', '.join(f'--{role}' for role in reasons)})" if reasons else ""

@@ -1,10 +1,10 @@
 """Which column is time, input and output.
 
-What the user names is taken. The rest is guessed and said, by what is surest first: the words in a name
-(``input_voltage``), its unit, that only one column is left, and in the end the values
+Columns that the user names are taken. The others are guessed, and the guess is reported, by the most reliable clue:
+the words in a name (``input_voltage``), its unit, being the only column left, and at last the values
 (:mod:`piezo_model.recordings.profile`).
-Every word votes: for the drive (positive) or for the sensor (negative). Two columns that fit equally well are not
-guessed: the user is asked.
+Every word votes for the drive (positive) or for the sensor (negative). Between two columns that fit equally well no
+guess is made: the user has to name one.
 """
 
 import re
@@ -20,83 +20,25 @@ from piezo_model.recordings.tables import Column, Table
 from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES, seconds
 
 TIME_WORDS = ("time", "t", "timestamp", "zeit", "clock", "elapsed", "datetime", "seconds", "x_value", "tempo", "temps")
-WISHED = frozenset(
+SETPOINT_WORDS = frozenset(
     {"reference", "ref", "desired", "target", "setpoint", "set", "commanded", "command", "cmd", "soll", "demand"}
 )
-"""A wish is never the output, and drives where nothing else does."""
+"""A setpoint is never the output, and the input only if nothing else is."""
 VOTES: Mapping[str, int] = {
-    **dict.fromkeys(
-        (
-            "drive",
-            "driving",
-            "input",
-            "control",
-            "excitation",
-            "actuation",
-            "amplifier",
-            "amp",
-            "dac",
-            "ao",
-            "piezo",
-            "applied",
-            "vin",
-            "uin",
-            "stimulus",
-            "vpiezo",
-            "upiezo",
-            "vdrive",
-            "stell",
-            "actuator",
-        ),
-        3,
-    ),
-    **dict.fromkeys(("voltage", "volt", "volts", "spannung", "u", "v", "x", "hv"), 2),
-    **dict.fromkeys(("field",), 1),
-    **dict.fromkeys(
-        (
-            "sensor",
-            "sens",
-            "measured",
-            "meas",
-            "measurement",
-            "actual",
-            "feedback",
-            "encoder",
-            "interferometer",
-            "laser",
-            "lvdt",
-            "sgs",
-            "gauge",
-            "adc",
-            "ai",
-            "ist",
-            "capacitive",
-            "response",
-            "vout",
-            "uout",
-        ),
-        -4,
-    ),
-    **dict.fromkeys(
-        (
-            "displacement",
-            "disp",
-            "displ",
-            "output",
-            "y",
-            "stroke",
-            "weg",
-            "auslenkung",
-            "extension",
-            "elongation",
-            "travel",
-            "strain",
-        ),
-        -3,
-    ),
-    **dict.fromkeys(("position", "pos", "height", "deflection", "distance", "angle", "tilt", "z", "tip", "motion"), -2),
+    word: vote
+    for vote, words in {
+        3: "drive driving input control excitation actuation amplifier amp dac ao piezo applied vin uin stimulus "
+        "vpiezo upiezo vdrive stell actuator",
+        2: "voltage volt volts spannung u v x hv",
+        1: "field",
+        -2: "position pos height deflection distance angle tilt z tip motion",
+        -3: "displacement disp displ output y stroke weg auslenkung extension elongation travel strain",
+        -4: "sensor sens measured meas measurement actual feedback encoder interferometer laser lvdt sgs gauge adc ai "
+        "ist capacitive response vout uout",
+    }.items()
+    for word in words.split()
 }
-OTHERS = frozenset(
+OTHER_WORDS = frozenset(
     {
         "temperature",
         "temp",
@@ -123,22 +65,22 @@ OTHERS = frozenset(
         "scan",
     }
 )
-"""Words of what a recording holds beside drive and sensor."""
+"""Words for columns beside drive and sensor."""
 KINDS = {"text": " (text)", "flag": " (flags)", "empty": " (empty)"}
 NO_CLOCK = "none"
-"""Said in place of a time column where there is none."""
+"""The name of the time column in a table without one."""
 ROLES = ("time", "input", "output", "reference")
 
 
 @dataclass(frozen=True)
 class Roles:
-    """Position of the column of each role, and why it was guessed."""
+    """Position of the column of each role, and the reasons of the guesses."""
 
     at: Mapping[str, int]
     reasons: Mapping[str, str]
-    """By role; those that the user named are not in it."""
+    """By role; not of the roles that the user named."""
     unread: int | None = None
-    """A column that its name calls the time, where the sampling period is given."""
+    """The time column by its name, if the sampling period is given."""
 
 
 @dataclass
@@ -148,37 +90,43 @@ class _Search:
     reasons: dict[str, str] = field(default_factory=dict)
 
     @cached_property
-    def free(self) -> list[int]:
-        """Columns of numbers of one length; the length is that of the named ones, or of most columns."""
+    def candidates(self) -> list[int]:
+        """Columns of numbers of one length, that of the named columns or of most columns."""
         columns = self.table.columns
         lengths = Counter(columns[k].rows for k in self.at.values()) or Counter(
             column.rows for column in columns if column.kind in ("number", "clock")
         )
-        most = max(lengths, key=lambda rows: (lengths[rows], rows or 0), default=None)
-        return [k for k, column in enumerate(columns) if column.kind in ("number", "clock") and column.rows == most]
+        commonest = max(lengths, key=lambda rows: (lengths[rows], rows or 0), default=None)
+        return [
+            k for k, column in enumerate(columns) if column.kind in ("number", "clock") and column.rows == commonest
+        ]
 
     @cached_property
     def profiles(self) -> dict[int, Profile]:
-        """Of the free columns."""
-        return profiles(self.table, [k for k in self.free if self.table.columns[k].kind == "number"])
+        """Profiles of the candidates."""
+        return profiles(self.table, [k for k in self.candidates if self.table.columns[k].kind == "number"])
 
-    def left(self) -> list[int]:
-        """Free columns without a role."""
-        return [k for k in self.free if k not in self.at.values()]
+    def free(self) -> list[int]:
+        """Candidates without a role."""
+        return [k for k in self.candidates if k not in self.at.values()]
 
-    def give(self, role: str, group: Sequence[int], reason: str) -> None:
-        """Settle a role that is open where one column alone is left for it."""
-        if role not in self.at and len(group) == 1:
-            self.at[role], self.reasons[role] = group[0], reason
+    def free_profiles(self) -> dict[int, Profile]:
+        """Profiles of the candidates without a role."""
+        return {k: self.profiles[k] for k in self.free() if k in self.profiles}
+
+    def assign(self, role: str, columns: Sequence[int], reason: str) -> None:
+        """Assign a column to an open role, if there is only one such column."""
+        if role not in self.at and len(columns) == 1:
+            self.at[role], self.reasons[role] = columns[0], reason
 
 
 def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = False) -> Roles:
-    """Give every role its column.
+    """Choose the column of every role.
 
     Parameters
     ----------
     table : Table
-        Its values are looked at only where its names do not settle the matter.
+        Its values are read only if its names do not suffice.
     named : mapping of str to str or None
         By role (time, input and output, or time and reference) the column that the user named, or None to guess it.
     sampled : bool
@@ -187,7 +135,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     Raises
     ------
     RecordingError
-        A named column is not there or is named twice, or a role cannot be guessed.
+        A named column is absent or named twice, or a role cannot be guessed.
     """
     if clockless := named.get("time") == NO_CLOCK:
         named = {**named, "time": None}
@@ -226,7 +174,8 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
 
 
 def find(table: Table, role: str, named: str) -> int:
-    """Position of the column that the user means: by name, by the end of a path, without its unit, or by its number."""
+    """Position of a column that the user names by its name, the end of its path, its name without unit, or its
+    number."""
     normal = partial(unicodedata.normalize, "NFKC")
     tests: tuple[Callable[[Column], bool], ...] = (
         lambda column: column.name == named,
@@ -250,92 +199,96 @@ def find(table: Table, role: str, named: str) -> int:
 
 
 def vote(column: Column) -> int:
-    """How much a name and its unit speak for a drive (positive) or a sensor (negative).
+    """Vote of a name and its unit for a drive (positive) or a sensor (negative).
 
     >>> names = "input_voltage_V", "sensor_V", "height (piezo)", "height (measured)", "a"
     >>> [vote(Column.named(name)) for name in names]
     [6, -3, 1, -6, 0]
     """
-    words = words_of(column)
     unit = (column.unit in VOLTAGES) - (column.unit in LENGTHS or column.unit in ANGLES)
-    if words & WISHED:
+    if is_setpoint(column):
         return 1 + max(unit, 0)
-    return sum(VOTES.get(word, 0) for word in words) + unit
+    return sum(VOTES.get(word, 0) for word in words_of(column)) + unit
+
+
+def is_setpoint(column: Column) -> bool:
+    """Whether a name is that of a setpoint."""
+    return not words_of(column).isdisjoint(SETPOINT_WORDS)
 
 
 def words_of(column: Column) -> set[str]:
     """Words of a name without its unit; a letter counts only as the whole name: position_x is not an input."""
-    stem = column.stem
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem)
-    words = [word.casefold() for word in re.split(r"[\W_\d]+", parted) if word]
+    separated = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column.stem)
+    words = [word.casefold() for word in re.split(r"[\W_\d]+", separated) if word]
     return {word for word in words if len(word) > 1 or len(words) == 1}
 
 
 def _find_time_by_name(search: _Search) -> None:
-    ranks = {k: rank for k in search.left() if (rank := _time_rank(search.table.columns[k])) is not None}
-    search.give("time", [k for k, rank in ranks.items() if rank == min(ranks.values())], "by name")
+    ranks = {k: rank for k in search.free() if (rank := _time_rank(search.table.columns[k])) is not None}
+    search.assign("time", [k for k, rank in ranks.items() if rank == min(ranks.values())], "by name")
 
 
 def _find_time_by_values(search: _Search) -> None:
-    known = {k: search.profiles[k] for k in search.left() if k in search.profiles}
-    rising = [k for k, profile in known.items() if profile.rises and not profile.counts]
-    clocks = [k for k in search.left() if search.table.columns[k].kind == "clock"]
-    search.give("time", clocks, "as the only clock")
-    search.give("time", rising, "as the only one that never falls")
-    search.give("time", [k for k in rising if known[k].uniform], "as the only one that rises evenly")
+    profiles = search.free_profiles()
+    rising = [k for k, profile in profiles.items() if profile.rises and not profile.counts]
+    clocks = [k for k in search.free() if search.table.columns[k].kind == "clock"]
+    search.assign("time", clocks, "as the only clock")
+    search.assign("time", rising, "as the only one that never falls")
+    search.assign("time", [k for k in rising if profiles[k].uniform], "as the only one that rises evenly")
 
 
 def _time_rank(column: Column) -> tuple[int, int] | None:
+    """Rank of a name among those of time columns, the best one first; None for another name."""
     stem = column.stem.casefold()
     if stem in TIME_WORDS:
-        return (0, TIME_WORDS.index(stem))
-    words = words_of(column)
-    near = next(((1, at) for at, word in enumerate(TIME_WORDS) if word in words), None)
-    return near or ((2, 0) if column.unit in SECONDS else None)
+        return 0, TIME_WORDS.index(stem)
+    within = [at for at, word in enumerate(TIME_WORDS) if word in words_of(column)]
+    if within:
+        return 1, within[0]
+    return (2, 0) if column.unit in SECONDS else None
 
 
 def _find_reference(search: _Search) -> None:
-    left = search.left()
-    columns = {k: search.table.columns[k] for k in left}
-    wished = [k for k, column in columns.items() if words_of(column) & WISHED or column.stem == "r"]
-    search.give("reference", wished, "by name")
-    search.give("reference", [k for k, column in columns.items() if vote(column) < 0], "by name")
-    search.give("reference", left, "as the only one left")
+    free = search.free()
+    columns = {k: search.table.columns[k] for k in free}
+    setpoints = [k for k, column in columns.items() if is_setpoint(column) or column.stem == "r"]
+    search.assign("reference", setpoints, "by name")
+    search.assign("reference", [k for k, column in columns.items() if vote(column) < 0], "by name")
+    search.assign("reference", free, "as the only one left")
 
 
 def _find_signals(search: _Search) -> None:
     columns = search.table.columns
-    usual = [k for k in search.left() if not words_of(columns[k]) & OTHERS or vote(columns[k])]
-    usual = [k for k in usual if columns[k].kind == "number"]
-    _by_name(search, usual)
+    likely = [k for k in search.free() if words_of(columns[k]).isdisjoint(OTHER_WORDS) or vote(columns[k])]
+    likely = [k for k in likely if columns[k].kind == "number"]
+    _find_signals_by_name(search, likely)
     if {"input", "output"} <= search.at.keys():
         return
     _find_time_by_values(search)
-    known = {k: search.profiles[k] for k in search.left() if k in search.profiles}
-    lively = [k for k, profile in known.items() if profile.high > profile.low and not profile.counts]
-    usual = [k for k in usual if k in lively]
-    _by_name(search, usual)
-    for group in (usual, lively):
-        left = [k for k in group if k not in search.at.values()]
+    varying = [k for k, profile in search.free_profiles().items() if profile.high > profile.low and not profile.counts]
+    likely = [k for k in likely if k in varying]
+    _find_signals_by_name(search, likely)
+    for group in (likely, varying):
+        free = [k for k in group if k not in search.at.values()]
         absent = [role for role in ("input", "output") if role not in search.at]
-        if absent == ["input"] or (absent == ["output"] and not any(words_of(columns[k]) & WISHED for k in left)):
-            search.give(absent[0], left, "as the only one left")
-        elif len(absent) == len(left) == 2 and not all(vote(columns[k]) < 0 for k in left):
-            pair, reason = input_first(search.table, (left[0], left[1]))
+        if absent == ["input"] or (absent == ["output"] and not any(is_setpoint(columns[k]) for k in free)):
+            search.assign(absent[0], free, "as the only one left")
+        elif len(absent) == len(free) == 2 and not all(vote(columns[k]) < 0 for k in free):
+            pair, reason = input_first(search.table, (free[0], free[1]))
             for role, k in zip(absent, pair, strict=False):
-                search.give(role, [k], reason)
+                search.assign(role, [k], reason)
 
 
-def _by_name(search: _Search, usual: Sequence[int]) -> None:
+def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
     columns = search.table.columns
-    votes = {k: vote(columns[k]) for k in usual if k not in search.at.values()}
-    search.give("input", [k for k in votes if votes[k] == max(votes.values()) > 0], "by name")
-    votes = {k: n for k, n in votes.items() if k not in search.at.values() and not words_of(columns[k]) & WISHED}
-    search.give("output", [k for k in votes if votes[k] == min(votes.values()) < 0], "by name")
+    votes = {k: vote(columns[k]) for k in likely if k not in search.at.values()}
+    search.assign("input", [k for k in votes if votes[k] == max(votes.values()) > 0], "by name")
+    votes = {k: n for k, n in votes.items() if k not in search.at.values() and not is_setpoint(columns[k])}
+    search.assign("output", [k for k in votes if votes[k] == min(votes.values()) < 0], "by name")
 
 
-def _question(table: Table, missing: Sequence[str], asked: Sequence[str]) -> str:
-    options = [f"--{role}" for role in asked]
+def _question(table: Table, missing: Sequence[str], roles: Sequence[str]) -> str:
+    options = [f"--{role}" for role in roles]
     way_out = f"name them with {', '.join(options[:-1])} and {options[-1]}"
     if list(missing) == ["time"]:
         way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
@@ -346,13 +299,13 @@ def _question(table: Table, missing: Sequence[str], asked: Sequence[str]) -> str
 
 
 def seconds_per_unit(table: Table, column: Column) -> float:
-    """Seconds in one unit of a time column; a name without unit means seconds, and so does a clock."""
-    found = 1.0 if column.kind == "clock" else seconds(column.unit)
-    if found is None:
+    """Seconds in one unit of a time column: 1 for a clock and for a name without unit."""
+    factor = 1.0 if column.kind == "clock" else seconds(column.unit)
+    if factor is None:
         raise RecordingError(
             f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is not a unit of time"
         )
-    return found
+    return factor
 
 
 def _listed(columns: Iterable[Column]) -> str:

@@ -1,7 +1,6 @@
-"""Files whose formats are parsed by libraries in C are read in a child process: a parser that fails cannot affect
-the caller.
+"""Reads files whose formats are parsed by C libraries in a child process: a parser that fails cannot affect the caller.
 
-The child keeps the file that it opened last; there is one for each process that reads, started by the first such file.
+The child keeps the last opened file; each reading process has one child, started by the first such file.
 """
 
 import atexit
@@ -22,13 +21,13 @@ from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.tables import ArrayTable, ReadOptions
 
 MEMORY_MB = 4096
-"""That a file may take to be read."""
+"""Memory limit of the child."""
 LEAST_S, BYTES_PER_S = 60.0, 5e6
-"""Time that a question may take, and how fast a file is read at least."""
-_turn = Lock()
+"""Time limit of a request, and the rate that extends it for large files."""
+_lock = Lock()
 _limit_memory = cache(limit_memory)  # once in a process
-_kept: dict[Any, ArrayTable] = {}
-"""In the child: the file that it opened last."""
+_opened: dict[Any, ArrayTable] = {}
+"""In the child: the last opened file."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class File:
 
     path: Path
     module: str
-    reading: ReadOptions
+    options: ReadOptions
     size: int
     changed_ns: int
 
@@ -51,49 +50,49 @@ class Rows:
 
     def __getitem__(self, rows: slice) -> NDArray:
         """Some of its values."""
-        values: NDArray = _ask(self.file, self.at, rows)
+        values: NDArray = _request(self.file, self.at, rows)
         return values
 
 
-def open_table(module: ModuleType, path: Path, reading: ReadOptions) -> ArrayTable:
+def open_table(module: ModuleType, path: Path, options: ReadOptions) -> ArrayTable:
     """List the columns; the errors are those of :func:`piezo_model.recordings.opening.open_table`."""
-    found = path.stat()
-    file = File(path.absolute(), module.__name__, reading, found.st_size, found.st_mtime_ns)
-    form, columns = _ask(file)
+    stat = path.stat()
+    file = File(path.absolute(), module.__name__, options, stat.st_size, stat.st_mtime_ns)
+    form, columns = _request(file)
     return ArrayTable(path, form, columns, [Rows(file, k) for k in range(len(columns))])
 
 
-def _ask(file: File, *rows: Any) -> Any:
-    """The child's answer; what it raised is raised here, and how it ended is said in a sentence."""
+def _request(file: File, at: int | None = None, rows: slice = slice(None)) -> Any:
+    """The child's answer. Its exceptions are raised here; a child that ends is a RecordingError."""
     limit_s = LEAST_S + file.size / BYTES_PER_S
     try:
-        with _turn:
-            found = _child(os.getpid()).call(limit_s, _answer, file, *rows)
+        with _lock:
+            answer = _child(os.getpid()).call(limit_s, _answer, file, at, rows)
     except LateError:
         raise RecordingError(f"{file.path}: takes longer than {limit_s:.0f} s to be read") from None
     except LostError as error:
         raise RecordingError(f"{file.path}: is damaged, the process that read it ended with {error}") from None
-    if isinstance(found, Exception):
-        raise found
-    return found
+    if isinstance(answer, Exception):
+        raise answer
+    return answer
 
 
 @cache
 def _child(process: int) -> Child:
-    """The child of a process, which a fork of it does not share."""
+    """The child of this process; a fork has its own."""
     child = Child()
     atexit.register(child.close)
     return child
 
 
-def _answer(file: File, at: int | None = None, rows: slice = slice(None)) -> Any:
-    """In the child: form and columns of a table, rows of one of its columns, or what went wrong."""
+def _answer(file: File, at: int | None, rows: slice) -> Any:
+    """In the child: form and columns of a table, or rows of one of its columns, or the exception."""
     try:
-        if file not in _kept:
-            _kept.clear()  # before the next one takes its memory
+        if file not in _opened:
+            _opened.clear()  # before the next one needs the memory
             _limit_memory(MEMORY_MB)
-            _kept[file] = import_module(file.module).open_table(file.path, file.reading)
-        table = _kept[file]
+            _opened[file] = import_module(file.module).open_table(file.path, file.options)
+        table = _opened[file]
         return (table.form, table.columns) if at is None else np.asarray(table.arrays[at][rows])
     except MemoryError:
         return RecordingError(f"{file.path}: takes more than {MEMORY_MB} MB to be read")

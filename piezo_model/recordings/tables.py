@@ -1,9 +1,9 @@
-"""A table of numbers in a file of any known format, told by its content and never by its suffix.
+"""A table of numbers in a file of any known format, recognised by its content and never by its suffix.
 
-A table is a path, its columns and two verbs: ``pieces(at)`` streams the columns at those positions as float64 arrays of
-shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` says in the user's own count where
-a row is. A format says only how its ``batches`` are read. A missing cell arrives as NaN; what NaN means is judged in
-:mod:`piezo_model.recordings.scan`.
+A table is a path, its columns and two methods: ``chunks(at)`` streams the columns at those positions as float64 arrays
+of shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` names a row as the user counts
+it. A format defines only how its ``batches`` are read. A missing cell becomes NaN, which
+:mod:`piezo_model.recordings.scan` judges.
 
 A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the registry.
 """
@@ -26,19 +26,19 @@ from piezo_model.units import canonical, split_unit
 from solvers.arrays import Matrix
 
 HEAD_BYTES = 1 << 18
-"""Bytes at the start of a file by which its format is told; the header of a text must lie within them."""
-ARRAY_ROWS = 1 << 17
+"""Bytes at the start of a file that determine its format; the header of a text must lie within them."""
+BATCH_ROWS = 1 << 17
 Kind = Literal["number", "clock", "flag", "text", "empty"]
 KINDS_OF_ARRAYS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
-"""By the letter that NumPy has for a type."""
+"""By NumPy's letter for a type."""
 
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What the user says about a file because the file does not."""
+    """Properties of a file that the user gives because the file does not."""
 
     sample_time: float | None = None
-    """Sampling period in seconds; a time column is not looked at then."""
+    """Sampling period in seconds; a time column is then ignored."""
     header_row: int | None = None
     """Row of a text or a sheet that names the columns, counted from 1; 0 for none."""
     decimal: str | None = None
@@ -46,13 +46,13 @@ class ReadOptions:
     sheet: str | None = None
     """Sheet of a workbook."""
     resample: float | None = None
-    """Sampling period in seconds to interpolate to, where the times are not even."""
+    """Sampling period in seconds to interpolate to, for uneven times."""
     input_unit: str | None = None
     output_unit: str | None = None
-    """In place of what the file says, or does not."""
+    """Override the units in the file."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be meant."""
+        """Refuse impossible values."""
         if self.sample_time is not None:
             check_sample_time("", self.sample_time)
         if self.resample is not None:
@@ -77,26 +77,26 @@ class Column:
     """One column of a table."""
 
     name: str
-    """As the file has it; unique where the file's are."""
+    """As in the file; not necessarily unique."""
     unit: str = ""
-    """In ASCII, or "" where nothing says it."""
+    """In ASCII; "" if unknown."""
     kind: Kind = "number"
     rows: int | None = None
-    """How many, where the format says so and the columns may differ."""
+    """Number of rows, if the format states it."""
     sample_time: float | None = None
-    """Sampling period in seconds where the file itself states it."""
+    """Sampling period in seconds, if the file states it."""
     nested: bool = False
     """Whether the name is a path, ``group/channel``."""
 
     @classmethod
     def named(cls, name: str, unit: str = "", **more: Any) -> Column:
-        """A column whose unit is stated apart, or else read from its name, or the last part of its path."""
+        """A column with a given unit, or else the unit in its name, or in the last part of its path."""
         last = name.rpartition("/")[2] if more.get("nested") else name
         return cls(name, canonical(unit) or split_unit(last)[1], **more)
 
     @property
     def stem(self) -> str:
-        """The name without its unit and without the path to it, where that has words of its own."""
+        """The name without its unit, and without its path if its last part has a letter."""
         last = self.name.rpartition("/")[2] if self.nested else self.name
         return split_unit(last if re.search(r"[^\W\d]", last) else self.name.replace("/", " "))[0]
 
@@ -107,7 +107,7 @@ class Table(ABC):
 
     path: Path
     form: str
-    """How the file was understood, as a clause of a sentence."""
+    """Format and dialect of the file, as a clause of a sentence."""
     columns: tuple[Column, ...]
     """In the order of the file."""
 
@@ -115,7 +115,7 @@ class Table(ABC):
     def batches(self, at: Sequence[int]) -> Iterable[Sequence[NDArray]]:
         """Stream the columns at these positions, times as datetime64 or timedelta64, some rows at a time."""
 
-    def pieces(self, at: Sequence[int]) -> Iterator[Matrix]:
+    def chunks(self, at: Sequence[int]) -> Iterator[Matrix]:
         """Stream the columns at these positions as arrays of shape (columns, rows), times in seconds since the
         first."""
         clocks = [Elapsed() for _ in at]
@@ -128,19 +128,19 @@ class Table(ABC):
             )
 
     def where(self, row: int) -> str:
-        """Where a row is, counted from 0, as a user would look for it."""
+        """Name of a row, counted from 0, as the user would look for it."""
         return f"data row {row + 1}"
 
 
 @dataclass(frozen=True)
 class ArrayTable(Table):
-    """Arrays by name, as the scientific formats keep them; they need not be of one length."""
+    """Named arrays of any lengths, as in scientific formats."""
 
     arrays: Sequence[Any] = field(repr=False)
-    """One a column, read by slices; they must survive pickling."""
+    """One for each column, read by slices; they can be pickled."""
 
     def __post_init__(self) -> None:
-        """Refuse a file that has none."""
+        """Refuse a file without columns."""
         if not self.columns:
             raise RecordingError(f"{self.path}: is {self.form} without a column of numbers")
 
@@ -152,9 +152,9 @@ class ArrayTable(Table):
                 f"{self.path}: the columns are not of one length: "
                 + ", ".join(f"{name!r} has {rows} rows" for name, rows in lengths.items())
             )
-        for start in range(0, max(lengths.values()), ARRAY_ROWS):
+        for start in range(0, max(lengths.values()), BATCH_ROWS):
             with parsed(self.path, self.form):
-                batch = [np.asarray(self.arrays[k][start : start + ARRAY_ROWS]) for k in at]
+                batch = [np.asarray(self.arrays[k][start : start + BATCH_ROWS]) for k in at]
                 if len({len(values) for values in batch}) > 1:
                     raise ValueError("its columns do not have the rows that it states")
             yield batch
@@ -162,7 +162,7 @@ class ArrayTable(Table):
 
 @contextmanager
 def parsed(path: Path, form: str) -> Iterator[None]:
-    """Say in a sentence that a file is damaged, whatever the library that parses the format makes of it."""
+    """Turn any exception of a parsing library into a sentence that the file is damaged."""
     try:
         yield
     except (RecordingError, ModuleNotFoundError, FileNotFoundError, PermissionError, MemoryError):
@@ -181,7 +181,7 @@ def in_memory(
 ) -> ArrayTable:
     """Make a table of one- and two-dimensional arrays; a matrix becomes columns ``name/1``, ``name/2``, …
 
-    Unit and sampling period are by name, or one period for all; ``nested`` says whether names are paths.
+    Units and sampling periods are given by name, or one period for all; ``nested`` tells whether names are paths.
     """
     columns, kept = [], []
     for name, array in arrays.items():
@@ -200,7 +200,7 @@ def in_memory(
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """Names of columns; those that stand more than once are numbered by their place.
+    """Names of columns; repeated names are numbered by their position.
 
     >>> distinct(["u", "y", "u"])
     ['u (1)', 'y', 'u (3)']
@@ -209,7 +209,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def columns_of(name: str, array: Any) -> Iterator[tuple[str, Any]]:
-    """The columns of numbers that an array holds, each with its name; none where it holds something else."""
+    """Names and columns of the numbers in an array; nothing for an array of something else."""
     if array.dtype.names:
         for part in array.dtype.names:
             yield from columns_of(f"{name}/{part}" if name else part, array[part])

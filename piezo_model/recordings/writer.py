@@ -1,8 +1,8 @@
-"""Columns of numbers into a CSV or Parquet file, whole or not at all.
+"""Writes columns of numbers to a CSV or Parquet file, completely or not at all.
 
-Everything is checked before the first byte is written, and the table is written beside its target and renamed over it
-(:mod:`piezo_model.atomic_file`): whoever reads the file sees the old one or the new one, and a failure halfway leaves
-the old one as it was. CSV follows RFC 4180 with the shortest decimals that give the same float64 back.
+The columns are checked before the first byte is written, and the table is written beside its target and renamed over
+it (:mod:`piezo_model.atomic_file`): a reader sees the old file or the new one, and a failure leaves the old one
+unchanged. CSV follows RFC 4180 with the shortest decimals that give the same float64 back.
 """
 
 import csv
@@ -22,7 +22,7 @@ WRITTEN_SUFFIXES = (".csv", ".parquet")
 
 
 def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str = "") -> None:
-    """Write named columns of equal length atomically; numbers come back to the last bit.
+    """Write named columns of equal length atomically; numbers are read back to the last bit.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str 
     columns : mapping of str to array, shape (rows,)
         Finite numbers; put units in the names (``time_s``, ``voltage_V``).
     remark : str
-        A sentence that goes with the table: a comment above the header of CSV, ``remark`` in Parquet's metadata.
+        A comment above the header of CSV, ``remark`` in Parquet's metadata.
 
     Raises
     ------

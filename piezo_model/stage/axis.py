@@ -26,7 +26,7 @@ from scipy.linalg import expm
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.plants.actuator import Actuator
+from piezo_model.plants.actuator import Actuator, along
 from piezo_model.plants.protocol import Plant
 from piezo_model.plants.sensor import gain_from
 from solvers.arrays import Vector
@@ -56,7 +56,7 @@ class Axis(Plant):
     Raises
     ------
     ValueError
-        Where an option makes no axis; the sentence names it.
+        If an option is out of range; the message names it.
 
     Examples
     --------
@@ -112,20 +112,17 @@ class Axis(Plant):
         return len(self.actuators) == 2
 
     def run(self, x: ArrayLike) -> Vector:
-        """Drive the axis on from where it stands; see :meth:`Plant.run`."""
+        """Continue with a drive; see :meth:`Plant.run`."""
         x = np.asarray(x, dtype=np.float64)
         force = self._force(x)
         drift = self.gain_drift_per_s, self.gain_swing, self.gain_swing_period_s
         gain = gain_from(self._samples, force.size, self.sample_time, *drift)
         self._samples += force.size
-        p = np.empty_like(force)
-        bindings.structure_response(
-            self.lever * (self._centre + gain * (force - self._centre)), self._F, self._structure, p
-        )
-        return p
+        drifted = self.lever * (self._centre + gain * (force - self._centre))
+        return along(bindings.structure_response, drifted, self._F, self._structure)
 
     def _force(self, x: Vector) -> Vector:
-        """What the actuators give, before drift, lever and structure."""
+        """Displacement of the actuators, before drift, lever and structure."""
         pushed = self.actuators[0].run(x)
         return 0.5 * (pushed - self.actuators[1].run(sum(self.x_range) - x)) if self.push_pull else pushed
 

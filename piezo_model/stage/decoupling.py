@@ -20,12 +20,12 @@ PLAYS = 16
 RATES_PER_RECORDING = (1.0, 10.0, 100.0)
 """Creep rates, over one in the whole recording."""
 ROWS = 10_000
-"""At most so many samples are compared; the operators see all of them."""
+"""Largest number of samples in the fit; the operators process all samples."""
 REMEDY = "drive the two axes independently"
 REGULAR = 100.0
-"""Largest condition number of a coupling that is believed."""
+"""Largest condition number of a coupling that is accepted."""
 INDEPENDENT = 1e-3
-"""Share of the variance of one output that the other drive must leave open."""
+"""Smallest share of the variance of one output that the other drive must not explain."""
 
 
 def estimate_decoupling(x: ArrayLike, y: ArrayLike) -> Matrix:
@@ -43,7 +43,7 @@ def estimate_decoupling(x: ArrayLike, y: ArrayLike) -> Matrix:
     Raises
     ------
     ValueError
-        Where the recording cannot tell the axes apart; the sentence says why.
+        If the recording does not determine the coupling; the message has the reason.
 
     Examples
     --------

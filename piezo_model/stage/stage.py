@@ -30,18 +30,18 @@ class Stage:
     Parameters
     ----------
     axes : two Axis
-        With the same sampling period; from then on driven through this object only.
+        With the same sampling period; afterwards to be driven through this object only.
     coupling : array (2, 2)
         C, regular.
     noise_um, quantum_um : float
         σ and the step of the converter Q, µm; 0 means none.
     seed : int
-        Of the noise; the same seed gives the same noise however the run is cut.
+        Seed of the noise, which does not depend on how a run is cut into chunks.
 
     Raises
     ------
     ValueError
-        Where an option makes no stage; the sentence names it.
+        If an option is out of range; the message names it.
 
     Examples
     --------
@@ -76,7 +76,7 @@ class Stage:
         self._generator = np.random.Generator(np.random.SFC64(self.seed))
 
     def run(self, x: ArrayLike) -> Matrix:
-        """Drive the stage on from where it stands.
+        """Continue with a drive.
 
         Parameters
         ----------
@@ -86,12 +86,12 @@ class Stage:
         Returns
         -------
         array (N, 2)
-            Measured displacements of the platform, µm; row k is the answer to x[0..k].
+            Measured displacements of the platform, µm; row k depends on x[0..k].
 
         Raises
         ------
         ValueError
-            Where the drive is not of that shape or not finite; nothing has moved then.
+            If the drive has another shape or is not finite; the stage is unchanged.
         """
         x = np.asarray(x, dtype=np.float64)
         if x.ndim != 2 or x.shape[1] != 2:
@@ -105,6 +105,6 @@ class Stage:
         return self.quantum_um * np.round(y / self.quantum_um) if self.quantum_um > 0.0 else y
 
     def step(self, x: ArrayLike) -> Matrix:
-        """Drive the stage one sample on: x (2,) in V, the answer (2,) in µm, the same bits as :meth:`run` gives."""
+        """Continue with one sample: x (2,) in V, displacements (2,) in µm, to the last bit as :meth:`run`."""
         row: Matrix = self.run(np.asarray(x, dtype=np.float64)[None])[0]
         return row

@@ -1,4 +1,4 @@
-"""What the quadratic program plugins inside CasADi have in common.
+"""Base class of the quadratic programming plugins of CasADi.
 
     minimise ½ xᵀh x + gᵀx   subject to   lba ≤ a x ≤ uba,  lbx ≤ x ≤ ubx;   h = P, g = q, a = (A; G)
 
@@ -6,7 +6,7 @@ Source: J. A. E. Andersson, J. Gillis, G. Horn, J. B. Rawlings, M. Diehl, "CasAD
 optimization and optimal control", Mathematical Programming Computation 11 (2019), pages 1 to 36.
 
 Timed: ``setup`` makes the function; ``update`` copies P and q into arrays that the function reads in place through its
-buffer; ``solve`` is one call, which converts nothing.
+buffer; ``solve`` is one call without conversions.
 """
 
 import contextlib
@@ -37,13 +37,13 @@ class Conic(LibrarySolver):
         R, m = p.R[p.general], len(p.R[p.general])
         self._x, self._w = np.zeros(p.d), np.zeros(rows.size)
         shapes = {"h": casadi.Sparsity.dense(p.d, p.d), "a": casadi.Sparsity.dense(m, p.d)}
-        # qpOASES greets on standard output whenever one is made, whatever its print level.
+        # qpOASES prints a banner for every function, whatever its print level.
         with contextlib.redirect_stdout(io.StringIO()):
             self._function = casadi.conic("qp", self.plugin, shapes, {"error_on_fail": False, **self.options(p.d, m)})
             self._buffer: Any
             self._buffer, self._call = self._function.buffer()
-        # The buffer keeps addresses and no references, and reads columns first. The start is given too: HPIPM's plugin
-        # reads it through a null pointer otherwise.
+        # The buffer keeps addresses without references, and reads matrices by columns. The start is set too, since
+        # HPIPM's plugin would dereference a null pointer.
         self._held = {
             "h": p.P.reshape(-1),
             "g": p.q,

@@ -5,13 +5,13 @@
 Source: G. Frison, M. Diehl, "HPIPM: a high-performance quadratic programming framework for model predictive control",
 IFAC-PapersOnLine 53 (2020), pages 6563 to 6569.
 
-Timed: ``solve`` is a call of the function with our arrays, which it converts: through the buffer of
-:mod:`solvers.direct._casadi` the plugin keeps to the first data for ever. The plugin takes control problems only: a
-stage without dynamics whose state is x is our problem; without naming the stage, the plugin ends the process. It has no
-infinite bounds and puts 1e8 there, with which rounding alone keeps residuals above 1e-9; with settings of ours there
-are 1e6, so no |x_i| may come near that. The settings are those of HPIPM itself: ``res_g_max``, ``res_b_max``,
-``res_d_max``, ``res_m_max`` bound the four residuals. The least multiplier, 1e-16 by default, times 1e6 is more
-complementarity than the rungs from 10⁻¹⁰ allow, so it is 1e-30.
+Timed: ``solve`` is a call of the function with our arrays, which it converts: with the buffer of
+:mod:`solvers.direct._casadi` the plugin would use the first data for all solves. The plugin takes control problems
+only: our problem is a stage without dynamics whose state is x; if the stage is not specified, the plugin ends the
+process. It replaces infinite bounds by 1e8, which keeps residuals above 1e-9 by rounding alone; our settings replace it
+by 1e6, so every |x_i| must be far below that. The settings are those of HPIPM itself: ``res_g_max``, ``res_b_max``,
+``res_d_max``, ``res_m_max`` bound the four residuals. The lower limit of the multipliers, 1e-16 by default, times 1e6
+exceeds the complementarity that the rungs from 10⁻¹⁰ allow, so it is 1e-30.
 """
 
 from typing import Any

@@ -7,8 +7,8 @@ arXiv 2405.12762 (2024).
 
 Timed: ``setup`` equilibrates and orders the KKT system; ``update`` copies the upper triangle of P and q into the
 library; ``solve`` iterates, one factorisation a step, and makes an array of the library's list. There is no warm start.
-The time that the library reports counts its set-up too. Presolve is off in every tier, since the library refuses new
-data when it is on.
+The time that the library reports includes its set-up. Presolve is off in every tier, since with it the library refuses
+new data.
 """
 
 import clarabel
@@ -32,7 +32,7 @@ class Clarabel(LibrarySolver):
         settings = clarabel.DefaultSettings()
         self.choose(settings, verbose=False, presolve_enable=False)
         cones = [clarabel.ZeroConeT(rows.equal), clarabel.NonnegativeConeT(rows.unequal)]
-        # The library reads the upper triangle; it takes a lower one without a word and answers wrong.
+        # The library reads the upper triangle; with a lower one it silently gives wrong answers.
         P = p.triangle.matrix(p.P)
         self._solver = clarabel.DefaultSolver(P, p.q, csc_matrix(rows.R), rows.r, cones, settings)
 

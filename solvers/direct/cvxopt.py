@@ -34,7 +34,7 @@ class Cvxopt(LibrarySolver):
     def run(self, warm_start: Vector | None) -> Vector | None:
         try:
             self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
-        except ValueError as error:  # its way of saying that the rows or the KKT matrix are singular
+        except ValueError as error:  # the rows or the KKT matrix are singular
             self._result = {"status": str(error), "x": (), "y": (), "z": ()}
         return np.array(self._result["x"]).ravel() if self._result["status"] == "optimal" else None
 

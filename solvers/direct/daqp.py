@@ -7,7 +7,7 @@ recursive LDLᵀ updates", IEEE Transactions on Automatic Control 67 (2022), doi
 
 Timed: ``setup`` copies and factorises P; ``update`` copies P and q, factorises P again where it is new and empties the
 active set; ``solve`` is the active set iteration. It starts from the rows that ``warm_start`` touches, or from none:
-the library on its own would go on from the last active set and so answer the same problem for free.
+by default the library continues from the last active set, so a repeated problem would take no iterations.
 """
 
 import daqp
@@ -63,7 +63,7 @@ class Daqp(LibrarySolver):
 
 
 def senses(program: Program) -> Sense:
-    """The library's sense of each row before a solve, shape (d + p + m,): whether it is an equality, or bounds
-    nothing."""
+    """The library's sense of each row before a solve, shape (d + p + m,), which marks equalities and rows without
+    bounds."""
     free = np.isinf(program.l) & np.isinf(program.u)
     return np.where(program.l == program.u, EQUAL, np.where(free, IGNORED, 0)).astype(np.intc)

@@ -8,7 +8,7 @@ program.
 Source: A. Domahidi, E. Chu, S. Boyd, "ECOS: an SOCP solver for embedded systems", European Control Conference (2013).
 
 Timed: ``setup`` and ``update`` factorise P and build the cone; ``solve`` is the library's function, which sets up and
-iterates. There is no warm start. The square inside the cone costs precision: at its tightest x is good to about 1e-5.
+iterates. There is no warm start. The square inside the cone costs accuracy: the smallest error of x is about 1e-5.
 """
 
 import ecos

@@ -7,8 +7,8 @@ With P = L Lᵀ, x = lb + u and g = P lb + q:
 Source: R. Bro, S. de Jong, "A fast non-negativity-constrained least squares algorithm", Journal of Chemometrics 11
 (1997), pages 393 to 401.
 
-Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and calls the library, which forms L Lᵀ
-anew; its object that keeps that product is no faster where P is new each time. Its tolerance, 0 up to rounding, changed
+Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and calls the library, which computes L Lᵀ
+again; its object that stores this product is no faster if P changes each time. Its tolerance, 0 up to rounding, changed
 no answer between 1e-8 and 1e-16, so there is one rung. There is no warm start.
 """
 

@@ -8,10 +8,10 @@ Computation 10 (2018), pages 119 to 142, for HiGHS; M. Feldmeier's quadratic sol
 Timed: ``setup`` passes the model; ``update`` passes the triangle of P and q; ``solve`` runs, always from the start,
 since the quadratic solver takes no starting point, and makes an array of the library's answer.
 
-The regularisation δ, 1e-7 by default, is never taken back and moves the answer: the rungs lower it, and none sets it to
-0, with which the library can hang. Some answers are then still off by 1e-4 under the status optimal, and some solves
-end in "Solve error", the library's own check of its answer. ``time_limit`` is ours, seconds for each solve: the
-library's own counts over all solves from the making of its object.
+The regularisation δ, 1e-7 by default, is never removed and changes the answer: the rungs decrease it, but none sets it
+to 0, with which the library can hang. Some answers with the status optimal still have errors of 1e-4, and some solves
+end in "Solve error", the library's own check of its answer. ``time_limit`` is that of a single solve in seconds: the
+library's own limit applies to the total time of all solves of its object.
 """
 
 import highspy
@@ -35,7 +35,7 @@ class Highspy(LibrarySolver):
         options = {"output_flag": False, "threads": 1, **self.settings}
         self._time_limit_s: float = options.pop("time_limit", 5.0)
         for option, value in options.items():
-            self._demand(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
+            self._check(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
         R, below, above = general_rows(p)
         lp = highspy.HighsLp()
         lp.num_col_, lp.num_row_ = p.d, R.shape[0]
@@ -44,18 +44,18 @@ class Highspy(LibrarySolver):
         lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
         lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = R.shape
         lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = R.indptr, R.indices, R.data
-        self._demand(self._highs.passModel(lp), "take the problem")
+        self._check(self._highs.passModel(lp), "take the problem")
         self.pass_data(p.P, None)
 
-    def _demand(self, status: highspy.HighsStatus, what: str) -> None:
+    def _check(self, status: highspy.HighsStatus, action: str) -> None:
         if status == highspy.HighsStatus.kError:
-            raise ValueError(f"highspy does not {what}")
+            raise ValueError(f"highspy does not {action}")
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         d, t, form = self.program.d, self._triangle, highspy.HessianFormat.kTriangular.value
         if P is not None:
             status = self._highs.passHessian(d, t.indices.size, form, t.indptr, t.indices, t.values(P))
-            self._demand(status, "take P")
+            self._check(status, "take P")
         if q is not None:
             self._highs.changeColsCost(d, self._columns, q)
 
@@ -75,8 +75,8 @@ class Highspy(LibrarySolver):
 
 
 def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:
-    """Rows l ≤ R x ≤ u as R, l, u; without any a row of zeros between −∞ and ∞, since the quadratic solver ends in
-    "Solve error" otherwise."""
+    """Rows l ≤ R x ≤ u as R, l, u; if there are none, a row of zeros between −∞ and ∞, since the quadratic solver ends
+    in "Solve error" without rows."""
     if p.u.size > p.d:
         return csc_matrix(p.R[p.general]), p.l[p.general], p.u[p.general]
     return csc_matrix((1, p.d)), np.array([-np.inf]), np.array([np.inf])

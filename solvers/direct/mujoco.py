@@ -7,7 +7,7 @@ Conference on Robotics and Automation (2014), section III-C, in the engine of Mu
 
 Timed: ``update`` copies; ``solve`` is the library's function, which works in our memory. It starts from ``warm_start``
 or from 0. Its limits (100 iterations, a squared gradient of 1e-16, a step of 1e-22) cannot be set from Python, so there
-is one rung. It tells an indefinite P, and not whether an answer met the gradient's limit or another one.
+is one rung. It reports an indefinite P, but not which limit ended a solve.
 """
 
 import numpy as np
@@ -37,5 +37,5 @@ class Mujoco(BoxMinimiser):
 
 
 def outcome(x: Vector, free: int) -> Outcome:
-    """What the library says by the number of free variables that it returns."""
+    """The outcome for the number of free variables that the library returns."""
     return Outcome(x, free >= 0, f"{free} variables free" if free >= 0 else "P is not positive definite")

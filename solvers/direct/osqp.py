@@ -7,11 +7,11 @@ programs", Mathematical Programming Computation 12 (2020), pages 637 to 672.
 
 Timed: ``setup`` scales and factorises; ``update`` copies the upper triangle of P and q into the library and factorises
 again; ``solve`` iterates. A cold solve starts from zero, a warm one from ``warm_start`` and the multipliers of the last
-solve; the penalty ρ that a solve has adapted stays for the next, as the library means it.
+solve; the adapted penalty ρ is kept for the next solve, as the library intends.
 
-The adaptation of ρ is counted in steps and not in seconds, so that a run can be repeated. Polishing, which solves the
-equations of the rows that seem active, is off, as in the library, but for the last rungs: after a loose or warm solve
-on badly scaled data it takes the wrong rows and spoils the answer.
+The interval of the adaptation of ρ is counted in steps, not in seconds, so that runs are repeatable. Polishing, which
+solves the equations of the rows that seem active, is off, as by default, except for the last rung: after a loose or
+warm solve on badly scaled data it selects wrong rows and spoils the answer.
 """
 
 import numpy as np
@@ -51,7 +51,7 @@ class Osqp(LibrarySolver):
         else:
             self._solver.warm_start(x=warm_start)
         self._result = self._solver.solve(raise_error=False)
-        # On failure x holds a finite number, the bits of a NaN read as an integer: the status comes first.
+        # After a failure x is finite (the bits of a NaN read as an integer), so only the status tells.
         return self._result.x if self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None
 
     def answer(self) -> Answer:

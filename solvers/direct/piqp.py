@@ -32,8 +32,9 @@ class Piqp(LibrarySolver):
         self._solver.setup(p.P.T, p.q, self._A, p.b if len(p.A) else None, *inequalities, p.lb, p.ub)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
-        # P is symmetric, so its transpose is P in the Fortran order that the library wants. A goes with it: a new P is
-        # equilibrated anew, which the library's product AᵀA misses, and then feasible problems are called infeasible.
+        # P is symmetric, so its transpose is P in the Fortran order that the library needs. A is passed too: the
+        # library equilibrates again for a new P without updating its product AᵀA, and then reports feasible problems as
+        # infeasible.
         A = None if P is None else self._A
         self._solver.update(P=None if P is None else P.T, c=q, A=A)
 

@@ -10,9 +10,10 @@ the set-up; ``solve`` iterates and copies x out of the library's memory. A cold 
 constrained minimiser, a warm one from ``warm_start`` and the multipliers of the last solve. Cold solves repeat in
 value, not in bits. NaN in the data hangs the library.
 
-Three ways of release 0.8.0 are avoided. A solve that follows a solve with no update between can end in NaN after its
-15 million steps, so an update with the same q goes before it. Bounds are rows, since the library's own box makes that
-certain, takes no multipliers to start from, and was not faster. An update wipes the multipliers, so they are kept here.
+Three faults of release 0.8.0 are avoided. A solve without an update since the last solve can end in NaN after 15
+million steps, so it is preceded by an update with the same q. Bounds are rows, since with the library's own box this
+always happens, it takes no initial multipliers, and it was not faster. An update resets the multipliers, so they are
+kept here.
 """
 
 import numpy as np
@@ -57,7 +58,7 @@ class Proxsuite(LibrarySolver):
         results = self._qp.results
         if results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED:
             return None
-        self._dual = results.y.copy(), results.z.copy()  # an update wipes them
+        self._dual = results.y.copy(), results.z.copy()  # an update resets them
         return results.x.copy()
 
     def answer(self) -> Answer:

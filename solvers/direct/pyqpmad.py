@@ -29,7 +29,7 @@ class Pyqpmad(LibrarySolver):
         self._solver = pyqpmad.Solver()
         self._solver.reserve(p.d, p.d, m)
         self._x, self._work = np.zeros(p.d), np.empty((p.d, p.d))
-        # The transpose of the symmetric work matrix is the Fortran order that the library wants.
+        # The transpose of the symmetric work matrix has the Fortran order that the library needs.
         general = (np.asfortranarray(p.R[p.general]), p.l[p.general], p.u[p.general]) if m else (None, None, None)
         self._arguments = (self._x, self._work.T, p.q, p.lb, p.ub, *general, parameters)
 
@@ -37,7 +37,7 @@ class Pyqpmad(LibrarySolver):
         self._work[:] = self.program.P
         try:
             status = self._solver.solve(*self._arguments)
-        except RuntimeError as error:  # how the library says infeasible, or P not positive definite
+        except RuntimeError as error:  # the problem is infeasible, or P not positive definite
             self._status = str(error)
             return None
         self._status = status.name
@@ -49,7 +49,7 @@ class Pyqpmad(LibrarySolver):
             return Answer(self._x, w, self._status)
         dual = self._solver.get_inequality_dual()
         w[dual.indices] = np.where(dual.is_lower, -dual.dual, dual.dual)
-        # The library gives no multipliers of equalities; they are what stationarity leaves over.
+        # The library gives no multipliers of equalities; they follow from stationarity.
         equal = p.l == p.u
         w[equal] = np.linalg.lstsq(p.R[equal].T, -(p.P @ self._x + p.q + p.R.T @ w), rcond=None)[0]
         return Answer(self._x, w, self._status, self._solver.get_num_iterations())

@@ -6,8 +6,8 @@ Source: K. Tracy, Z. Manchester, "On the differentiability of the primal-dual in
 
 Timed: ``setup`` compiles for the shapes; ``solve`` copies P and q to JAX, iterates, and copies x back. There is no warm
 start. Importing this file switches JAX to 64 bits in the whole process. The library's explicit method, its default,
-keeps slacks and multipliers above 1.5e-8, so complementarity cannot fall below 1.5e-8 times the multiplier; its
-implicit one, which our settings take, has no such floor.
+bounds slacks and multipliers from below by 1.5e-8, so complementarity cannot fall below 1.5e-8 times the multiplier;
+the implicit one of our settings has no such bound.
 """
 
 from functools import partial

@@ -4,9 +4,9 @@
 
 Source: B. O'Donoghue, the package qtqp.
 
-Timed: ``setup`` and ``update`` make the library's object anew, which has no other way to take data; ``solve``
-equilibrates and iterates. There is no warm start from x alone. The linear solver is SciPy's dense one on every machine:
-left alone, the library takes the first that it finds, MKL's where its wheel brings it.
+Timed: ``setup`` and ``update`` make the library's object, which cannot take new data; ``solve`` equilibrates and
+iterates. There is no warm start from x alone. The linear solver is SciPy's dense one on every machine: by default the
+library uses the first that it finds, possibly MKL's.
 """
 
 import qtqp

@@ -5,11 +5,11 @@
 Source: R. H. Byrd, P. Lu, J. Nocedal, C. Zhu, "A limited memory algorithm for bound constrained optimization", SIAM
 Journal on Scientific Computing 16 (1995), pages 1190 to 1208.
 
-Timed: ``solve`` is everything, the cost being called from Python at every step. ``gtol`` bounds the largest component
-of the projected gradient and ``ftol`` the relative decrease of the cost; with our settings the second is 0, so that the
-gradient alone decides, and 30 corrections are kept in place of 10, without which ill-conditioned P take ten times the
-steps. With them the method is started anew, without its corrections, where rounding spoils a line search or a step
-leaves the cost as it is, for it may then be anywhere; where that is so RESTARTS times the answer counts as not found.
+Timed: ``solve`` is everything, with a Python call of the cost at every step. ``gtol`` bounds the largest component of
+the projected gradient and ``ftol`` the relative decrease of the cost; our settings set the latter to 0, so that the
+gradient alone decides, and keep 30 corrections instead of 10, without which ill-conditioned P take ten times the steps.
+With these settings the method is restarted without its corrections if rounding spoils a line search or a step does not
+change the cost, since it may then be far from the optimum; after RESTARTS such restarts the answer counts as not found.
 """
 
 from functools import partial
@@ -22,7 +22,7 @@ from solvers.protocol import Vector
 
 RESTARTS = 5
 STUCK = ("RELATIVE REDUCTION", "ABNORMAL")
-"""In the library's message of such an end."""
+"""Parts of the library's messages after such an end."""
 
 
 class ScipyLbfgsb(BoxMinimiser):

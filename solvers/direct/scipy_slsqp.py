@@ -4,9 +4,9 @@
 
 Source: D. Kraft, "A software package for sequential quadratic programming", report DFVLR-FB 88-28 (1988).
 
-Timed: ``solve`` is everything, cost and rows being called from Python at every step. ``ftol`` is an absolute tolerance
-on the cost, so the error of x goes with its square root. The library's Lagrangian is the cost minus multipliers times
-rows; the duals of the bounds, which it does not give, follow from stationarity.
+Timed: ``solve`` is everything, with Python calls of cost and rows at every step. ``ftol`` is an absolute tolerance on
+the cost, so the error of x is proportional to its square root. The library's Lagrangian is the cost minus multipliers
+times rows; the duals of the bounds, which it does not compute, follow from stationarity.
 """
 
 from functools import partial

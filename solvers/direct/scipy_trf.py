@@ -6,7 +6,7 @@ Source: M. A. Branch, T. F. Coleman, Y. Li, "A subspace, interior, and conjugate
 bound-constrained minimization problems", SIAM Journal on Scientific Computing 21 (1999), pages 1 to 23.
 
 Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and lsq_linear. There is no warm start. The
-answer stays strictly inside the box, so its duals are those that stationarity asks for.
+answer is strictly inside the box, so its duals are computed from stationarity.
 """
 
 from solvers.adapter import Answer

@@ -6,10 +6,10 @@ Source: R. H. Byrd, M. E. Hribar, J. Nocedal, "An interior point algorithm for l
 Journal on Optimization 9 (1999), pages 877 to 900.
 
 Timed: ``solve`` is everything; expect tens of milliseconds. ``barrier_tol`` bounds the last barrier parameter and
-``xtol`` the last trust radius. A rung keeps ``gtol`` far below them, since the library's test of the gradient does not
-look at complementarity and on its own stops with x wrong by 1e-2. That small a ``gtol`` also makes the library call a
-constraint violation of 1e-15 a failure, so whether x is found is judged here from its status and ``xtol``. There is no
-warm start: from a point on the bounds an interior method takes longer.
+``xtol`` the last trust radius. A rung sets ``gtol`` far below them, since the library's test of the gradient ignores
+complementarity and on its own stops with errors of x of 1e-2. With such a small ``gtol`` the library also reports a
+constraint violation of 1e-15 as a failure, so found or not follows from its status and ``xtol``. There is no warm
+start: from a point on the bounds an interior method takes longer.
 """
 
 from functools import partial

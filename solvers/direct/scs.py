@@ -5,10 +5,10 @@
 Source: B. O'Donoghue, "Operator splitting for a homogeneous embedding of the linear complementarity problem", SIAM
 Journal on Optimization 31 (2021), pages 1999 to 2023.
 
-Timed: ``setup`` scales and factorises; ``update`` hands over q, or builds the library's object anew where P is new, for
-which it has no other way; ``solve`` iterates. A warm solve starts from ``warm_start`` and the multipliers and slacks of
-the last solved problem, a cold one from zero. The linear solver is the library's own QDLDL on every machine: left
-alone, it takes MKL where the wheel brings it.
+Timed: ``setup`` scales and factorises; ``update`` passes q, or makes the library's object again for a new P, since
+there is no other way; ``solve`` iterates. A warm solve starts from ``warm_start`` and the multipliers and slacks of the
+last solved problem, a cold one from zero. The linear solver is the library's own QDLDL on every machine: by default it
+is MKL if the wheel contains it.
 """
 
 import numpy as np
@@ -30,10 +30,10 @@ class Scs(LibrarySolver):
     at_limit = ("solved (inaccurate",)
 
     def build(self, p: Program, rows: Cones) -> None:
-        # The library wants a row: without constraints it gets 0ᵀx ≤ 1.
-        some = rows.r.size > 0
-        self._constraints = {"A": csc_matrix(rows.R if some else (1, p.d)), "b": rows.r if some else np.ones(1)}
-        self._cone = {"z": rows.equal, "l": rows.unequal if some else 1}
+        # The library needs a row: without constraints it gets 0ᵀx ≤ 1.
+        R, r = (rows.R, rows.r) if rows.r.size else (np.zeros((1, p.d)), np.ones(1))
+        self._constraints = {"A": csc_matrix(R), "b": r}
+        self._cone = {"z": rows.equal, "l": r.size - rows.equal}
         self._dual: dict[str, Vector] = {}
         self.pass_data(p.P, p.q)
 

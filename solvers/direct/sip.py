@@ -4,8 +4,7 @@
 
 Source: J. Sousa-Pinto, the package sip_python.
 
-At its tightest rung it is as exact as it can be asked for: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding ends
-its steps.
+Its tightest rung is near its limit: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding stops its steps.
 
 Timed: ``setup`` orders the KKT matrix; ``update`` fills the second derivative; ``solve`` makes the library's object,
 which keeps its iterates and so serves once, and iterates, with a call back into Python each time. There is no warm
@@ -23,7 +22,7 @@ from solvers.backend import Backend, absolute, unscaled
 
 
 class Sip(LibrarySolver):
-    """The library's ``Solver``; the settings are those of its termination."""
+    """The library's ``Solver``; the settings are its termination criteria."""
 
     name = "sip"
     library = Backend(
@@ -67,12 +66,12 @@ class Sip(LibrarySolver):
         self._point.x, self._point.y = np.zeros(self.program.d), np.zeros(self.rows.equal)
         self._point.s, self._point.z = np.ones(self.rows.unequal), np.ones(self.rows.unequal)
         model = _model(self.program, self.rows, self._hessian, *self._jacobians)
-        self._said = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
-        return np.array(self._point.x) if self._said.exit_status == sip.Status.SOLVED else None
+        self._report = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
+        return np.array(self._point.x) if self._report.exit_status == sip.Status.SOLVED else None
 
     def answer(self) -> Answer:
-        point, said = self._point, self._said
-        return Answer(point.x, np.concatenate([point.y, point.z]), said.exit_status.name, said.num_iterations)
+        point, report = self._point, self._report
+        return Answer(point.x, np.concatenate([point.y, point.z]), report.exit_status.name, report.num_iterations)
 
 
 def _model(p: Program, rows: Cones, hessian: csc_matrix, A: csr_matrix, G: csr_matrix) -> Callable:

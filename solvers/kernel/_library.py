@@ -47,7 +47,7 @@ def folder(package: str) -> Path:
     return Path(spec.origin).parent
 
 
-def opened(distribution: str, version: str, library: Path, names: tuple[str, ...]) -> ctypes.CDLL:
+def open_library(distribution: str, version: str, library: Path, names: tuple[str, ...]) -> ctypes.CDLL:
     """The library of an installed package.
 
     Raises
@@ -108,8 +108,8 @@ class CompiledLibrary(LibrarySolver):
         """
         p, self._loop = self.program, loop or Loop.in_dll(CORE, f"library_{self.name}")
         self._held = values  # the state has their addresses
-        self.state: NDArray[np.int64] = np.array([*_home(p), p.d, *map(_number, values)], dtype=np.int64)
-        self._addresses = np.array([self.state.ctypes.data, _number(self._loop.update), _number(self._loop.solve)])
+        self.state: NDArray[np.int64] = np.array([*_data_addresses(p), p.d, *map(_as_integer, values)], dtype=np.int64)
+        self._addresses = np.array(list(map(_as_integer, (self.state, self._loop.update, self._loop.solve))))
         self.x = p.no_answer()
         self._last = np.zeros(p.d)
 
@@ -125,7 +125,7 @@ class CompiledLibrary(LibrarySolver):
         flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, warm_start, most_ns)
         last = timings[0].size - 1
         self.program.take(P[last], q[last])
-        self.state[:2] = _home(self.program)  # the arrays of the loop are released when it ends
+        self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)
         self._finish(timings[2][last].copy())
         return timings
@@ -147,11 +147,11 @@ class CompiledLibrary(LibrarySolver):
         self.x, self.found = x, not np.isnan(x[0])
 
 
-def _home(program: Any) -> tuple[int, int]:
+def _data_addresses(program: Any) -> tuple[int, int]:
     return program.P.ctypes.data, program.q.ctypes.data
 
 
-def _number(value: Any) -> int:
+def _as_integer(value: Any) -> int:
     if isinstance(value, int):
         return value
     return value.ctypes.data if isinstance(value, np.ndarray) else ctypes.cast(value, ctypes.c_void_p).value or 0

@@ -91,11 +91,11 @@ class BoxActiveSet(OurSolver):
         try:
             status = bindings.box_set_data(self.state, P, q)
         except (TypeError, ValueError, BufferError):  # arrays of another type or layout are converted
-            status = bindings.box_set_data(self.state, self._like(P, 2), self._like(q, 1))
+            status = bindings.box_set_data(self.state, self._converted(P, 2), self._converted(q, 1))
         if status:
             self.accept(status)
 
-    def _like(self, data: Any, ndim: int) -> Matrix | None:
+    def _converted(self, data: Any, ndim: int) -> Matrix | None:
         if data is None:
             return None
         array, shape = np.array(data, np.float64, order="C"), (self._answer.size,) * ndim
@@ -113,7 +113,7 @@ class BoxActiveSet(OurSolver):
         """
         warm = self._warm
         if warm_start is not None:
-            self.accept(bindings.box_start(self.state, self._like(warm_start, 1)))
+            self.accept(bindings.box_start(self.state, self._converted(warm_start, 1)))
             warm = True
         self._status = bindings.box_solve(self.state, warm)
         if self._status:

@@ -17,7 +17,7 @@ from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import Vector, address
 from solvers.backend import HPIPM as LIBRARY
 from solvers.core import block
-from solvers.kernel._library import CompiledLibrary, folder, opened
+from solvers.kernel._library import CompiledLibrary, folder, open_library
 
 IN_LOOP = (
     "d_dense_qp_set_H",
@@ -27,7 +27,7 @@ IN_LOOP = (
     "d_dense_qp_sol_get_v",
 )
 PARTS = ("", "_sol", "_ipm_arg", "_ipm_ws")
-HPIPM = opened(
+HPIPM = open_library(
     "casadi",
     "3.8.2",
     folder("casadi") / "libhpipm.so",
@@ -77,16 +77,16 @@ class CasadiHpipm(CompiledLibrary):
         self._equal = np.concatenate([np.flatnonzero(fixed), np.arange(p.u.size)[p.equalities]])
         A, C = p.R[self._equal], p.G
         self._memory: list[np.ndarray] = []
-        size = self._made("_dim")
+        size = self._create("_dim")
         HPIPM.d_dense_qp_dim_set_all(p.d, len(A), at.size, len(C), 0, address(size))
-        qp, answer, arguments = (self._made(part, size) for part in PARTS[:3])
+        qp, answer, arguments = (self._create(part, size) for part in PARTS[:3])
         HPIPM.d_dense_qp_ipm_arg_set_default(BALANCE, address(arguments))
         for setting, value in self.settings.items():
             if setting not in SETTINGS:
                 raise ValueError(f"{self.name} has no setting {setting}")
             number = np.array([value], dtype=np.intc if setting == "iter_max" else np.float64)
             HPIPM.d_dense_qp_ipm_arg_set(SETTINGS[setting].encode(), address(number), address(arguments))
-        self._workspace, self._answer = self._made(PARTS[3], size, arguments), answer
+        self._workspace, self._answer = self._create(PARTS[3], size, arguments), answer
         for field, array in {
             "H": p.P,
             "g": p.q,
@@ -104,7 +104,7 @@ class CasadiHpipm(CompiledLibrary):
                 HPIPM.d_dense_qp_set(field.encode(), address(data), address(qp))
         self.bind(qp, answer, arguments, self._workspace, *(HPIPM[name] for name in IN_LOOP))
 
-    def _made(self, part: str, *of: np.ndarray) -> np.ndarray:
+    def _create(self, part: str, *of: np.ndarray) -> np.ndarray:
         """One of the library's objects, in our memory."""
         functions = (HPIPM[f"d_dense_qp{part}_{what}"] for what in ("strsize", "memsize", "create"))
         before = [address(each) for each in of]

@@ -15,9 +15,9 @@ import numpy as np
 from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.direct import daqp as direct
-from solvers.kernel._library import CompiledLibrary, opened, structure
+from solvers.kernel._library import CompiledLibrary, open_library, structure
 
-DAQP = opened(
+DAQP = open_library(
     "daqp",
     "0.11.0",
     daqp.__file__,

@@ -14,7 +14,7 @@ import numpy as np
 from solvers.adapter import Answer, Program, Stack, Triangle
 from solvers.arrays import address
 from solvers.direct import highspy as direct
-from solvers.kernel._library import CompiledLibrary, opened
+from solvers.kernel._library import CompiledLibrary, open_library
 
 IN_LOOP = (
     "Highs_passHessian",
@@ -25,7 +25,7 @@ IN_LOOP = (
     "Highs_getModelStatus",
     "Highs_getSolution",
 )
-HIGHS = opened(
+HIGHS = open_library(
     "highspy",
     "1.15.1",
     next(Path(highspy.__file__).parent.glob("libhighs.*"), Path("libhighs")),

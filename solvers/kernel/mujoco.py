@@ -11,10 +11,10 @@ from mujoco import _functions
 
 from solvers.adapter import Answer, Program, Stack
 from solvers.direct import mujoco as direct
-from solvers.kernel._library import CompiledLibrary, opened
+from solvers.kernel._library import CompiledLibrary, open_library
 
 VERSION = "4.0.1"
-MUJOCO = opened(
+MUJOCO = open_library(
     "mujoco-core",
     VERSION,
     next(Path(_functions.__file__).parent.glob(f"libmujoco.*{VERSION}*"), Path(f"libmujoco {VERSION}")),

@@ -14,10 +14,10 @@ from scipy.sparse import csc_matrix
 from solvers.adapter import Answer, Intervals, Program
 from solvers.arrays import address
 from solvers.direct import osqp as direct
-from solvers.kernel._library import CompiledLibrary, fields, opened, structure, vector
+from solvers.kernel._library import CompiledLibrary, fields, open_library, structure, vector
 
 IN_LOOP = ("osqp_update_data_vec", "osqp_update_data_mat", "osqp_warm_start", "osqp_cold_start", "osqp_solve")
-OSQP = opened(
+OSQP = open_library(
     "osqp", "1.1.3", ext_builtin.__file__, ("osqp_set_default_settings", "osqp_setup", "osqp_cleanup", *IN_LOOP)
 )
 INFINITY = 1e30

@@ -16,10 +16,10 @@ import numpy as np
 from solvers.adapter import Answer, Program, Stack
 from solvers.arrays import address
 from solvers.backend import PIQP as LIBRARY
-from solvers.kernel._library import CompiledLibrary, folder, opened, structure, vector
+from solvers.kernel._library import CompiledLibrary, folder, open_library, structure, vector
 
 IN_LOOP = ("piqp_update_dense", "piqp_solve")
-PIQP = opened(
+PIQP = open_library(
     "casadi",
     "3.8.2",
     folder("casadi") / "libpiqpc.so",

@@ -9,9 +9,9 @@ import quadprog
 
 from solvers.adapter import Answer, Cones, Program
 from solvers.direct import quadprog as direct
-from solvers.kernel._library import CompiledLibrary, opened
+from solvers.kernel._library import CompiledLibrary, open_library
 
-QUADPROG = opened("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
+QUADPROG = open_library("quadprog", "0.1.14", quadprog.__file__, ("qpgen2_",))
 MESSAGES = ("solved", "constraints are inconsistent, no solution", "matrix G is not positive definite")
 
 

@@ -1,4 +1,4 @@
-"""Solver files of users that want to look faster, or more right, than they are; beside one that does as it should."""
+"""Solver files that pretend to be faster or more accurate than they are, and an honest one."""
 
 from pathlib import Path
 from textwrap import indent
@@ -167,6 +167,13 @@ def setup(self, problem):
         return found
     worker.TimedSolver.block = forged
 """,
+    "patches_the_guard": """
+def setup(self, problem):
+    from bench.processes import guard
+    guard.MOST = 0
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.take(problem.P, problem.q)
+""",
     "hooks": """
 def update(self, P=None, q=None):
     sys.setprofile(self.ahead)
@@ -190,6 +197,11 @@ def setup(self, problem):
 def solve(self, warm_start=None):
     times = sys._getframe(1).f_locals.get("solves", [])
     times[:] = [ns // 10 for ns in times]
+    return self.right(self.P, self.q)
+""",
+    "loses_times": """
+def solve(self, warm_start=None):
+    del sys._getframe(1).f_locals.get("updates", [])[2:]
     return self.right(self.P, self.q)
 """,
     "times_itself": """
@@ -232,7 +244,7 @@ def solve(self, warm_start=None):
 
 
 def written(folder: Path, name: str) -> Path:
-    """The file of one of them."""
+    """The file of one solver."""
     path = folder / f"{name}.py"
     lane = "KERNEL" if name == "times_itself" else "DIRECT"
     path.write_text(FILE.format(name=name, lane=lane, cheat=indent(CHEATS[name], "    ")))

@@ -35,13 +35,13 @@ class Race:
 
     @cached_property
     def found(self) -> Measurements:
-        """What follows from it."""
+        """Derived measurements."""
         return Measurements(self.rows, self.run.times())
 
     def copied(
         self, folder: Path, rows: Change = lambda rows: rows, times: Change = lambda times: times, **noted: object
     ) -> Run:
-        """A copy of the run with other rows, times of the rows that are left, and notes in ``run.json``."""
+        """A copy of the run with changed rows, their times, and notes in ``run.json``."""
         shutil.copytree(self.run.path, folder)
         changed_rows, changed_times = rows(self.rows.copy()), times(self.run.times())
         changed_rows.to_parquet(folder / "rows.parquet")
@@ -74,12 +74,12 @@ SMALL = (
 )
 THIRD = ("--solver", "clarabel")
 TASKS = 25
-"""The settings of three solvers (3, 8 and 9) and the floor on scaled data, and the defaults of each and the floor on
-raw data."""
+"""Number of tasks: the settings of three solvers (3, 8 and 9) on scaled data, their defaults on raw data, and the floor
+on both."""
 
 
 def saved(run: Run, what: str) -> dict[str, np.ndarray]:
-    """One of the arrays of each task that is on disk, by task."""
+    """An array of each finished task, by task."""
     found = {}
     for path in (run.path / "tasks").glob("[!.]*.npz"):
         with np.load(path) as data:
@@ -89,14 +89,14 @@ def saved(run: Run, what: str) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Resumed:
-    """What was kept of a race that was killed, by task, and how the call ended that carried it on."""
+    """An array of each task that was finished when the race was killed, and the call that resumed it."""
 
     kept: dict[str, np.ndarray]
     call: Finished
 
 
 def killed_and_resumed(piezobench: CommandLine, run: Run, what: str, tasks: int, *words: object) -> Resumed:
-    """Kill the race that a call starts or carries on after some tasks, and carry it on to its end."""
+    """Kill a race after ``tasks`` finished tasks, and resume it to its end."""
     piezobench.start(*words).kill_once(lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= tasks)
     kept = saved(run, what)
     assert len(kept) >= tasks
@@ -105,12 +105,17 @@ def killed_and_resumed(piezobench: CommandLine, run: Run, what: str, tasks: int,
     return Resumed(kept, done)
 
 
-def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
-    small = SMALL[2:] if "--set" in words else SMALL
-    call = piezobench("race", *small, "--out", out, "--name", name, *words)
+def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
+    """A finished one-shot race with these options."""
+    call = piezobench("race", "--out", out, "--name", name, *words)
     assert call.status == 0, call.stderr
     run = Run.open(out / name)
     return Race(run, run.rows(ONESHOT), call)
+
+
+def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
+    """A small one-shot race with further options."""
+    return race_of(piezobench, out, name, *(SMALL[2:] if "--set" in words else SMALL), *words)
 
 
 @pytest.fixture(scope="session")
@@ -123,7 +128,7 @@ def clean_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    """Two of them among solvers that are faulty in every way."""
+    """Two of them, among solvers with every fault."""
     folder = tmp_path_factory.mktemp("faulty")
     files = [word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)]
     return raced(piezobench, folder, "faulty", *files)

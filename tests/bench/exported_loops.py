@@ -1,9 +1,9 @@
-"""Signals for the exported C and what Python makes of them, with everything that goes wrong in them.
+"""Signals for the exported C and the drives that Python computes, with faults of every kind.
 
-References leave the range, are NaN and infinite; in the loops the actuator is a model of another structure with noise.
+References leave the range, are NaN and infinite; the actuator of the loops is a model of another structure with noise.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -50,8 +50,8 @@ def references(size: int, seed: int = 1) -> Vector:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What an export is run on and what is to come out."""
+class Expected:
+    """Input of an export, and its expected drives and events."""
 
     model: HysteresisCreepModel
     settings: ExportSettings
@@ -60,17 +60,17 @@ class Told:
     events: tuple[int, ...] = ()
 
 
-def compensation(size: int) -> Told:
-    """A compensator with limits of drive and rate, both of which are reached."""
+def compensation(size: int) -> Expected:
+    """A compensator that reaches its limits of drive and rate."""
     model, y_ref = a_model(), references(size)
     compensator = Compensator(model, x_limits=LIMITS, rate_limit=2e5)
     x = compensator.run(y_ref)
     assert {LIMITS[0], LIMITS[1]} <= set(x.tolist())
-    return Told(model, ExportSettings(x_limits=LIMITS, rate_limit=2e5), y_ref, x)
+    return Expected(model, ExportSettings(x_limits=LIMITS, rate_limit=2e5), y_ref, x)
 
 
 class Stage:
-    """An actuator with noise, and a sensor that may fail."""
+    """An actuator with noise, and optionally a faulty sensor."""
 
     def __init__(self, size: int, faulty: bool) -> None:
         self.model = a_model(n=9, m=2, rates=(30.0, 0.5), seed=7)
@@ -79,7 +79,7 @@ class Stage:
         self.faulty, self.done = faulty, 0
 
     def __call__(self, x: Vector) -> Vector:
-        """Measured output of drive samples."""
+        """Measured output for samples of the drive."""
         k = np.arange(self.done, self.done + x.size)
         self.done += x.size
         y = self.model.simulate(x, self.state) + self.noise[k]
@@ -92,8 +92,8 @@ class Stage:
         return y
 
 
-def learning(solver: str, size: int, faulty: bool = False, integral_gain: float = 0.0) -> Told:
-    """The self-learning loop on a stage, continuous with the recursive solver and else in cycles."""
+def learning(solver: str, size: int, faulty: bool = False, integral_gain: float = 0.0) -> Expected:
+    """The self-learning loop on a stage: continuous with the recursive solver, cyclic with the others."""
     model = a_model()
     start = HysteresisCreepModel.from_weights(model.structure, model.structure.straight_line)
     mode: Mode = "continuous" if solver == "recursive_active_set" else "cyclic"
@@ -114,9 +114,4 @@ def learning(solver: str, size: int, faulty: bool = False, integral_gain: float 
     settings = ExportSettings(
         part="learning", solver=cast(Any, solver), x_limits=LIMITS, integral_gain=integral_gain, **PHASES
     )
-    return Told(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)
-
-
-def single(told: Told) -> Told:
-    """The same in single precision."""
-    return replace(told, settings=replace(told.settings, precision="float"))
+    return Expected(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)

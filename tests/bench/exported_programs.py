@@ -1,4 +1,4 @@
-"""Programs built from the exported C, and what they make of samples."""
+"""Build programs from exported C and run them on samples."""
 
 import subprocess
 from pathlib import Path
@@ -15,7 +15,7 @@ from solvers.arrays import Vector
 
 
 def write_sources(folder: Path, model: HysteresisCreepModel, settings: ExportSettings) -> None:
-    """Write the export into a folder that is there."""
+    """Write the export to an existing folder."""
     write_files(folder, export(model, settings))
 
 

@@ -1,4 +1,4 @@
-"""Solver files of users, right on raw data and each with a fault of its own on scaled data."""
+"""Solver files that are right on raw data, each with another fault on scaled data."""
 
 from pathlib import Path
 
@@ -96,8 +96,13 @@ def write_all(folder: Path) -> list[Path]:
     return [written(folder, name, *FAULTS[name]) for name in FAULTS]
 
 
+def text(name: str, verb: str = "solve(self)", fault: str = "pass") -> str:
+    """The content of the file of a solver, by default a faultless one."""
+    return FILE.format(name=name, verb=verb, fault=fault)
+
+
 def written(folder: Path, name: str, verb: str = "solve(self)", fault: str = "pass") -> Path:
-    """The file of one solver, by default a faultless one."""
+    """The file of a solver, by default a faultless one."""
     path = folder / f"{name}.py"
-    path.write_text(FILE.format(name=name, verb=verb, fault=fault))
+    path.write_text(text(name, verb, fault))
     return path

@@ -1,4 +1,4 @@
-"""A real solver that waits after each update and solve, as a file of one's own."""
+"""A user's file with a real solver that waits after each update and solve."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ class Slowed(Clarabel):
 
 
 def write(folder: Path, factor: float) -> Path:
-    """The solver's file, in a folder of its own; it has the same name whatever the factor."""
+    """The solver's file, in a separate folder; it has the same name for every factor."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "slowed.py"
     path.write_text(SOURCE.format(factor=factor))

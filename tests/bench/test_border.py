@@ -1,4 +1,4 @@
-"""What comes from outside fits, or is refused in one sentence that names the file; nothing else happens."""
+"""A file from outside fits, or is refused in one sentence that names it; nothing else happens."""
 
 import json
 import shutil
@@ -79,7 +79,7 @@ def use_model(path: Path) -> None:
         (learner_file, use_learner),
     ],
 )
-def test_a_spoiled_file_of_ours_is_refused_in_a_sentence_that_names_it(
+def test_a_damaged_file_of_ours_is_refused_in_a_sentence_that_names_it(
     tmp_path: Path, write: Callable[[Path], None], use: Callable[[Path], Any]
 ) -> None:
     path = tmp_path / "it.json"
@@ -93,8 +93,7 @@ def test_a_spoiled_file_of_ours_is_refused_in_a_sentence_that_names_it(
 
 
 def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refused: type[ValueError]) -> str:
-    """The sentence that names the file, or nothing where what is given is used; whatever else comes of it fails the
-    test."""
+    """The sentence that refuses the file by name, or "" if it is used; any other exception fails the test."""
     try:
         use(given)
     except refused as error:
@@ -109,8 +108,7 @@ def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refuse
 
 
 def signed(text: bytes) -> bytes:
-    """The text with the checksum that belongs to it, where it is that of a learner: the border does not stand on its
-    being wrong."""
+    """The text, with the right checksum if it is a learner's, so that a wrong checksum is not the only defence."""
     try:
         content = json.loads(text)
         if content["format"] == "piezobench-learner" and isinstance(content.pop("checksum"), str):
@@ -129,7 +127,7 @@ def folder(clean_race: Race, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(folder: Path, clean_race: Race) -> Iterator[Run]:
-    """A finished run, to be spoiled by one test."""
+    """A finished run that one test may damage."""
     yield Run(folder)
     for name in ("run.json", "rows.parquet", "times.parquet", "sentinel.parquet"):
         shutil.copy(clean_race.run.path / name, folder)
@@ -173,17 +171,17 @@ def test_a_table_that_does_not_fit_is_refused_by_file_and_column(
 
 
 def with_field(at: tuple[str, ...], token: str) -> Callable[[Path], object]:
-    """What writes a token where a document has a field."""
+    """Replaces a field of a JSON file by a token."""
     return lambda path: path.write_bytes(*spoiled(json.loads(path.read_text()), at, token))
 
 
 def with_rows(spoil: Callable[[pa.Table], pa.Table]) -> Callable[[Path], object]:
-    """What writes a table again as it is then."""
+    """Changes the table of a Parquet file."""
     return lambda path: parquet.write_table(spoil(parquet.read_table(path)), path)
 
 
 def with_column(name: str, value: object) -> Callable[[Path], object]:
-    """What writes a value into every row of a column."""
+    """Writes a value into every row of a column."""
     return with_rows(
         lambda table: table.set_column(table.column_names.index(name), name, pa.array([value] * len(table)))
     )
@@ -192,6 +190,8 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
 @pytest.mark.parametrize(
     ("file", "spoil", "said"),
     [
+        ("run.json", lambda path: path.write_text("{"), "is not a whole JSON file"),
+        ("run.json", lambda path: path.write_text("[]"), "expected `object`, got `array`"),
         ("run.json", with_field(("race",), "[]"), "the field 'race' is wrong: expected `str`, got `array`"),
         (
             "run.json",
@@ -206,14 +206,15 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
         ("run.json", with_field(("settings", "seed"), LONG), "integer value out of range"),
         ("run.json", with_field(("settings", "effort"), DEEP), "maximum recursion depth"),
         ("run.json", with_field(("problems", "paper"), '["../../x"]'), "the field 'problems[...][0]' is wrong"),
+        ("rows.parquet", with_rows(lambda table: table.drop_columns("status")), "has no column 'status'"),
         ("rows.parquet", with_rows(lambda table: table.slice(0, 0)), "has no rows"),
-        ("rows.parquet", with_rows(lambda table: pa.concat_tables([table, table])), "is there twice"),
+        ("rows.parquet", with_rows(lambda table: pa.concat_tables([table, table])), "occurs twice"),
         ("rows.parquet", with_column("solver", 1), "column 'solver' holds int64"),
-        ("rows.parquet", with_column("settings", "{"), "column 'settings' holds text that no settings are"),
+        ("rows.parquet", with_column("settings", "{"), "column 'settings' holds text that is not settings in JSON"),
         ("rows.parquet", with_column("lane", "x"), "column 'lane' holds 'x' and not one of kernel"),
     ],
 )
-def test_every_verb_that_reads_a_run_says_what_is_wrong_with_it_and_makes_nothing(
+def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
     piezobench: CommandLine,
     clean_race: Race,
     run: Run,
@@ -236,7 +237,7 @@ def test_every_verb_that_reads_a_run_says_what_is_wrong_with_it_and_makes_nothin
     assert not list(tmp_path.iterdir())
 
 
-def test_a_damaged_proof_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_cached_certificate_is_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert proof_cache.cached("key", list) == []
     path = user_cache.folder("proofs") / "key.json"

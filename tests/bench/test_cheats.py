@@ -1,5 +1,4 @@
-"""What a solver does that wants to look better than it is, and what is said of it; each is a file that is really
-raced."""
+"""Every way to look better than deserved is detected; each is a solver file that is raced."""
 
 from pathlib import Path
 
@@ -7,17 +6,15 @@ import cheating_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
-from conftest import Race
+from conftest import Race, race_of
 from qpsolvers import Problem
 
-from bench.derived.table import ONESHOT
 from bench.messages.task import Setting, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
 from bench.races.oneshot.blocks import timed
-from bench.store import Run
 from bench.timing.clock import Effort
 from solvers import Lane, Status, Tier, find
 from solvers.certificate import certify
@@ -39,9 +36,11 @@ STATUS = {
     "patches_the_clock": Status.TAMPERED,
     "patches_and_mends": Status.TAMPERED,
     "patches_the_message": Status.TAMPERED,
+    "patches_the_guard": Status.TAMPERED,
     "hooks": Status.TAMPERED,
     "sends_by_itself": Status.TAMPERED,
     "rewrites_times": Status.MISTIMED,
+    "loses_times": Status.TAMPERED,
     "works_ahead": Status.MISTIMED,
     "works_aside": Status.MISTIMED,
     "times_itself": Status.OK,
@@ -52,8 +51,7 @@ STATUS = {
 def cheats(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     folder = tmp_path_factory.mktemp("cheats")
     files = [word for path in cheating_solvers.write_all(folder) for word in ("--solver", path)]
-    call = piezobench(
-        "race",
+    words = (
         "--set",
         "paper",
         "--limit",
@@ -70,15 +68,8 @@ def cheats(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) ->
         "direct",
         "--lane",
         "kernel",
-        "--out",
-        folder,
-        "--name",
-        "cheats",
-        *files,
     )
-    assert call.status == 0, call.stderr
-    run = Run.open(folder / "cheats")
-    return Race(run, run.rows(ONESHOT), call)
+    return race_of(piezobench, folder, "cheats", *words, *files)
 
 
 def test_every_cheat_is_tried() -> None:
@@ -86,7 +77,7 @@ def test_every_cheat_is_tried() -> None:
 
 
 @pytest.mark.parametrize("name", STATUS)
-def test_a_cheat_has_the_status_of_what_it_does(cheats: Race, name: str) -> None:
+def test_a_cheat_has_its_status(cheats: Race, name: str) -> None:
     rows = cheats.rows[cheats.rows.solver == name]
     assert STATUS[name] in set(rows.status), rows.message.tolist()
 
@@ -100,7 +91,7 @@ def test_a_cheat_reaches_no_tier_and_an_honest_solver_does(cheats: Race, name: s
     assert found.tiers[found.tiers.solver == name].right.any() == (STATUS[name] == Status.OK)
 
 
-def test_what_one_setting_remembers_is_looked_for_at_one_that_the_parent_draws_and_taints_all(cheats: Race) -> None:
+def test_a_cache_is_detected_at_a_setting_drawn_by_the_parent_and_taints_all_settings(cheats: Race) -> None:
     name = "caches_at_some_setting"
     rows = cheats.rows[cheats.rows.solver == name]
     assert sorted(rows.rung) == [-1, 0, 1, 2, 3]
@@ -109,19 +100,19 @@ def test_what_one_setting_remembers_is_looked_for_at_one_that_the_parent_draws_a
     assert set(found.rows[found.rows.solver == name].status) == {"cached"}
 
 
-def test_a_ladder_that_ends_before_the_setting_that_was_drawn_is_looked_into_at_another(cheats: Race) -> None:
+def test_a_ladder_that_ends_before_the_drawn_setting_is_tested_at_another(cheats: Race) -> None:
     rows = cheats.rows[cheats.rows.solver == "caches_and_falls"].sort_values("rung")
     assert sorted(rows.status[:2]) == ["cached", "ok"]
     assert rows.status[2:].tolist() == ["crashed", *["not_run"] * 6]
 
 
-def test_what_a_solver_keeps_from_one_setting_is_of_no_use_to_it_at_another(cheats: Race) -> None:
+def test_answers_kept_from_one_setting_are_of_no_use_at_another(cheats: Race) -> None:
     rows = cheats.rows[cheats.rows.solver == "keeps_for_its_other_settings"]
     assert len(rows) == 5
     assert rows.solve_us_p50.min() > 0.2 * rows.solve_us_p50.max() > 0.0
 
 
-def test_who_times_itself_is_timed_by_us(cheats: Race) -> None:
+def test_a_users_solver_that_times_itself_is_timed_by_us(cheats: Race) -> None:
     us = cheats.rows.set_index("solver").solve_us_p50
     assert us["times_itself"] > 0.2 * us["honest"] > 0.0
 
@@ -156,7 +147,7 @@ class WorksBeside(box_active_set.{cls}):
 
 
 @pytest.mark.parametrize(("beside_ns", "status"), [(0, None), (200_000, Status.MISTIMED)])
-def test_a_compiled_solver_that_works_while_its_loop_does_not_time_it_is_told_by_the_processor_time(
+def test_untimed_work_of_a_compiled_solver_is_detected_by_its_cpu_time(
     beside_ns: int, status: Status | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     base = find("box_active_set", "kernel").load()
@@ -168,8 +159,8 @@ def test_a_compiled_solver_that_works_while_its_loop_does_not_time_it_is_told_by
     unit = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
     task = Task("none", "none", "scaled", entry.name, entry.lane, Setting('{"refinements": 2}', 1, False))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
-        outcome, tally = timed(
+        measured = timed(
             child, idle, task, RaceProblem("none", "none", {"scaled": unit}), FreshData(unit, 300), Effort(0.0, 60, 60)
         )
-    assert outcome.failure == "", outcome.message
-    assert (tally.fault and tally.fault[0]) == status
+    assert measured.outcome.failure == "", measured.outcome.message
+    assert (measured.fault and measured.fault[0]) == status

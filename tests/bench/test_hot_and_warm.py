@@ -1,4 +1,4 @@
-"""Cold and warm, hot and interleaved, and several fresh processes: what the clock's figures are made of."""
+"""Cold and warm starts, hot and interleaved solves, and several fresh processes."""
 
 import re
 from dataclasses import replace
@@ -20,7 +20,7 @@ from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.oneshot import report
 from bench.races.oneshot.blocks import timed
-from bench.races.oneshot.second_pass import LONGEST_US, take_turns
+from bench.races.oneshot.second_pass import LONGEST_US, interleave
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, Status, find
@@ -75,7 +75,7 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert len(both) == 2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2)
 
 
-def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_thousand_calls_in_all(
+def test_solvers_near_the_fastest_of_a_lane_and_the_floor_have_three_thousand_timed_calls(
     drift_race: Race, clean_race: Race
 ) -> None:
     for race in (drift_race, clean_race):
@@ -88,7 +88,7 @@ def test_who_is_near_the_fastest_of_a_lane_and_the_floor_are_timed_for_three_tho
         assert (samples.xs("null", level="solver") >= 3000).all()
 
 
-def test_a_solver_that_can_start_warm_takes_turns_cold_and_warm_at_the_setting_of_the_second_pass(
+def test_a_solver_that_can_start_warm_is_interleaved_cold_and_warm_at_the_setting_of_the_second_pass(
     drift_race: Race,
 ) -> None:
     plan = drift_race.run.settings["second_pass"]
@@ -112,7 +112,7 @@ def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
     assert asked == sorted(asked, key=[*dict.fromkeys(asked)].index)  # and none is gone back to
 
 
-def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_one_setting_each(clean_race: Race) -> None:
+def test_quick_solvers_are_interleaved_in_every_round_at_one_setting_each(clean_race: Race) -> None:
     rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
     turns = times[times.what == "interleaved_solve"].set_index("task").ns
     assert {ns.size for ns in turns} == {8}
@@ -130,24 +130,22 @@ def test_quick_solvers_have_as_many_turns_as_there_are_rounds_at_one_setting_eac
     assert rows.interleaved_us_p99.isna().all()  # eight turns cannot support it
 
 
-def test_a_tail_is_there_where_the_sample_supports_it_and_a_dash_elsewhere(clean_race: Race) -> None:
+def test_figures_are_those_of_the_raw_times_and_a_tail_is_missing_if_the_sample_is_too_small(clean_race: Race) -> None:
     times = clean_race.run.times()
     solves = times[times.what == "solve"].set_index("task").ns
+    assert set(times.task) == set(clean_race.rows.task)
     for row in clean_race.rows.itertuples():
-        wanted = percentile(solves[row.task] / 1e3, 0.99)
-        if wanted.value is None:
-            assert np.isnan(row.solve_us_p99)
-            assert np.isnan(row.solve_us_p99_high)
-        else:
-            assert (row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high) == (
-                wanted.low,
-                wanted.value,
-                wanted.high,
-            )
+        solve_us = solves[row.task] / 1e3
+        assert (solve_us.size, solve_us.max()) == (row.samples, row.solve_us_max)
+        wanted = percentile(solve_us, 0.99)
+        np.testing.assert_array_equal(
+            [row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high],
+            np.array([wanted.low, wanted.value, wanted.high], dtype=float),
+        )
     assert report.text(pd.Series({"answer_us_p99": np.nan, "status": "ok"}), "answer_us_p99") == "–"
 
 
-def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_leaves_the_others(
+def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails_leaves_the_others(
     tmp_path: Path,
 ) -> None:
     note = "open({!r}, 'a').write(self.name + '\\n')".format(str(tmp_path / "order"))
@@ -163,11 +161,11 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
             for entry in map(from_file, files)
         }
         tasks = [Task("none", "none", "scaled", name, Lane(lane), NO_SETTING) for name, lane in children]
-        times = take_turns(tasks, children, unit, FreshData(unit, 12), 12, seed)
+        times = interleave(tasks, children, unit, FreshData(unit, 12), 12, seed)
         orders.append((tmp_path / "order").read_text())
         for child in children.values():
             child.__exit__(None, None, None)
-        assert [(task.solver, tally.count) for task, tally in times] == [("one", 12), ("two", 12)]
+        assert [(task.solver, calls.solve_ns.size) for task, calls in times] == [("one", 12), ("two", 12)]
     assert orders[0] == orders[1] != orders[2]
 
 
@@ -181,24 +179,25 @@ def test_turns_are_in_the_order_of_the_seed_and_a_solver_that_fails_on_the_way_l
         ("projected_difference", "kernel"),
     ],
 )
-def test_a_warm_solve_starts_where_it_is_told_and_leaves_the_start_as_it_was(name: str, lane: str) -> None:
+def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane: str) -> None:
     entry = find(name, lane)
     default = next(setting for setting in settings_of(describe(entry)) if setting.is_default)
     task = Task("none", "none", "scaled", entry.name, entry.lane, default, start="warm")
     form = replace(form_of(QP), warm_start=(best := np.array([0.0, 2.0])))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
-        outcome, tally = timed(
+        measured = timed(
             child, idle, task, RaceProblem("none", "none", {"scaled": form}), FreshData(form, 7), Effort(0.0, 7, 7)
         )
+    outcome = measured.outcome
     assert outcome.failure == ""
     np.testing.assert_allclose(outcome.x, best, atol=1e-9)
     assert not outcome.mutated
-    assert (outcome.solve_ns.size, tally.fault) == (7, None)
-    assert max(tally.gaps.values()) <= 1e-9
+    assert (outcome.solve_ns.size, measured.fault) == (7, None)
+    assert measured.timed_gap <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 
-def test_the_solver_that_does_nothing_answers_what_it_is_told_to_start_from() -> None:
+def test_the_null_solver_answers_its_start() -> None:
     solver = null_solver.NullSolver()
     solver.setup(QP)
     assert not solver.solution().found

@@ -205,7 +205,7 @@ def test_cross_validation_finds_the_orders_and_creep_rates_that_the_data_were_ma
     found = select(x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set")
     assert found is not None
     assert (found.chosen.n, found.chosen.m, found.chosen.creep_rates) == (2, 0, rates)
-    assert found.best.error_percent <= found.chosen.error_percent < 0.95 * found.unchosen.error_percent
+    assert found.best.error_percent <= found.chosen.error_percent < 0.95 * found.default.error_percent
     assert len(found.candidates) > 100
 
 

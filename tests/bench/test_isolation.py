@@ -1,4 +1,4 @@
-"""What a faulty solver does to its own rows, and that it does nothing to those of others.
+"""A faulty solver affects its own rows, and no others.
 
 Every faulty solver is right on raw data, so its second row shows that the next task got a working process.
 """
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import faulty_solvers
 import numpy as np
+import pandas as pd
 import pytest
 from command_line import CommandLine, command_lines
 from conftest import Race
@@ -69,13 +70,18 @@ SAID = {
 }
 
 
+def row_of(race: Race, name: str, scaling: str = "scaled") -> pd.Series:
+    (row,) = (row for _, row in race.rows.iterrows() if (row.solver, row.scaling) == (name, scaling))
+    return row
+
+
 def test_every_fault_is_tried() -> None:
     assert STATUS.keys() == faulty_solvers.FAULTS.keys()
 
 
 @pytest.mark.parametrize("name", STATUS)
 def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: str) -> None:
-    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].itertuples()
+    row = row_of(faulty_race, name)
     assert row.status == STATUS[name]
     assert SAID.get(name, "") in row.message
     assert (row.message == "") == (row.status == Status.OK)
@@ -83,11 +89,8 @@ def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: s
 
 
 @pytest.mark.parametrize(("name", "figure"), [("lies", "cost_gap"), ("infeasible", "violation")])
-def test_an_answer_that_is_wrong_is_measured_and_misses_every_tier(faulty_race: Race, name: str, figure: str) -> None:
-    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].to_dict(
-        "records"
-    )
-    assert row[figure] > 1e-2
+def test_a_wrong_answer_is_measured_and_misses_every_tier(faulty_race: Race, name: str, figure: str) -> None:
+    assert row_of(faulty_race, name)[figure] > 1e-2
     found = faulty_race.found
     assert (found.settings[(found.settings.solver == name) & (found.settings.scaling == "scaled")].setting == "").all()
     (default,) = found.tiers[(found.tiers.solver == name) & (found.tiers.scaling == "scaled")].to_dict("records")
@@ -95,19 +98,19 @@ def test_an_answer_that_is_wrong_is_measured_and_misses_every_tier(faulty_race: 
 
 
 @pytest.mark.parametrize("name", ["boasts", "miscounts"])
-def test_what_is_no_count_and_no_time_stands_as_nothing_in_the_table(faulty_race: Race, name: str) -> None:
-    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "scaled")].itertuples()
+def test_impossible_counts_and_times_are_empty_in_the_table(faulty_race: Race, name: str) -> None:
+    row = row_of(faulty_race, name)
     assert row.iterations == -1
     assert np.isnan(row.reported_us)
 
 
 @pytest.mark.parametrize("name", STATUS)
 def test_the_task_after_a_fault_gets_a_process_that_works(faulty_race: Race, name: str) -> None:
-    (row,) = faulty_race.rows[(faulty_race.rows.solver == name) & (faulty_race.rows.scaling == "raw")].itertuples()
+    row = row_of(faulty_race, name, "raw")
     assert (row.status, row.mutates_input, row.repeatable) == (Status.OK, False, True)
 
 
-def test_rows_of_the_others_are_what_they_are_without_faulty_solvers(clean_race: Race, faulty_race: Race) -> None:
+def test_faulty_solvers_do_not_change_the_rows_of_others(clean_race: Race, faulty_race: Race) -> None:
     columns = [
         "task",
         "status",
@@ -129,14 +132,10 @@ def test_rows_of_the_others_are_what_they_are_without_faulty_solvers(clean_race:
     assert others[columns].reset_index(drop=True).equals(clean[columns].reset_index(drop=True))
 
 
-def test_a_solver_that_writes_into_its_input_is_marked_and_no_other(faulty_race: Race) -> None:
-    marked = faulty_race.rows[faulty_race.rows.mutates_input]
-    assert sorted(zip(marked.solver, marked.scaling, strict=True)) == [("writes", "scaled"), ("writes_later", "scaled")]
-
-
-def test_of_the_users_solvers_only_the_one_that_gives_other_bits_again_is_marked(faulty_race: Race) -> None:
-    marked = faulty_race.rows[~faulty_race.rows.repeatable & faulty_race.rows.solver.isin(STATUS)]
-    assert sorted(zip(marked.solver, marked.scaling, strict=True)) == [("unrepeatable", "scaled")]
+def test_only_solvers_that_write_into_their_input_or_give_other_bits_again_are_marked(faulty_race: Race) -> None:
+    rows = faulty_race.rows[faulty_race.rows.scaling == "scaled"]  # those on raw data are tested one by one
+    assert set(rows.solver[rows.mutates_input]) == {"writes", "writes_later"}
+    assert set(rows.solver[~rows.repeatable]) & set(STATUS) == {"unrepeatable"}
 
 
 def test_a_solver_that_ran_has_times_and_one_that_failed_has_none(faulty_race: Race) -> None:
@@ -146,7 +145,7 @@ def test_a_solver_that_ran_has_times_and_one_that_failed_has_none(faulty_race: R
     assert rows.solve_us_p50.notna().equals(answered)
 
 
-def test_nothing_that_solvers_print_reaches_the_terminal(faulty_race: Race) -> None:
+def test_output_of_solvers_does_not_reach_the_terminal(faulty_race: Race) -> None:
     assert "noise noise" not in faulty_race.call.stdout
     assert faulty_race.call.stderr == ""
 
@@ -166,47 +165,41 @@ def test_processes_that_a_solver_started_end_with_it(faulty_race: Race) -> None:
         ),
     ],
 )
-def test_what_sleeps_does_not_outlive_a_killed_race(piezobench: CommandLine, tmp_path: Path, sleeps: str) -> None:
+def test_a_sleeping_process_does_not_outlive_a_killed_race(
+    piezobench: CommandLine, tmp_path: Path, sleeps: str
+) -> None:
     file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)", sleeps)
     file.write_text(f"{file.read_text()}\n\ndef note(pid):\n    open(__file__ + '.pid', 'w').write(str(pid))\n")
     words = ("--set", "paper", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--time-limit", 60)
     call = piezobench.start("race", *words, "--solver", file, "--out", tmp_path)
     pid = tmp_path / "sleeper.py.pid"
-    ended = call.kill_once(lambda: pid.exists() and pid.read_text() != "")  # which waits until all have gone
+    ended = call.kill_once(lambda: pid.exists() and pid.read_text() != "")  # which waits for all processes to end
     assert pid.read_text(), ended.stderr
 
 
-LOADED = {
-    "raises": ("raise OSError('no licence here')", "cannot be loaded, OSError: no licence here"),
-    "segfaults": ("import ctypes; ctypes.string_at(0)", "ended the process that loaded it with SIGSEGV"),
-    "no_python": ("def (", "cannot be loaded, SyntaxError"),
-    "imports": ("import a_module_that_is_not_there", "No module named 'a_module_that_is_not_there'"),
-    "empty": ("", "must define exactly one Solver class, not 0"),
-}
-
-
-@pytest.mark.parametrize("name", LOADED)
-def test_a_file_that_cannot_be_loaded_is_refused_with_its_name(tmp_path: Path, name: str) -> None:
-    (tmp_path / f"{name}.py").write_text(LOADED[name][0])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("raise OSError('no licence here')", "cannot be loaded, OSError: no licence here"),
+        ("import ctypes; ctypes.string_at(0)", "ended the process that loaded it with SIGSEGV"),
+        ("def (", "cannot be loaded, SyntaxError"),
+        ("import a_module_that_is_not_there", "No module named 'a_module_that_is_not_there'"),
+        ("", "must define exactly one Solver class, not 0"),
+        (faulty_solvers.text("daqp"), "there is a solver daqp in the lane direct already"),
+        (faulty_solvers.text("../daqp"), "a solver is named with letters"),
+    ],
+)
+def test_a_file_that_cannot_be_raced_is_refused_by_name(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text)
     with pytest.raises(RaceError) as caught:
-        checked(RaceSettings(solvers=("daqp",), solver_files=(str(tmp_path / f"{name}.py"),)))
-    assert name in str(caught.value)
-    assert LOADED[name][1] in str(caught.value)
+        checked(RaceSettings(solvers=("daqp",), solver_files=(str(path),)))
+    assert str(path) in str(caught.value)
+    assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [("daqp", "there is a solver daqp in the lane direct already"), ("../daqp", "a solver is named with letters")],
-)
-def test_a_name_that_is_taken_or_no_file_name_is_refused(tmp_path: Path, name: str, said: str) -> None:
-    path = faulty_solvers.written(tmp_path, "mine")
-    path.write_text(path.read_text().replace('name = "mine"', f'name = "{name}"'))
-    with pytest.raises(RaceError, match=said):
-        checked(RaceSettings(solver_files=(str(path),)))
-
-
-def test_a_child_that_was_lost_is_described_as_before(tmp_path: Path) -> None:
+def test_a_crashed_child_has_the_same_description(tmp_path: Path) -> None:
     entry = entry_of_file(faulty_solvers.written(tmp_path, "exits", *faulty_solvers.FAULTS["exits"]), from_file)
     with SolverChild(entry) as child:
         before = child.describe()

@@ -1,5 +1,4 @@
-"""A compensator on a stage: what is refused, how every end brings the stage to rest, what the recording holds, and the
-page in a browser."""
+"""A compensator on a running stage: refusals, the end of a run at rest, its recording, and its page in a browser."""
 
 import math
 import os
@@ -12,7 +11,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as parquet
 import pytest
 from browser import Browser
-from command_line import CommandLine, command_lines, of_session, wait_until_gone
+from command_line import PATIENCE_S, CommandLine, command_lines, of_session, wait_until, wait_until_gone
 from exported_loops import a_model
 
 from bench.live.board import Board
@@ -36,7 +35,6 @@ from piezo_model.units import quantity
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
 RATE, LIMIT, STEP = 500, 150.0, 3_000.0 / 500
-PATIENCE_S = 60.0
 LIVE = (sys.executable, "-m", "bench", "live")
 FAULTS = {
     "raises": "raise OSError('the amplifier is gone')",
@@ -47,20 +45,12 @@ FAULTS = {
 
 
 def loop_of(session: int) -> int:
-    """The process of the loop."""
+    """Process id of the loop."""
     return next(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
 
 
-def wait_until(reached: Callable[[], bool]) -> None:
-    """Look again and again whether something is so."""
-    end = time.monotonic() + PATIENCE_S
-    while not reached():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
 class Stage:
-    """A stage in a process of its own, which writes down the drives that it gets."""
+    """A stage in a process of its own, which logs its drives."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.file = folder, folder / "stage.py"
@@ -76,23 +66,23 @@ class Stage:
         self.file.write_text(text.replace("timeout_s = 0.5", "timeout_s = 3.0"))
 
     def wait_until_it_moves(self) -> None:
-        """Until it was driven for half a second."""
+        """Wait until it has been driven for half a second."""
         wait_until(lambda: self.drives().size >= RATE // 2)
 
     def drives(self) -> np.ndarray:
-        """All drives so far."""
+        """Drives so far."""
         text = (self.folder / "drive.log").read_text()
         return np.array([float(line.split()[1]) for line in text[: text.rfind("\n") + 1].splitlines()])
 
     def wait_for_rest(self) -> None:
-        """Until the last drive is that of rest and no other follows."""
+        """Wait until the last drive is rest and no other follows."""
         before = -1
         while before != (before := self.drives().size):
             wait_until(lambda: self.drives()[-1] == 0.0)
             time.sleep(0.3)
 
     def check(self) -> None:
-        """Limits and rate were kept, and the end is rest."""
+        """Assert that limits and rate were kept and the run ended at rest."""
         x = np.concatenate([[0.0], self.drives()])
         assert x.min() >= 0.0
         assert x.max() <= LIMIT
@@ -112,8 +102,8 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     made.close()
 
 
-def complete(stage: Stage, path: Path) -> None:
-    """The recording holds the drives up to the last second."""
+def assert_complete(stage: Stage, path: Path) -> None:
+    """Assert that the recording holds the drives up to the last second."""
     table = parquet.read_table(path) if path.exists() else pa.Table.from_batches(whole_batches(stream_beside(path)))
     x, drives = table["drive_V"].to_numpy(), stage.drives()
     assert drives.size - x.size <= RATE
@@ -121,7 +111,7 @@ def complete(stage: Stage, path: Path) -> None:
 
 
 def faulty(folder: Path, what: str, after: int) -> Path:
-    """A stage's file that goes wrong after so many samples; hanging it does once."""
+    """File of a stage that is faulty from a sample on; it hangs only once."""
     file = folder / "faulty.py"
     file.write_text(f"""{(folder / "stage.py").read_text()}
 import time
@@ -153,9 +143,9 @@ ENDS = {
     "raises": (1, "the amplifier is gone"),
     "hangs": (1, "did not answer for 3 s; another process has brought"),
     "returns nothing": (1, "returned None and no number"),
-    "returns NaN": (1, "nothing was measured for 3 s"),
+    "returns NaN": (1, "no measurement for 3 s"),
 }
-"""Exit status and what is said."""
+"""Exit status, and part of the output."""
 
 
 @pytest.mark.sample(1)
@@ -182,7 +172,7 @@ def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
     if how == "kill all but the loop":  # which ends the recording
         assert drives - pa.Table.from_batches(whole_batches(stream_beside(record))).num_rows <= 1.5 * RATE
     else:
-        complete(stage, record)
+        assert_complete(stage, record)
     wait_until_gone(call.pid)
 
 
@@ -219,7 +209,7 @@ def test_a_stage_that_cannot_be_opened_again_is_left_and_that_is_said(piezobench
     os.kill(loop_of(call.pid), signal.SIGKILL)
     ended = call.wait()
     assert ended.status == 1
-    assert "and the stage cannot be opened by another process: its drive was" in ended.stdout
+    assert "and the stage cannot be opened by another process: its last drive was" in ended.stdout
 
 
 @pytest.mark.slow
@@ -320,7 +310,7 @@ def test_what_a_stage_declares_is_checked_before_the_first_sample(change: str, s
         Declared.of(DeviceFile(file).make(), str(file))
 
 
-def test_the_error_told_in_the_end_leaves_out_the_ways_to_the_reference_and_to_rest(
+def test_the_tracking_error_leaves_out_the_ways_to_the_reference_and_to_rest(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     call = piezobench(
@@ -360,16 +350,17 @@ def test_the_stream_of_a_run_that_did_not_end_is_not_written_over(piezobench: Co
     assert (tmp_path / "run.arrow").read_text() == "precious"
 
 
-def test_the_board_hands_over_samples_and_events_in_their_order(tmp_path: Path) -> None:
+def test_the_board_hands_over_samples_and_events_in_their_order() -> None:
     model = a_model()
-    one, other = (Board(tmp_path / "board", 10.0, model, make) for make in (True, False))
+    one = Board(10.0, model)
+    other = Board(10.0, model, one.memory)
     for k in range(3000):
-        one.write(k, (0.1 * k, 1.0, 2.0, float(k)))
+        one.write((0.1 * k, 1.0, 2.0, float(k)))
     start, samples = other.read(0)
     assert start > 0
     np.testing.assert_array_equal(samples[:, 3], np.arange(start, 3000))
-    one.say("fünf " * 100)
-    assert other.said()[0].startswith("299.900 s: fünf")
+    one.log("fünf " * 100)
+    assert other.last_events()[0].startswith("299.900 s: fünf")
 
 
 @pytest.mark.parametrize("frequency", [3.0, 99.0, 0.37, math.pi])
@@ -381,7 +372,7 @@ def test_a_sine_has_the_frequency_asked_for_however_many_samples_a_period_takes(
 
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A run of a stage whose file has markup in its name, and the address of its page."""
+    """Address of the page of a run whose stage's file has markup in its name."""
     folder = tmp_path_factory.mktemp("watched")
     file = folder / "<img src=x onerror=document.title='run'>.py"
     file.write_text(
@@ -404,7 +395,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 def text_of(browser: Browser) -> str:
-    """All text of the page, that of Bokeh's shadow roots included."""
+    """All text of the page, including Bokeh's shadow roots."""
     return browser.run(
         """const texts = [];
         const walk = node => {
@@ -454,7 +445,7 @@ def test_the_buttons_do_what_they_say(watched: str, browser: Browser) -> None:
     browser.open(watched)
     browser.wait_until(lambda: "samples at" in text_of(browser))
     for label, said in (
-        ("Do not learn", "learning waits"),
+        ("Do not learn", "learning paused"),
         ("Learn", "s: learning"),
         ("Hold", "s: holds"),
         ("Go to set point, µm", "s: holds 0"),

@@ -1,4 +1,4 @@
-"""A new kind of race is one new folder and nothing else: that of the documentation."""
+"""A new kind of race is one new folder and nothing else, by the example of the documentation."""
 
 import re
 import subprocess
@@ -20,7 +20,7 @@ STOP = """        if task.repeat and (self.run.path.parent / "stop").exists():
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package as it is, by links, and a folder beside those of the other races, whose race can be stopped after a
+    """Links to the package, and a new folder beside those of the other races, whose race can be stopped after a
     task."""
     root, real = tmp_path_factory.mktemp("root"), Path(bench.__file__).parent
     toss = root / "bench" / "races" / "toss"

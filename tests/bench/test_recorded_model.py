@@ -86,9 +86,8 @@ def test_deploy_uses_that_model_and_prints_its_error(
     error = run.settings["models"]["recorded"]["error_percent"]
     said = " ".join(call.stdout.split())
     assert (
-        "Model: from the first four fifths of the recording. On the last fifth of the recording, which was kept "
-        "back, it errs by "
-        f"{error:.3g} % of the range (RMS)."
+        "Model: from the first four fifths of the recording. On the last fifth of the recording, which was held out, "
+        f"its RMS error is {error:.3g} % of the range."
     ) in said
     deployed = Deployment.load(tmp_path / "c.json")
     assert deployed.model.weights.tolist() == HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist()

@@ -1,4 +1,4 @@
-"""The schedule of a stream, on a clock that only our own actions move."""
+"""The schedule of a stream, on a simulated clock."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, due, follow, runs
+from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, follow, runs
 
 TICK = 50
-"""What one look at the clock takes, ns."""
+"""Duration of one reading of the clock, ns."""
 
 
 class Clock:
-    """A clock that moves by a tick when it is read and by what is slept or worked."""
+    """A clock that advances by a tick when it is read, and by the time of sleep and work."""
 
     def __init__(self) -> None:
         self.now, self.slept = 0, 0
@@ -34,7 +34,7 @@ def run_on(
     data: int = 0,
     **options: Any,
 ) -> tuple[Timeline, list[tuple[int, int]], list[tuple[int, int]]]:
-    """A timeline of solves that take ``service(j)`` ns, and which samples were absorbed and handed over."""
+    """A timeline of solves that take ``service(j)`` ns, and the ranges of samples that were absorbed and updated."""
     absorbed: list[tuple[int, int]] = []
     updated: list[tuple[int, int]] = []
 
@@ -59,23 +59,13 @@ def run_on(
 
 
 def test_due_times_are_exact_multiples_of_the_period_whatever_the_solves_take() -> None:
-    assert [due(7, k, PERIOD_NS) - 7 for k in range(4)] == [0, 125_000, 250_000, 375_000]
-    timeline, *_ = run_on(Clock(), 400, lambda j: 1_000 + 317 * (j % 300))
+    timeline, absorbed, updated = run_on(Clock(), 400, lambda j: 1_000 + 317 * (j % 300))
+    assert absorbed == updated == [(k, k) for k in range(400)]
     waited = timeline.began - timeline.solved * PERIOD_NS
-    assert np.all(waited >= 0)
-    assert waited[-1] <= 2 * TICK  # nothing adds up from sample to sample
-    assert waited.max() <= 2 * TICK
+    assert np.all((waited >= 0) & (waited <= 2 * TICK))  # nothing adds up from sample to sample
 
 
-def test_a_quick_solver_answers_every_sample_with_its_own_data() -> None:
-    timeline, absorbed, updated = run_on(Clock(), 100, lambda j: 5_000)
-    assert timeline.solved.tolist() == list(range(100))
-    assert absorbed == updated == [(k, k) for k in range(100)]
-    assert not timeline.late.any()
-    assert timeline.in_use(np.ones(100, dtype=bool)).tolist() == list(range(100))
-
-
-def test_what_the_data_take_is_in_no_service_time_and_before_the_due_time_where_there_is_time() -> None:
+def test_the_time_for_data_is_no_service_time_and_lies_before_the_due_time_if_possible() -> None:
     quick, *_ = run_on(Clock(), 50, lambda j: 5_000, data=20_000)
     assert np.all(quick.data_ns >= 20_000)
     assert np.all(quick.service_ns <= 5_000 + 3 * TICK)
@@ -91,16 +81,7 @@ def test_a_slow_solver_takes_the_newest_sample_with_the_data_of_those_it_missed(
     assert timeline.samples == 100
 
 
-def test_one_stall_delays_all_samples_that_came_due_in_it() -> None:
-    timeline, *_ = run_on(Clock(), 40, lambda j: 1_000_000 if j == 10 else 1_000)
-    service, response = np.sort(timeline.service_ns), np.sort(timeline.response_ns)
-    assert np.sum(service > PERIOD_NS) == 1  # all that a loop without a schedule sees
-    assert np.flatnonzero(timeline.late).tolist() == list(range(10, 18))
-    assert response[-8:].min() > PERIOD_NS
-    assert timeline.stalls == 1
-
-
-def test_figures_of_a_timeline_are_what_they_are_said_to_be() -> None:
+def test_figures_of_a_timeline_are_those_of_their_definitions() -> None:
     chance = np.random.default_rng(2)
     times = np.where(chance.random(300) < 0.1, chance.integers(0, 2_000_000, 300), chance.integers(0, 150_000, 300))
     timeline, *_ = run_on(Clock(), 300, lambda j: int(times[j]))
@@ -113,9 +94,10 @@ def test_figures_of_a_timeline_are_what_they_are_said_to_be() -> None:
         assert timeline.late[k] == (timeline.ended[j] > (k + 1) * PERIOD_NS)
         there = [j for j, end in enumerate(timeline.ended) if usable[j] and end <= (k + 1) * PERIOD_NS]
         assert in_use[k] == (there[-1] if there else -1)
+    assert timeline.stalls == runs(timeline.late) > 1
 
 
-def test_a_solver_that_is_late_from_the_first_sample_on_is_stopped_and_one_that_was_in_time_once_is_not() -> None:
+def test_a_solver_that_is_late_at_all_first_samples_is_stopped_and_one_that_was_in_time_once_is_not() -> None:
     hopeless, *_ = run_on(Clock(), 1000, lambda j: 1_000_000, give_up=100)
     assert 100 <= hopeless.samples < 110
     assert hopeless.response_ns.size == hopeless.samples
@@ -127,7 +109,7 @@ def test_a_solver_that_is_late_from_the_first_sample_on_is_stopped_and_one_that_
     ("period_ns", "slept"),
     [pytest.param(PERIOD_NS, 1, id="before the first due time"), pytest.param(1_000_000, 20, id="before each")],
 )
-def test_the_loop_sleeps_only_where_more_than_the_spin_remains(period_ns: int, slept: int) -> None:
+def test_the_loop_sleeps_only_if_more_than_the_spin_remains(period_ns: int, slept: int) -> None:
     assert LEAD_NS > SPIN_NS > PERIOD_NS
     clock = Clock()
     run_on(clock, 20, lambda j: 1_000, period_ns=period_ns)

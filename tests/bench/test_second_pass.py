@@ -1,4 +1,4 @@
-"""At which setting solvers take turns."""
+"""The setting of each solver in the second pass."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from bench.messages.task import Row
 from bench.races.oneshot.second_pass import NEAR, planned
 
 NAN = float("nan")
-UNASKED = row(setting="d", rung=-1, is_default=True, cost_gap=0.1)
+DEFAULTS = row(setting="d", rung=-1, is_default=True, cost_gap=0.1)
 
 
 def settings(rows: list[Row]) -> dict[str, str]:
@@ -20,13 +20,11 @@ def settings(rows: list[Row]) -> dict[str, str]:
     ("gaps", "setting"),
     [([1e-5, 1e-8, 1e-11], "s2"), ([1e-5, 1e-8, 1e-8], "s1"), ([1e-5, 1e-5, 1e-5], "d"), ([NAN, NAN, NAN], "d")],
 )
-def test_turns_are_at_the_setting_of_1e_9_else_of_1e_6_else_of_the_solvers_defaults(
-    gaps: list[float], setting: str
-) -> None:
-    assert settings([*ladder({"p1": gaps}), UNASKED]) == {"daqp": setting}
+def test_the_setting_is_that_for_1e_9_else_for_1e_6_else_the_solvers_defaults(gaps: list[float], setting: str) -> None:
+    assert settings([*ladder({"p1": gaps}), DEFAULTS]) == {"daqp": setting}
 
 
-def test_races_that_draw_other_data_for_their_timed_answers_take_turns_at_the_same_setting() -> None:
+def test_races_that_draw_other_data_for_their_timed_answers_have_the_same_setting() -> None:
     rng = np.random.default_rng(0)
     plans = [
         settings(
@@ -37,7 +35,7 @@ def test_races_that_draw_other_data_for_their_timed_answers_take_turns_at_the_sa
     assert plans == [{"daqp": "s0"}] * 8
 
 
-def test_who_is_near_the_fastest_of_its_lane_is_timed_longer() -> None:
+def test_solvers_near_the_fastest_of_their_lane_are_timed_longer() -> None:
     rows = [
         *ladder({"p1": [1e-12]}, solve_us_p50=1.0),
         *ladder({"p1": [1e-12]}, solver="near", solve_us_p50=NEAR, timed_gap=1e-3),

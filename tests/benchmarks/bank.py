@@ -16,7 +16,7 @@ import numpy as np
 from bench.report.console import console, print_table
 from bench.timing.clock import no_garbage_collection
 from bench.timing.percentiles import QUANTILES, tail_cells
-from bench.timing.schedule import LEAD_NS, due, wait_until
+from bench.timing.schedule import LEAD_NS, wait_until
 from piezo_model import CompensatorBank, ModelStructure
 from solvers.arrays import Nanoseconds, Vector
 from solvers.core import BUILT_WITH
@@ -74,7 +74,7 @@ def paced(step: Step, loop: Loop, samples: int, period_ns: int) -> tuple[Nanosec
     service, response = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
     start = perf_counter_ns() + LEAD_NS
     for k in range(samples):
-        y_ref, moment = loop.reference(), due(start, k, period_ns)
+        y_ref, moment = loop.reference(), start + k * period_ns
         wait_until(moment, perf_counter_ns, time.sleep)
         begin = perf_counter_ns()
         x = step(y_ref, loop.y)

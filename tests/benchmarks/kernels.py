@@ -18,7 +18,6 @@ import solvers
 from bench.problems import find
 from bench.report.console import console, print_table
 from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, SelfLearningCompensator, plants
-from piezo_model.core import bindings
 from piezo_model.signals import multi_sine
 from solvers.arrays import Matrix, Vector
 from solvers.core import BUILT_WITH
@@ -122,7 +121,7 @@ def learning_loop(repeats: int) -> list[Row]:
             **options,
         )
 
-    x, y = learner(build_s=100.0, solver="projected_difference").run(y_ref, plant.run)
+    y = learner(build_s=100.0, solver="projected_difference").run(y_ref, plant.run)[1]
     before, part = np.concatenate([[np.nan], y[:-1]]), slice(20_000, 20_000 + SHORT)
 
     def loop(phase: str, **options: Any) -> Row:
@@ -138,28 +137,12 @@ def learning_loop(repeats: int) -> list[Row]:
             None,
         )
 
-    compensator, guard, moving = (
-        Compensator(learner(solver="box_active_set").model, plant.x_range),
-        np.zeros(9),
-        DataBasis(s),
-    )
-    unit_x, unit_y = s.unit_input(x), s.unit_output(y)
-    judged = guard, unit_x, unit_y, np.empty(x.size, dtype=np.int64)
+    compensator = Compensator(learner(solver="box_active_set").model, plant.x_range)
     return [
         loop("build", solver="projected_difference", build_s=100.0),
         loop("learn", solver="projected_difference", build_s=1.0),
         loop("learn", solver="box_active_set", mode="continuous"),
         ("  of it, compensation", fastest(lambda: compensator.run(y_ref[:SHORT]), SHORT, 16 * repeats), None),
-        (
-            "  of it, the sensor guard",
-            fastest(lambda: bindings.guard_judge(*judged), SAMPLES, repeats),
-            None,
-        ),
-        (
-            "  of it, the learner's operator states",
-            fastest(lambda: moving.update(x, y, count=False), SAMPLES, repeats),
-            None,
-        ),
     ]
 
 

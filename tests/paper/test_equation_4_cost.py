@@ -5,7 +5,10 @@ import pytest
 from properties import given, settings, st
 from random_models import Case, cases
 
-from piezo_model.data_basis import BLOCK, DataBasis
+from piezo_model.data_basis import DataBasis
+
+BLOCK = 64
+"""Rows that are added at a time."""
 
 
 @settings(max_examples=60)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from box_programs import INF, seeds, spectrum_matrix
-from programs import library
 from properties import given, settings, st
 from qpsolvers import Problem
 
@@ -40,24 +39,6 @@ def optimum(problem):
     exact = get("box_active_set")
     exact.setup(problem)
     return exact.solve()
-
-
-def two_sided_sums(n, m, epsilon):
-    """The bijection T from weights to slopes, and the problem's two forms of the same set.
-
-    n weights that are ≥ 0, then 2 m + 1 whose partial sums outwards from the first are ≥ epsilon: in the slopes T w a
-    box, in the weights w rows −T w ≤ −epsilon.
-    """
-    d = n + 2 * m + 1
-    T = np.eye(d)
-    for i in range(1, m + 1):
-        for side in range(2):
-            row = n + 2 * i - 1 + side
-            T[row, n] = 1
-            T[row, [n + 2 * j - 1 + side for j in range(1, i + 1)]] = 1
-    lb_slopes = np.r_[np.zeros(n), np.full(2 * m + 1, epsilon)]
-    lb_weights = np.r_[np.zeros(n), np.full(2 * m + 1, -INF)]
-    return T, lb_slopes, lb_weights, -T[n:], np.full(2 * m + 1, -epsilon)
 
 
 # --- the recursion -------------------------------------------------------------------------------------------
@@ -156,32 +137,3 @@ def test_an_update_of_P_takes_a_new_step_and_of_q_keeps_it():
 
 
 # --- weight coordinates --------------------------------------------------------------------------------------
-
-
-def projection(v, G, h, lb):
-    """The point of {x : G x ≤ h, x ≥ lb} nearest to v, by quadprog."""
-    bounded = lb > -INF
-    rows, limits = np.vstack([-G, np.eye(v.size)[bounded]]), np.r_[-h, lb[bounded]]
-    return library("quadprog").solve_qp(np.eye(v.size), v, np.ascontiguousarray(rows.T), limits)[0]
-
-
-@quick
-@given(seed=seeds, n=st.integers(0, 5), m=st.integers(1, 4))
-def test_the_optimum_in_slopes_is_where_the_recursion_in_weights_stands_still_too(seed, n, m):
-    rng = np.random.default_rng(seed)
-    T, lb_slopes, lb_weights, G, h = two_sided_sums(n, m, 0.1)
-    d = n + 2 * m + 1
-    P, q = spectrum_matrix(rng, d, 0.5), rng.normal(size=d)
-    w = np.linalg.solve(T, solver(Problem(P, q, lb=lb_slopes)).solve())
-    P_weights, q_weights = T.T @ P @ T, T.T @ q
-    after_a_step = projection(w - 0.5 * limit(P_weights) * (P_weights @ w + q_weights), G, h, lb_weights)
-    np.testing.assert_allclose(after_a_step, w, rtol=0, atol=1e-9)
-
-
-def test_the_paths_in_slopes_and_in_weights_differ():
-    T, lb_slopes, lb_weights, G, h = two_sided_sums(1, 2, 0.1)
-    P, q = np.eye(lb_slopes.size), -np.ones(lb_slopes.size)
-    P_weights, q_weights, start = T.T @ P @ T, T.T @ q, np.linalg.solve(T, lb_slopes)
-    weights = projection(start - 0.5 * limit(P_weights) * (P_weights @ start + q_weights), G, h, lb_weights)
-    (slopes,) = trajectory(Problem(P, q, lb=lb_slopes), lb_slopes, 0.5, (1,))
-    assert np.abs(T @ weights - slopes).max() > 0.1

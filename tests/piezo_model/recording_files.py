@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from piezo_model.recordings import Recording, RecordingError
 
 ROWS = 1000
 HEADER = "time_s,voltage_V,displacement_um"
+TWO_RATES = np.concatenate([np.arange(300) * 2e-4, 0.06 + np.arange(200) * 1e-3])
 
 
 def signals(rows: int = ROWS, sample_time: float = 0.005) -> dict[str, np.ndarray]:
@@ -30,9 +32,14 @@ def with_times(folder: Path, times: list[str] | np.ndarray, name: str = "stage.c
     return text_file(folder, HEADER, *(f"{t},{k % 7},{k % 5}" for k, t in enumerate(times)), name=name)
 
 
-def refusal(path: Path, **columns: str) -> str:
+def waves(times: np.ndarray, header: str = HEADER) -> list[str]:
+    """The lines of a table of sines at these times."""
+    return [header, *(f"{t:.7g},{np.sin(40 * t):.9g},{np.sin(40 * t - 0.3):.9g}" for t in times.tolist())]
+
+
+def refusal(path: Path, **options: Any) -> str:
     with pytest.raises(RecordingError) as caught:
-        Recording.open(path, **columns)
+        Recording.open(path, **options)
     sentence = str(caught.value)
     assert path.name in sentence
     assert "\n" not in sentence

@@ -82,7 +82,7 @@ class Loop:
 
     def counters(self) -> dict[str, tuple[int, int]]:
         found = {"sample": (self.learner.samples, 64)}
-        found |= {name: (self.learner._count(name), 53) for name in ("faults", "failures", "fault_count")}
+        found |= {name: (int(self.learner._memory[name]), 53) for name in ("faults", "failures", "fault_count")}
         return found | {name: (count, 53) for name, count in self.learner.counts.items()}
 
 

@@ -6,8 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_models import Case, cases
 
-from piezo_model.data_basis import BLOCK, DataBasis
+from piezo_model.data_basis import DataBasis
 from piezo_model.structure import ModelStructure
+
+BLOCK = 64
+"""Rows that are added at a time."""
 
 
 @settings(max_examples=60)
@@ -29,9 +32,8 @@ def test_any_chunking_gives_the_same_bits_also_with_samples_that_are_not_counted
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
     np.testing.assert_array_equal(parts.state.play, whole.state.play)
     np.testing.assert_array_equal(parts.state.creep, whole.state.creep)
-    P, q, _ = case.program(x, y, counted, forgetting)
+    P, _, _ = case.program(x, y, counted, forgetting)
     np.testing.assert_allclose(whole.P, P, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
-    np.testing.assert_allclose(whole.q, q, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
 
 
 @pytest.mark.parametrize("offset", [False, True])

@@ -8,7 +8,7 @@ from plain_model import simulate_file
 from programs import real_recording
 
 from piezo_model.identification import sensor_lag
-from piezo_model.identification.identify import choose_creep_rates, identify
+from piezo_model.identification.identify import identify
 from piezo_model.identification.sensor_lag import shift_output
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -38,7 +38,7 @@ def test_an_unknown_start_is_found_and_every_sample_counts() -> None:
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.9, -0.9])
-def test_the_weight_of_a_threshold_beyond_the_drive_stays(rest: float) -> None:
+def test_the_weight_of_a_threshold_beyond_the_drive_keeps_its_reference(rest: float) -> None:
     s, x = structure(creep_rates=(0.1,)), 50 + 0.6 * (a_drive() - 50)
     model = identify(x, true_model(s).simulate(x, OperatorState.at_rest(s, rest)), s)
     assert s.play_thresholds[-1] * s.x_scale > np.ptp(x) / 2 > s.play_thresholds[-2] * s.x_scale
@@ -48,7 +48,7 @@ def test_the_weight_of_a_threshold_beyond_the_drive_stays(rest: float) -> None:
     assert sentences(model, "The drive never reached the thresholds of w_H3")
 
 
-def test_the_offset_is_found_and_said() -> None:
+def test_the_offset_is_identified_and_reported() -> None:
     s, x = structure(creep_rates=()), a_drive()
     truth = true_model(s)
     shifted = HysteresisCreepModel(s, truth.w_H, truth.w_S_inverse, truth.w_K, 0.25)
@@ -62,7 +62,7 @@ def test_the_offset_is_found_and_said() -> None:
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("tenths", [10, 30, 24, 7])
 @pytest.mark.parametrize("choice", ["estimate", "remove"])
-def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: str) -> None:
+def test_a_whole_and_a_fractional_lag_are_identified_and_reported(tenths: int, choice: str) -> None:
     fine, size = 10, 4000
     s, fine_s = structure(creep_rates=()), structure(creep_rates=(), sample_time=5e-4)
     x = a_drive(size, fine)
@@ -83,7 +83,7 @@ def test_a_whole_and_a_fractional_lag_are_found_and_said(tenths: int, choice: st
         assert model.report["fit"]["rms_percent"] < 0.3 * with_lag.report["fit"]["rms_percent"]
 
 
-def test_removing_a_lag_keeps_what_is_known_of_the_states_at_the_start() -> None:
+def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
     fine, t = 10, np.arange(0, 2000, 0.1)
     s, fine_s = structure(creep_rates=()), structure(creep_rates=(), sample_time=5e-4)
     # one large swing, then growing ones
@@ -97,13 +97,13 @@ def test_removing_a_lag_keeps_what_is_known_of_the_states_at_the_start() -> None
     assert model.report["fit"]["rms_percent"] < 0.02
 
 
-def test_a_lag_longer_than_looked_for_is_said_to_be_perhaps_longer() -> None:
+def test_a_lag_beyond_the_longest_tried_one_is_reported_as_a_lower_bound() -> None:
     s, x = structure(creep_rates=()), a_drive()
     model = identify(x[20:], true_model(s).simulate(x)[5:-15], s, force=True)  # refused as a delay otherwise
     assert sentences(model, "lags by at least 10 samples, the longest lag that is tried")
 
 
-def test_a_lag_is_found_after_a_rest_longer_than_what_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensor_lag, "LAG_SAMPLES", 6000)
     s, x = structure(creep_rates=()), np.concatenate([np.full(7000, 50.0), a_drive()])
     model = identify(
@@ -181,12 +181,6 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
 # Refusals.
 
 
-def spoiled(signal: np.ndarray, value: float) -> np.ndarray:
-    signal = signal.copy()
-    signal[17] = value
-    return signal
-
-
 X = a_drive(400)
 
 
@@ -206,10 +200,6 @@ X = a_drive(400)
         ),
         (np.arange(400) < 5, X, {"skip": 20}, "the drive does not move after the first 20 samples, which are skipped"),
         (X, X[:-1], {}, r"of one length and not empty, not of shapes \(400,\) and \(399,\)"),
-        (spoiled(X, np.nan), X, {}, r"input is missing \(or NaN\) in sample 17"),
-        (X, spoiled(X, np.inf), {}, "output is infinite in sample 17"),
-        (np.full(400, 3.0), X, {}, "input is constant, all 400 values are 3"),
-        (X, np.full(400, 3.0), {}, "output is constant, all 400 values are 3"),
         (X, None, {}, "identification from arrays needs x, y and a structure"),
         (Recording.from_arrays(X, X, 5e-3), X, {}, "a recording holds its own output"),
         (
@@ -227,11 +217,5 @@ def test_data_that_cannot_give_a_model_are_refused_in_one_sentence(x, y, options
 
 
 def test_an_unknown_solver_is_named() -> None:
-    s = structure()
     with pytest.raises(KeyError, match="there is no solver 'simplex'"):
-        identify(a_drive(), true_model(s).simulate(a_drive()), s, solver="simplex")
-
-
-def test_creep_rates_span_the_sampling_period_and_the_length() -> None:
-    assert choose_creep_rates(5e-3, 40.0) == (10.0, 1.0, 0.1)
-    assert choose_creep_rates(1e-3, 5e-3) == ()
+        identify(X, X, structure(), solver="simplex")

@@ -72,7 +72,7 @@ def test_box_and_cone_raw_and_scaled_have_the_same_optimum(solver: str, noise: f
     assert noise < 0.3 or np.sum(w[s.slices[0]] == 0.0) + np.sum(w[s.slices[2]] == 0.0) > 0  # some bounds are active
 
 
-def test_physical_units_do_what_they_say() -> None:
+def test_raw_variables_have_physical_units() -> None:
     s = structure()
     problem = problem_of(s, full_drive())
     raw, w = problem.form("weight", "raw"), optimum(problem, "box_active_set")
@@ -82,7 +82,7 @@ def test_physical_units_do_what_they_say() -> None:
     assert z[-1] == pytest.approx(w[-1] * s.x_scale)
 
 
-# The third trap: what the drive did not excite.
+# Weights that the drive does not excite.
 
 
 def unreached(problem: IdentificationProblem) -> set[str]:
@@ -104,14 +104,14 @@ def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(am
     assert unreached(problem_of(s, x, rest=rest)) == expected
 
 
-def test_a_monotone_drive_from_a_known_state_reaches_what_it_moves() -> None:
+def test_a_monotone_drive_from_a_known_state_reaches_the_operators_that_it_moves() -> None:
     problem = problem_of(structure(creep_rates=()), np.linspace(0.0, 0.7, 500))
     assert unreached(problem) & {"w_H1", "w_H2", "w_H3", "w_H4"} == {"w_H4"}
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 @pytest.mark.parametrize("rest", [0.0, 0.3])
-def test_unreached_weights_stay_at_the_reference_whatever_the_data_say(noise: float, rest: float) -> None:
+def test_unreached_weights_stay_at_the_reference_for_any_data(noise: float, rest: float) -> None:
     s = structure()
     reference = s.slope_map @ np.linspace(0.2, 0.9, s.d)
     problem = problem_of(s, rest + full_drive(0.25), noise, rest, reference)

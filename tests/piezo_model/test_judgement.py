@@ -1,4 +1,6 @@
-"""Which recordings get a model, which are refused and why, and that nothing but the data decides."""
+"""Recordings that give a model and recordings that are refused, independent of units, signs and offsets."""
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ SEED, SEEDS = 11, st.integers(0, 10_000)
 
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("kind", UNDESCRIBABLE)
-def test_data_that_the_model_class_does_not_describe_are_refused_with_the_reason(kind: str) -> None:
+def test_data_outside_the_model_class_are_refused_with_the_reason(kind: str) -> None:
     made, reason = UNDESCRIBABLE[kind]
     with pytest.raises((IdentificationError, RecordingError), match=reason) as caught:
         identify(recording(made, SEED))
@@ -30,7 +32,7 @@ def test_data_that_the_model_class_does_not_describe_are_refused_with_the_reason
 
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("kind", DESCRIBABLE)
-def test_data_that_the_model_class_describes_are_taken(kind: str) -> None:
+def test_data_in_the_model_class_are_accepted(kind: str) -> None:
     model = identify(recording(DESCRIBABLE[kind], SEED))
     fit = model.report["fit"]
     assert fit["rms_percent"] <= fit["line_percent"] * (1.0 + 1e-9) or fit["rms_percent"] < 1e-4
@@ -43,18 +45,18 @@ def test_data_that_the_model_class_describes_are_taken(kind: str) -> None:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [5, 7, 8, 19])
-def test_a_slow_drive_of_which_the_first_samples_are_a_short_arc_is_judged_by_all_of_it(seed: int) -> None:
+def test_a_slow_drive_whose_first_samples_are_a_short_arc_is_judged_by_all_samples(seed: int) -> None:
     assert identify(recording(DESCRIBABLE["a slow sine and a lag"], seed)).report["fit"]["samples"] > 50_000
 
 
-def test_a_model_can_be_forced_and_then_says_first_what_speaks_against_it() -> None:
+def test_a_forced_model_reports_the_reason_against_it_first() -> None:
     made, _ = UNDESCRIBABLE["white noise"]
     model = identify(recording(made, 0), force=True)
     assert "forced although the output is noise" in model.report["findings"][0]
     assert len(model.report["findings"]) <= 4
 
 
-def test_what_counts_is_said_for_little_data_and_for_one_branch() -> None:
+def test_few_counted_samples_and_a_single_branch_are_reported() -> None:
     u = np.linspace(-1.0, 1.0, 3000)
     rng = np.random.default_rng(0)
     y = noisy(rng, creeping(rng, u), 0.001)
@@ -122,7 +124,7 @@ def test_one_loop_predicts_the_next_within_twice_the_fit_of_the_whole(seed: int)
 # The model on the recording it comes from, and on others.
 
 
-def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_what_is_found() -> None:
+def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_the_fit() -> None:
     rng, t = np.random.default_rng(8), np.arange(12_000) * SAMPLE_TIME
     u = np.where(t < 3.0, 0.0, 150.0 * np.sin(2 * np.pi * 0.5 * (t - 3.0) - 0.62))
     assert u[3000] == pytest.approx(-87.0, abs=1.0)
@@ -158,14 +160,6 @@ def test_a_rest_before_the_drive_does_not_hide_hysteresis_however_long_it_is(res
     assert model.report["hysteresis"]
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("rest_s", [15.0, 0.0])
-def test_a_resonance_is_found_after_a_rest_as_without_one(rest_s: float) -> None:
-    sweep = np.sin(2 * np.pi * (5.0 * T + T**2))
-    with pytest.raises(IdentificationError, match=r"the output has a resonance at (39|40)"):
-        identify(rested_first(rest_s, sweep, ringing=True))
-
-
 def test_two_public_lines_give_the_reported_figure(tmp_path: object) -> None:
     made = recording(DESCRIBABLE["hysteresis and creep"], 3)
     identify(made).save(f"{tmp_path}/model.json")
@@ -192,7 +186,9 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
 @pytest.mark.parametrize(
     ("changes", "words"), [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "mV"}, "in mV")]
 )
-def test_a_recording_that_does_not_go_with_the_model_is_refused(changes: dict[str, object], words: str) -> None:
+def test_a_recording_with_another_period_or_unit_than_the_model_is_refused(
+    changes: dict[str, object], words: str
+) -> None:
     made = recording(DESCRIBABLE["hysteresis"], 0)
     x, y = made.arrays()
     options = {"sample_time": SAMPLE_TIME, "input_unit": "V", **changes}
@@ -254,15 +250,8 @@ def test_a_refusal_names_the_order_with_which_there_is_a_model() -> None:
     assert identify(recording, n=5, m=2).report["fit"]["rms_percent"] < 3.0
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(
-    ("rate", "highest", "damping"),
-    [(4000, 0.0, 0.005), (20_000, 2000.0, 0.005), (10_000, 4000.0, 0.02), (5000, 0.0, 0.01)],
-)
-def test_a_resonance_is_named_with_its_frequency_however_few_samples_a_period_has(
-    rate: int, highest: float, damping: float
-) -> None:
-    """A sweep, or a random drive, through a resonance at 919 Hz."""
+def excited(rate: int, highest: float, damping: float) -> Recording:
+    """A sweep up to a frequency, or a random drive, through a resonance at 919 Hz."""
     rng, t = np.random.default_rng(0), np.arange(20_000) / rate
     u = (
         np.sin(np.pi * highest * t**2 / t[-1])
@@ -270,12 +259,11 @@ def test_a_resonance_is_named_with_its_frequency_however_few_samples_a_period_ha
         else lfilter([0.02], [1.0, -0.98], rng.standard_normal(t.size))
     )
     y = noisy(rng, resonant(loops(rng, u / np.abs(u).max(), 0.1), 919.0, damping, 1.0 / rate), 0.001)
-    with pytest.raises(IdentificationError, match=r"the output has a resonance at 9(1|2)\d Hz"):
-        identify(Recording.from_arrays(u, y, 1.0 / rate))
+    return Recording.from_arrays(u, y, 1.0 / rate)
 
 
 @pytest.mark.parametrize("sharpness", [3.0, 60.0])
-def test_a_butterfly_is_named_be_its_switching_soft_or_sharp(sharpness: float) -> None:
+def test_a_butterfly_is_named_with_soft_and_with_sharp_switching(sharpness: float) -> None:
     rng, k = np.random.default_rng(0), np.arange(6000)
     field = 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * 3.0 * k / k.size + 1.0))
     polarisation = np.tanh(sharpness * (field - 0.4 * np.sign(np.gradient(field))))
@@ -308,13 +296,33 @@ def tones(*frequencies: float, damping: float, seed: int = 3) -> Recording:
     return Recording.from_arrays(u, y, SAMPLE_TIME)
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("frequencies", [(30.0, 45.0), (38.0, 44.0), (7.0, 60.0)])
-@pytest.mark.parametrize("damping", [0.02, 0.1])
-def test_two_tones_tell_a_resonance_and_its_frequency(frequencies: tuple[float, ...], damping: float) -> None:
+SWEEP = np.sin(2 * np.pi * (5.0 * T + T**2))
+
+
+@pytest.mark.sample(4)
+@pytest.mark.parametrize(
+    ("made", "frequency"),
+    [
+        (lambda: rested_first(15.0, SWEEP, ringing=True), 40.0),
+        (lambda: excited(4000, 0.0, 0.005), 919.0),
+        (lambda: tones(30.0, 45.0, damping=0.02), 40.0),
+        (lambda: tones(38.0, 44.0, damping=0.02), 40.0),
+        (lambda: rested_first(0.0, SWEEP, ringing=True), 40.0),
+        (lambda: excited(20_000, 2000.0, 0.005), 919.0),
+        (lambda: excited(10_000, 4000.0, 0.02), 919.0),
+        (lambda: excited(5000, 0.0, 0.01), 919.0),
+        (lambda: tones(7.0, 60.0, damping=0.02), 40.0),
+        (lambda: tones(30.0, 45.0, damping=0.1), 40.0),
+        (lambda: tones(38.0, 44.0, damping=0.1), 40.0),
+        (lambda: tones(7.0, 60.0, damping=0.1), 40.0),
+    ],
+)
+def test_a_resonance_is_named_with_its_frequency_for_any_drive_and_sampling(
+    made: Callable[[], Recording], frequency: float
+) -> None:
     with pytest.raises(IdentificationError, match=r"the output has a resonance at (\d+)") as caught:
-        identify(tones(*frequencies, damping=damping))
-    assert float(str(caught.value).partition("resonance at ")[2].split()[0]) == pytest.approx(40.0, rel=0.03)
+        identify(made())
+    assert float(str(caught.value).partition("resonance at ")[2].split()[0]) == pytest.approx(frequency, rel=0.03)
     assert "--" not in str(caught.value)
 
 

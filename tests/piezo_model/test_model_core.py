@@ -48,7 +48,7 @@ int main(void)
     const int k = lanes(c.shape), zones = zone_lanes(c.shape);
     double *const a = model + k, *const low = a + c.shape.rates, *const high = low + zones, *const w_S = high + zones;
     double *const w_H = w_S + zones, *const w_K = w_H + k;
-    const Model m = {c.shape, {model, a}, {low, high, w_S}, w_H, w_K, model[MODEL - 1]};
+    const Model m = {c.shape, {model, a}, low, high, w_S, w_H, w_K, model[MODEL - 1]};
     model_simulate(&m, x, SAMPLES, play, creep, y);
     for (int k = 0; k < SAMPLES; ++k) {
         basis_count(&b, x[k], y[k]);

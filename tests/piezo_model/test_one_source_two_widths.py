@@ -12,7 +12,7 @@ from piezo_model import CompensatorBank, ModelStructure, OperatorState, SelfLear
 Vector = NDArray[np.float64]
 T = 1e-3
 SAMPLES, COUNT = 12_000, 8
-"""One tile, which begins at the same sample as a single one."""
+"""One tile, which begins at the same sample as a single learner."""
 
 
 def structure_for(plant: plants.Plant, n: int = 5, m: int = 3, offset: bool = False) -> ModelStructure:
@@ -67,5 +67,5 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
         assert single._block == bank.block
         np.testing.assert_array_equal(single.replay(y_ref[:, i], before[:, i]), x[:, i])
         if faulty and i % 2:
-            assert single._count("faults") > 0
+            assert single._memory["faults"] > 0
         assert single.counts["hand_overs"] > 5

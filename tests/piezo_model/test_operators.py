@@ -1,30 +1,11 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from random_models import a_state, seeds, signals, thresholds
 
 from piezo_model.operators import creep, creep_gain, dead_zone, play
 
 
 def test_very_slow_creep_loses_no_digits() -> None:
     assert creep_gain([1e-9], 1e-6)[0] == pytest.approx(1e-15, rel=1e-14)
-
-
-@given(signals, thresholds, st.lists(st.integers(0, 40), max_size=4), seeds)
-def test_chunks_of_a_signal_give_the_same_bits_as_the_whole(
-    x: np.ndarray, r: np.ndarray, cuts: list[int], seed: int
-) -> None:
-    rates = np.geomspace(1, 1000, r.size)
-    for operator in (lambda x, z: play(x, r, z), lambda x, z: creep(x, r, rates, 1e-3, z)):
-        z = first = a_state(r, x[0], seed)
-        parts = []
-        for chunk in np.split(x, sorted(min(cut, x.size) for cut in cuts)):
-            out, z = operator(chunk, z)
-            parts.append(out)
-        whole, last = operator(x, first)
-        np.testing.assert_array_equal(np.concatenate(parts), whole)
-        np.testing.assert_array_equal(z, last)
 
 
 def test_states_handed_in_are_not_written_to_and_strided_inputs_are_taken() -> None:

@@ -1,45 +1,13 @@
 """Laws that each simulated hysteresis keeps or breaks, and that its truth is not in the class of the model."""
 
 import numpy as np
-from driven_plants import NAMES, TS, every_plant, ramp, volts, walk
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from driven_plants import NAMES, TS, every_plant, ramp, walk
 
 from piezo_model import plants
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import decaying_triangle, multi_sine
 
-histories = st.lists(volts, max_size=5)
-shares = st.lists(st.floats(0.0, 1.0), max_size=5)
-
-
 # Laws of the relay Preisach plane
-
-
-def preisach():
-    return plants.get("relay_preisach", creep_share=0.0)
-
-
-@settings(max_examples=40, deadline=None)
-@given(history=histories, a=volts, b=volts, inner=shares, last=volts)
-def test_preisach_wiping_out_an_inner_excursion_leaves_no_trace(history, a, b, inner, last):
-    inside = [a + share * (b - a) for share in inner]
-    with_excursion, without = preisach(), preisach()
-    with_excursion.run(ramp(0.0, *history, a, b, *inside, a, b))
-    without.run(ramp(0.0, *history, a, b))
-    np.testing.assert_allclose(with_excursion.run(ramp(b, last)), without.run(ramp(b, last)), atol=1e-10)
-
-
-@settings(max_examples=40, deadline=None)
-@given(one=histories, other=histories, a=volts, b=volts)
-def test_preisach_congruency_minor_loops_between_the_same_ends_have_the_same_shape(one, other, a, b):
-    loops = []
-    for history in (one, other):
-        plant = preisach()
-        plant.run(ramp(0.0, *history, a, b))
-        loop = plant.run(ramp(b, a, b))
-        loops.append(loop - loop[0])
-    np.testing.assert_allclose(*loops, atol=1e-10)
 
 
 def test_preisach_equals_a_plane_of_single_relays():

@@ -53,7 +53,9 @@ def test_a_unit_is_read_from_the_name(column: str, stem: str, unit: str) -> None
         ("index,time_s,temperature,voltage_V,sensor_V", "time_s", "voltage_V", "sensor_V"),
     ],
 )
-def test_columns_are_guessed_from_the_header_and_said(tmp_path: Path, header: str, time: str, x: str, y: str) -> None:
+def test_columns_are_guessed_from_the_header_and_reported(
+    tmp_path: Path, header: str, time: str, x: str, y: str
+) -> None:
     names = header.split(",")
     cells = {time: "{0}", x: "1{1}", y: "2{1}"}
     line = ",".join(cells.get(name, "7") for name in names)

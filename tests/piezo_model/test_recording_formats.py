@@ -304,7 +304,9 @@ def test_a_sheet_is_named_and_a_missing_one_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("form", "option", "value"), [("Excel", "decimal", ","), ("NeXus", "sheet", "Messung 1"), ("NPZ", "header_row", 2)]
 )
-def test_what_a_format_does_not_go_by_is_refused(tmp_path: Path, form: str, option: str, value: object) -> None:
+def test_an_option_that_a_format_does_not_support_is_refused(
+    tmp_path: Path, form: str, option: str, value: object
+) -> None:
     assert f"for which no {option.replace('_', ' ')} can be given" in refusal(made(tmp_path, form), **{option: value})
 
 
@@ -366,7 +368,7 @@ def test_two_channels_of_one_name_are_two_columns(tmp_path: Path) -> None:
     table = open_table(tmp_path / "stage.mf4")
     names = [column.name for column in table.columns]
     assert len(names) == len(set(names)) == 3
-    columns = np.concatenate(list(table.pieces(range(3))), axis=1)
+    columns = np.concatenate(list(table.chunks(range(3))), axis=1)
     assert [np.abs(columns - values).max(axis=1).min() for values in (X, Y)] == [0.0, 0.0]
 
 
@@ -383,7 +385,7 @@ def test_a_sampling_period_that_cannot_be_is_refused(tmp_path: Path, period: flo
         in_memory(tmp_path / "stage.rec", "a format", {"u": X, "y": Y}, sample_time=period)
 
 
-def test_a_header_of_a_gcs_array_states_the_sampling_period_whatever_its_comments_say(tmp_path: Path) -> None:
+def test_the_header_of_a_gcs_array_overrides_a_sampling_period_in_its_comments(tmp_path: Path) -> None:
     gcs(tmp_path / "stage.gcs")
     text = (tmp_path / "stage.gcs").read_text()
     (tmp_path / "stage.gcs").write_text(text.replace("# END_HEADER", "# servo: dt = 5 ms\n# END_HEADER"))
@@ -402,7 +404,7 @@ def test_slices_are_read_and_not_the_whole_file(tmp_path: Path, name: str) -> No
     table = open_table(path)
     tracemalloc.start()
     try:
-        assert sum(piece.shape[1] for piece in table.pieces([0, 1, 2])) == rows
+        assert sum(piece.shape[1] for piece in table.chunks([0, 1, 2])) == rows
         assert tracemalloc.get_traced_memory()[1] < values.nbytes / 5
     finally:
         tracemalloc.stop()
@@ -439,7 +441,7 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
 @pytest.mark.parametrize(
     ("cell", "shown"), [("over", "'over'"), (datetime(2024, 1, 31), "datetime.datetime(2024, 1, 31, 0, 0)")]
 )
-def test_a_cell_that_is_no_number_is_named_with_row_and_sheet(tmp_path: Path, cell: object, shown: str) -> None:
+def test_a_cell_that_is_not_a_number_is_named_with_row_and_sheet(tmp_path: Path, cell: object, shown: str) -> None:
     book = openpyxl.Workbook()
     for row in (["t", "voltage_V", "height_um"], *([k / 10, k % 7, k % 5] for k in range(50))):
         book.active.append(row)

@@ -1,4 +1,4 @@
-"""What is wrong with a table of text is said in one sentence that names the file, and the column, row or option."""
+"""A bad table of text is refused in one sentence that names the file, and the column, row or option."""
 
 import math
 from itertools import product
@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_files import HEADER, refusal, text_file
+from recording_files import HEADER, TWO_RATES, refusal, text_file, waves
 
 ORDINALS = {2: "row 3 (data row 2)", 26: "row 27 (data row 26)", 50: "row 51 (data row 50)"}
 EVEN = np.arange(50) * 0.005
 TENTHS = [f"2024-01-31 12:00:00.{k:07d}" for k in range(3000)]
 """Of a microsecond, ten megahertz."""
-TWO_RATES = np.concatenate([np.arange(300) * 2e-4, 0.06 + np.arange(200) * 1e-3])
 
 
 def timed(times: Any, form: str = "{}") -> list[str]:
@@ -40,10 +39,6 @@ def spoiled(row: int, column: int, cell: str, rows: int = 50) -> list[str]:
 
 def constant(column: int) -> list[str]:
     return [HEADER, *(",".join("1.8" if i == column else str(k % (9 - i)) for i in range(3)) for k in range(8))]
-
-
-def waves(times: np.ndarray) -> list[str]:
-    return [HEADER, *(f"{t:.7g},{np.sin(40 * t):.9g},{np.sin(40 * t - 0.3):.9g}" for t in times.tolist())]
 
 
 UNLIKE = [
@@ -246,7 +241,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("lines", "options", "sentence"), REFUSED, ids=range(len(REFUSED)))
-def test_what_is_wrong_with_a_table_is_named(
+def test_a_bad_table_is_refused_with_the_row_column_or_option(
     tmp_path: Path, lines: list[str], options: dict[str, Any], sentence: str
 ) -> None:
     assert sentence in refusal(text_file(tmp_path, *lines), **options)

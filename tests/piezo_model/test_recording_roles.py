@@ -1,4 +1,4 @@
-"""Roles that no name tells: by elimination and by what the values say."""
+"""Roles that names do not tell: by elimination and by the values."""
 
 from pathlib import Path
 
@@ -110,7 +110,7 @@ def two_columns(folder: Path, first: np.ndarray, second: np.ndarray) -> Path:
 
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("kind", "seed"), [("saturation and hysteresis", 11), ("Bouc-Wen", 3)])
-def test_a_guess_that_the_loops_suggest_and_the_fit_contradicts_is_turned(
+def test_a_guess_by_the_loops_is_reversed_if_the_fit_contradicts_it(
     tmp_path: Path, kind: str, seed: int, turned: bool
 ) -> None:
     x, y = (signal[:1500] for signal in DESCRIBABLE[kind](np.random.default_rng(seed)))
@@ -125,7 +125,7 @@ def test_a_guess_that_the_loops_suggest_and_the_fit_contradicts_is_turned(
     assert check_direction(checked) is checked
 
 
-def test_columns_that_a_fit_cannot_tell_apart_are_asked_for(tmp_path: Path) -> None:
+def test_columns_that_a_fit_cannot_distinguish_have_to_be_named(tmp_path: Path) -> None:
     rng, x = np.random.default_rng(1), np.sin(np.linspace(-1.57, 1.7, 4000))
     y = noisy(rng, np.tanh(1.5 * creeping(rng, x)), 0.0005)  # hardly more than one way up, which any curve describes
     recording = Recording.open(two_columns(tmp_path, x, y), sample_time=1e-3)

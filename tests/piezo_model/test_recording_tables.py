@@ -10,7 +10,7 @@ from recording_files import HEADER, refusal, signals, text_file, without_privile
 
 from piezo_model.recordings import Recording, write_table
 
-# Files that are not what they should be.
+# Missing, damaged and foreign files.
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -31,7 +31,7 @@ def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix:
         np.testing.assert_array_equal(Recording.open(path).arrays()[1], signals()["displacement_um"])
 
 
-def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
+def test_a_binary_file_of_no_known_format_is_refused(tmp_path: Path) -> None:
     (tmp_path / "stage.csv").write_bytes(bytes(range(256)) * 40)
     assert "is neither plain text nor in a known format" in refusal(tmp_path / "stage.csv")
 
@@ -58,7 +58,7 @@ def test_a_truncated_or_damaged_parquet_file_is_refused(tmp_path: Path, spoil: C
     assert "is a damaged Parquet file" in refusal(path)
 
 
-# Cells that are no numbers.
+# Cells that are not numbers.
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -81,7 +81,7 @@ def test_missing_values_of_parquet_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("values", [["1", "2", "3"], [True, False, True]])
-def test_parquet_columns_that_are_no_numbers_are_refused(tmp_path: Path, values: list) -> None:
+def test_parquet_columns_of_text_or_flags_are_refused(tmp_path: Path, values: list) -> None:
     pq.write_table(pa.table({"t": [0, 1, 2], "u": values, "y": [1.0, 2.0, 4.0]}), tmp_path / "s.parquet")
     assert "cannot tell which column is the input" in refusal(tmp_path / "s.parquet")
     assert "column 'u' holds values of type" in refusal(tmp_path / "s.parquet", input="u")

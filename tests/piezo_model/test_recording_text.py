@@ -1,9 +1,9 @@
-"""One clean table written in every way that plain text is met in; each file must give the clean arrays to the last
-bit."""
+"""One clean table written in every form of plain text; each file must give the clean arrays to the last bit."""
 
 import csv
 import io
 import pickle
+import re
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_files import text_file, with_times
 
-from piezo_model.recordings import Recording, read_reference
+from piezo_model.recordings import Recording, RecordingError, read_reference
 from piezo_model.recordings.dialect import layout_of
 
 N, RATE = 2500, 997.0
@@ -120,31 +120,24 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
 
 @pytest.mark.parametrize("name", FILES)
 def test_plain_text_of_every_kind_gives_the_clean_arrays(tmp_path: Path, name: str) -> None:
-    content, said = FILES[name]
+    content, options = FILES[name]
     path = tmp_path / "stage.log"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    recording = Recording.open(path, **said)
+    recording = Recording.open(path, **options)
     np.testing.assert_array_equal(recording.arrays(), [X, Y])
     assert recording.sample_time == pytest.approx(1 / RATE, rel=3e-5)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(recording)).arrays(), [X, Y])
 
 
-@pytest.mark.parametrize(("line", "said"), [("{t};{far};{y}", {}), ("{t}\t{far}\t{y}", {}), ('{t},"{far}",{y}', {})])
-def test_marks_between_thousands_are_no_separators(tmp_path: Path, line: str, said: dict) -> None:
+@pytest.mark.parametrize(
+    ("line", "marks"),
+    [("{t};{far};{y}", ".,"), ("{t}\t{far}\t{y}", ".,"), ('{t},"{far}",{y}', ".,"), ("{t};{far};{y}", ",.")],
+)
+def test_thousands_separators_of_either_kind_are_not_cell_separators(tmp_path: Path, line: str, marks: str) -> None:
     header = "time_s;voltage_V;height_um\n".replace(";", line[3])
     path = tmp_path / "stage.csv"
-    path.write_text(header + rows(line))
+    path.write_text(header + rows(line).translate(str.maketrans(".,", marks)))
     np.testing.assert_array_equal(Recording.open(path).arrays(), [[float(f"{x + 10000:.6f}") for x in X], Y])
-
-
-def test_thousands_may_be_marked_as_in_germany(tmp_path: Path) -> None:
-    swap = str.maketrans(".,", ",.")
-    content = "time_s;voltage_V;height_um\n" + "".join(
-        f"{t:.7f};{1000 * x:,.6f};{y:.6f}\n".translate(swap) for t, x, y in zip(T, X, Y, strict=True)
-    )
-    path = tmp_path / "stage.csv"
-    path.write_text(content)
-    np.testing.assert_array_equal(Recording.open(path).arrays(), [[float(f"{1000 * x:.6f}") for x in X], Y])
 
 
 def test_a_header_that_lacks_its_line_break_still_names_the_columns(tmp_path: Path) -> None:
@@ -160,7 +153,7 @@ def test_a_header_that_lacks_its_line_break_still_names_the_columns(tmp_path: Pa
     assert recording.input_unit == ""
 
 
-def test_what_was_understood_is_said_in_two_lines(tmp_path: Path) -> None:
+def test_a_recording_describes_its_dialect_and_guesses_in_two_lines(tmp_path: Path) -> None:
     path = tmp_path / "stage.csv"
     path.write_text(f"Zeit;Spannung;Höhe\ns;V;µm\n{rows('{t};{x};{y}', decimal=',')}", encoding="latin-1")
     first, second = Recording.open(path).describe().splitlines()
@@ -174,11 +167,25 @@ def test_what_was_understood_is_said_in_two_lines(tmp_path: Path) -> None:
     )
 
 
-def test_a_row_that_was_left_out_is_said(tmp_path: Path) -> None:
-    said = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", "3,4")).describe()
-    assert "the last line is incomplete and was left out; 3 samples" in said
-    said = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", "3,4,")).describe()
-    assert "the last row is incomplete and was left out; 3 samples" in said
+@pytest.mark.parametrize(("last", "what"), [("3,4", "line"), ("3,4,", "row")])
+def test_an_incomplete_last_row_is_reported(tmp_path: Path, last: str, what: str) -> None:
+    recording = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", last))
+    assert f"the last {what} is incomplete and was left out; 3 samples" in recording.describe()
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        ("t;u;y/0;1;2/# pause/t;u;y/1;2;3//2;x;4", "holds 'x' in row 7 (data row 3), where a number is needed"),
+        ("t;u;y/0;1;2/# pause/1;2;3/; second/2;3;4", "row 5 (data row 3) has 2 columns where the others have 3"),
+        ("t u y/0 1 2/\t/1 2 3/2 x 4", "holds 'x' in row 5 (data row 3), where a number is needed"),
+    ],
+)
+def test_comments_headers_and_blank_lines_among_rows_do_not_shift_the_named_row(
+    tmp_path: Path, lines: str, sentence: str
+) -> None:
+    with pytest.raises(RecordingError, match=re.escape(sentence)):
+        Recording.open(text_file(tmp_path, *lines.split("/")))
 
 
 def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
@@ -262,7 +269,7 @@ def test_a_reference_of_one_column_needs_only_a_period(tmp_path: Path) -> None:
     quote=st.booleans(),
     seed=st.integers(0, 999),
 )
-def test_any_dialect_is_found_out(
+def test_any_dialect_is_detected(
     separator: str, decimal: str, width: int, digits: int, header: bool, units: bool, quote: bool, seed: int
 ) -> None:
     if (separator == "," == decimal and not quote) or (separator == " " and quote):

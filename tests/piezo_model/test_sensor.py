@@ -59,12 +59,6 @@ def test_a_sensor_without_options_measures_the_displacement_itself():
     np.testing.assert_array_equal(plants.Sensor(bare("bouc_wen")).run(x), bare("bouc_wen").run(x))
 
 
-def test_sensors_can_be_stacked():
-    x, noise = walk(0.5), {"noise_um": 0.1, "seed": 1}
-    stacked = plants.Sensor(plants.Sensor(bare("bouc_wen"), **noise), delay_samples=2)
-    np.testing.assert_array_equal(stacked.run(x)[2:], plants.Sensor(bare("bouc_wen"), **noise).run(x)[:-2])
-
-
 @pytest.mark.parametrize(
     ("option", "value"),
     [

@@ -1,24 +1,28 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from piezo_model.core import bindings
+from piezo_model import ModelStructure, SelfLearningCompensator
 from piezo_model.learning.events import Verdict
 
+UNIT = ModelStructure.equidistant(1, 0, (-1.0, 1.0), (-1.0, 1.0), (), 1e-3)
 FROZEN_DRIVE, JUMP, PLAUSIBLE = 0.02, 0.25, 4.0
 
 RAMP = np.linspace(-0.5, 0.5, 200)
 
 
 def judged(x: np.ndarray, y: np.ndarray) -> list[Verdict]:
-    """Verdicts of a guard that has seen nothing."""
-    verdicts = np.empty(x.size, dtype=np.int64)
-    fresh = np.array([math.nan, math.nan, 0.0, math.nan, math.nan, 0.0, 0.0, 0.0, 0.0])
-    bindings.guard_judge(fresh, x, y, verdicts)
-    return [Verdict(v) for v in verdicts]
+    """Verdicts of a new compensator on drives and outputs in unit amplitudes."""
+    learner = SelfLearningCompensator(UNIT, follow_range=False)
+    counts = [learner.counts]
+    for sample in zip(x[:, None], y[:, None], strict=True):
+        learner.observe(*sample)
+        counts.append(learner.counts)
+    return [next(v for v in Verdict if now[v.name.lower()] > old[v.name.lower()]) for old, now in pairwise(counts)]
 
 
 @given(st.integers(0, 2**32 - 1))

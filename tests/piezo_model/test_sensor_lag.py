@@ -10,11 +10,11 @@ def displacement(k: np.ndarray) -> np.ndarray:
 
 
 def test_the_lowest_of_several_valleys_is_found() -> None:
-    asked: list[float] = []
-    found = minimise_over_lag(lambda at: asked.append(at) or np.cos(2.2 * at) + 0.05 * (at - 7) ** 2, 12)
+    tried: list[float] = []
+    found = minimise_over_lag(lambda lag: tried.append(lag) or np.cos(2.2 * lag) + 0.05 * (lag - 7) ** 2, 12)
     assert found.samples == pytest.approx(7.11, abs=0.05)
-    assert len(asked) < 40
-    assert (min(asked), max(asked)) == (0, 12)
+    assert len(tried) < 40
+    assert (min(tried), max(tried)) == (0, 12)
 
 
 @pytest.mark.parametrize("lag", [0.25, 0.5, 1.9, -0.4, -3.75, 10.01, 40.5, 0.0, 7.0])
@@ -29,11 +29,3 @@ def test_a_shifted_signal_is_the_signal_between_its_samples_wherever_these_have_
 def test_a_shift_by_half_a_sample_keeps_the_noise_so_that_it_does_not_look_like_a_better_fit() -> None:
     noise = np.random.default_rng(2).normal(size=50_000)
     assert np.var(shift_output(noise, 0.5)[0]) > 0.95 * np.var(noise)
-
-
-@pytest.mark.parametrize("lag", [0.0, 0.3, 1.0, 2.5, 4.98, 5.0])
-def test_the_bottom_of_a_valley_is_found(lag: float) -> None:
-    found = minimise_over_lag(lambda at: 1 + abs(at - lag) ** 1.5, 5)
-    assert found.samples == pytest.approx(lag, abs=0.02)
-    assert found.error_without_lag_percent <= found.error_percent == pytest.approx(1 + lag**1.5)
-    assert found.at_edge == (lag == 5.0)

@@ -4,8 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from random_models import Case, cases
 
 from piezo_model.json_file import decoded
 from piezo_model.structure import ModelStructure, StructureError
@@ -39,12 +37,6 @@ def test_ranges_become_the_unit_interval() -> None:
 def test_bounds_are_zero_for_weights_the_least_slope_for_slopes_and_none_for_the_offset() -> None:
     lb = equidistant(n=1, m=1, offset=True).lower_bounds(0.01)
     assert lb.tolist() == [0.0, 0.01, 0.01, 0.01, 0.0, 0.0, -math.inf]
-
-
-@given(cases())
-def test_a_structure_survives_json_to_the_bit(case: Case) -> None:
-    s = case.structure
-    assert decoded(json.dumps(s.to_dict()), ModelStructure) == s
 
 
 def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:

@@ -1,4 +1,4 @@
-"""What a file does to the process that parses it, it does to a child alone."""
+"""A file that crashes, hangs or exhausts its parser affects a child process alone."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ from piezo_model.recordings import Recording, RecordingError, subprocess_reader
 from piezo_model.recordings.tables import ReadOptions
 
 
-def opened(path: Path, what: str) -> str:
+def refusal_of(path: Path, what: str) -> str:
     path.write_text(what)
     with pytest.raises(RecordingError) as caught:
         subprocess_reader.open_table(unruly_format, path, ReadOptions())
@@ -37,21 +37,21 @@ def opened(path: Path, what: str) -> str:
 def test_a_file_that_ends_the_process_that_reads_it_is_refused_and_the_next_one_read(
     tmp_path: Path, what: str, words: str
 ) -> None:
-    assert words in opened(tmp_path / "stage.rec", what)
+    assert words in refusal_of(tmp_path / "stage.rec", what)
     scipy.io.savemat(tmp_path / "stage.mat", signals())
     assert Recording.open(tmp_path / "stage.mat").length == 1000
 
 
 def test_a_file_that_is_read_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess_reader, "LEAST_S", 1.5)
-    assert "takes longer than 2 s to be read" in opened(tmp_path / "stage.rec", "hang")
+    assert "takes longer than 2 s to be read" in refusal_of(tmp_path / "stage.rec", "hang")
 
 
 def test_a_channel_that_crashes_when_its_rows_are_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "stage.rec").write_text("crash later")
     table = subprocess_reader.open_table(unruly_format, tmp_path / "stage.rec", ReadOptions())
     with pytest.raises(RecordingError, match="ended with SIGSEGV"):
-        list(table.pieces([0]))
+        list(table.chunks([0]))
 
 
 def test_a_file_that_was_changed_after_it_was_opened_is_read_as_it_was_listed_or_refused(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_a_written_file_has_the_permissions_of_any_new_file(tmp_path: Path) -> N
     assert written == ordinary
 
 
-def test_writing_through_a_link_replaces_what_it_points_to(tmp_path: Path) -> None:
+def test_writing_through_a_link_replaces_its_target(tmp_path: Path) -> None:
     (tmp_path / "real.csv").write_text("old")
     (tmp_path / "link.csv").symlink_to(tmp_path / "real.csv")
     write_table(tmp_path / "link.csv", {"t": [0, 1]})

@@ -245,7 +245,7 @@ def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(
 
 
 def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_sentence(tmp_path: Path) -> None:
-    from solvers.kernel._library import folder, opened
+    from solvers.kernel._library import folder, open_library
 
     daqp = library("daqp")
     version = importlib.metadata.version("daqp")
@@ -256,6 +256,6 @@ def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_se
         with pytest.raises(
             ImportError, match=rf"^the library of daqp .* does not offer its C functions here: .*{reason}"
         ):
-            opened("daqp", version, path, ("daqp_solve", function))
+            open_library("daqp", version, path, ("daqp_solve", function))
     with pytest.raises(ImportError, match=r"^No module named 'no_such_package'$"):
         folder("no_such_package")

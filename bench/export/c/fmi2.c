@@ -1,4 +1,4 @@
-/* The functions of FMI 2.0 for Co-Simulation. Types are declared here as the standard's text describes them. */
+/* The functions of FMI 2.0 for Co-Simulation. The types are declared from the text of the standard. */
 #include <stddef.h>
 
 #define FMI(name) fmi2##name

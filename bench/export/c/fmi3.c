@@ -1,4 +1,4 @@
-/* The functions of FMI 3.0 for Co-Simulation. Types are declared here as the standard's text describes them. */
+/* The functions of FMI 3.0 for Co-Simulation. The types are declared from the text of the standard. */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -24,9 +24,9 @@ typedef bool fmi3Boolean, fmi3Clock;
 typedef const char *fmi3String;
 typedef const fmi3Byte *fmi3Binary;
 typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
-typedef int fmi3DependencyKind, fmi3IntervalQualifier; /* enumerations that are never used here */
+typedef int fmi3DependencyKind, fmi3IntervalQualifier; /* unused enumerations */
 typedef void (*fmi3LogMessageCallback)(void *environment, fmi3Status, fmi3String category, fmi3String message);
-typedef void (*fmi3Callback)(void); /* stands for those that are never called */
+typedef void (*fmi3Callback)(void); /* any callback that is never called */
 
 typedef struct {
     void *environment;

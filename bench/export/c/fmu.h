@@ -1,9 +1,9 @@
-/* A compensator as an FMU for Co-Simulation: what FMI 2 and 3 have alike, for fmi2.c and fmi3.c to include below their
- * own types.
+/* A compensator as an FMU for Co-Simulation: the common part of FMI 2 and 3, which fmi2.c and fmi3.c include after
+ * their own types.
  *
- * They define FMI(name), FMI_STATE(verb, rest), FMI_DESERIALIZE and FMI_SIZES, the version's spelling of names and of a
- * parameter that FMI 3 alone has, FIRST_VARIABLE, a type `logger` and how it logs an error. At a communication point
- * the step takes the reference of that point; the drive is there after it.
+ * They define FMI(name), FMI_STATE(verb, rest), FMI_DESERIALIZE and FMI_SIZES (the version's spelling of names, and a
+ * parameter that only FMI 3 has), FIRST_VARIABLE, the type `logger` and log_error. A step reads the reference at its
+ * communication point and gives the drive at the next one.
  *
  * Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org. */
 #include "piezo.h"
@@ -36,7 +36,7 @@ typedef struct {
 } fmu_state;
 
 typedef struct {
-    fmu_state state; /* first, so that a pointer to the one is a pointer to the other */
+    fmu_state state; /* first: a pointer to the instance is a pointer to its state */
     logger logger;
 } instance;
 
@@ -61,7 +61,7 @@ static void start(fmu_state *s)
     memcpy(s->values, values, sizeof values);
 }
 
-/* A new instance, or NULL where the token is another model's or there is no memory. */
+/* A new instance, or NULL if the token is of another model or memory is exhausted. */
 static instance *instantiated(FMI(String) its_token)
 {
     instance *const i = strcmp(its_token, PIEZO_FMU_TOKEN) == 0 ? calloc(1, sizeof *i) : NULL;
@@ -113,7 +113,7 @@ static FMI(Status) set_values(void *c, const FMI(ValueReference) references[], s
     return FMI(OK);
 }
 
-/* Take the steps of a communication interval, its start included. */
+/* Take the sampling steps of a communication interval, including the one at its start. */
 static FMI(Status) do_step(void *c, double now, double interval)
 {
     fmu_state *const s = c;
@@ -175,7 +175,7 @@ EXPORTED FMI(Status) FMI_DESERIALIZE(void *c, const FMI(Byte) bytes[], size_t si
     return FMI(OK);
 }
 
-/* What an FMU of real numbers without events, clocks and derivatives has no use for. */
+/* Functions that an FMU of real numbers without events, clocks and derivatives does not support. */
 #define ABSENT(name, ...)                                                                                              \
     EXPORTED FMI(Status) FMI(name)(void *c, __VA_ARGS__) { return refuse(c, #name " is not supported"); }
 #define NONE_OF_TYPE(kind)                                                                                             \

@@ -1,6 +1,5 @@
-/* The compensator of core/compensator.h, with learning the step of core/controller.h, behind the interface of piezo.h.
- * Build with -ffp-contract=off for the same numbers on every machine, and never with -ffast-math: the guards are
- * comparisons with NaN. */
+/* The interface of piezo.h to core/compensator.h and, with learning, to the step in core/controller.h. Build with
+ * -ffp-contract=off for the same numbers on every machine, and never with -ffast-math: the guards compare with NaN. */
 #include "piezo.h"
 
 #ifdef PIEZO_FLOAT
@@ -21,7 +20,7 @@ static const double exported[] = PIEZO_WEIGHTS;
 
 static Compensator of(const piezo_axis *axis) { return compensator_at((void *)(uintptr_t)axis->compensator.bytes); }
 
-/* To the core they are constants. */
+/* The core declares them constant. */
 static DriveSettings *settings_of(const Compensator *c) { return (DriveSettings *)(uintptr_t)c->settings; }
 
 static void set_limits(const Compensator *c, double low, double high, double max_step)
@@ -48,8 +47,8 @@ static void widen(const real *from, int count, double *to)
     }
 }
 
-/* Begin to learn from the weights in use and the states of the operators; what is on its way between step and learner
- * is dropped. */
+/* Restart learning from the weights in use and the states of the operators; samples and weights in transit between step
+ * and learner are dropped. */
 static void begin_learning(piezo_axis *axis)
 {
     const Controller c = controller_of(axis);
@@ -134,7 +133,7 @@ static int all_finite(const piezo_real *numbers, size_t count)
     return sum == 0;
 }
 
-/* The weights in the order of the core, if they make a model that has an inverse. */
+/* Copy the weights in the order of the core, and check that the model has an inverse. */
 static piezo_status check(const piezo_weights *given, real *weights)
 {
     real slope = 0;

@@ -1,7 +1,7 @@
-/* A compensator of hysteresis and creep for a controller, alone or with learning that identifies its model while it
+/* A compensator of hysteresis and creep for a controller, optionally with a learner that identifies its model while it
  * runs.
  *
- * Everything that it knows is in a piezo_axis of the caller's; it allocates nothing, and several axes run side by side.
+ * All state is in the caller's piezo_axis; nothing is allocated, and several axes are independent.
  *
  *     static piezo_axis axis;
  *     piezo_reset(&axis);
@@ -9,11 +9,11 @@
  *                                  x = piezo_step(&axis, y_ref, y_measured_before);   with learning
  *     behind it, with learning:    piezo_learn(&axis);
  *
- * where y_measured_before is the output that the last x has produced, NaN where there is none.
+ * where y_measured_before is the output that the last x produced, NaN if there is none.
  *
- * With learning, the step belongs into an interrupt: it takes nearly the same time at every sample. piezo_learn is the
- * task behind it, in the main loop, a task of lower priority or another thread, or right after the step. Step and task
- * may run at the same time, on one core or on coherent ones, and neither waits for the other. An axis has one of each.
+ * With learning, call the step from an interrupt: it takes nearly the same time at every sample. Call piezo_learn from
+ * the main loop, a task of lower priority or another thread, or right after the step. Both may run at the same time, on
+ * one core or on coherent ones, without waiting for each other. An axis has one interrupt and one task.
  */
 #ifndef PIEZO_H
 #define PIEZO_H
@@ -50,28 +50,27 @@ typedef struct {
     piezo_real offset;
 } piezo_weights;
 
-/* What the actuator has seen, unit amplitudes, and what is left of the last change of model. */
+/* States of the operators, unit amplitudes, and of the transition to the last model. */
 typedef struct {
     piezo_real play[PIEZO_PLAY]; /* the first, of threshold zero, is the last input */
 #if PIEZO_RATES > 0
     piezo_real creep[PIEZO_RATES * PIEZO_PLAY]; /* rate by rate */
 #endif
     piezo_real bump, fade;
-    piezo_real last_y_ref, correction; /* in the output unit, the second what integral action has added */
+    piezo_real last_y_ref, correction; /* output unit; the second is the sum of integral action */
 } piezo_state;
 
 #if PIEZO_LEARNING
-/* How often what has happened since the reset: hand-overs of new weights and refusals, faults of sensor and arithmetic;
- * new weights that came after their sample, and blocks of samples for which there was no room, both since piezo_learn
- * was late. */
+/* Counts since the reset: hand-overs and refusals of new weights, faults of sensor and arithmetic, and, because
+ * piezo_learn was late, offers of weights after their sample and blocks of samples that found the ring full. */
 typedef struct {
     uint32_t hand_overs, refusals, sensor_faults, numeric_faults, late_offers, dropped_blocks;
 } piezo_events;
 
-enum { PIEZO_LEARNED = 4 }; /* those that piezo_learn counts */
+enum { PIEZO_LEARNED = 4 }; /* counters of piezo_learn */
 #endif
 
-/* Nobody's business but that of the functions below. */
+/* Private to the functions below. */
 typedef struct {
     union {
         double alignment;
@@ -87,39 +86,38 @@ typedef struct {
 #endif
 } piezo_axis;
 
-/* The exported model and limits; at rest at the centre of the range. Call it first. */
+/* Set the exported model and limits, with the actuator at rest at the centre of its range. Call it first. */
 void piezo_reset(piezo_axis *axis);
 
 #if PIEZO_LEARNING
-/* The interrupt: take the output that the last drive has produced, then the drive for the reference. A reference that
- * is NaN or infinite holds the drive where it is; whatever the reference, the drive is finite and inside its limits.
- * The output moves the integral action, where PIEZO_INTEGRAL_GAIN is not 0 and the guard trusts the sensor, and it is
- * handed to the learner, PIEZO_BLOCK samples at a time. */
+/* The interrupt: take the output that the last drive produced, and return the drive for the reference. A reference that
+ * is NaN or infinite holds the drive; the drive is always finite and inside its limits. The output moves the integral
+ * action, if PIEZO_INTEGRAL_GAIN is not 0 and the guard trusts the sensor, and goes to the learner in blocks of
+ * PIEZO_BLOCK samples. */
 piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref, piezo_real y_measured_before);
 
-/* The task: learn from one block of samples; whether there was one. New weights are taken PIEZO_DELAY samples behind
- * the samples that they come from, so the drive does not depend on when the task ran. Where it is later than that, they
- * are taken with the next block; where PIEZO_BLOCKS are full, samples are left out. Both are counted. */
+/* The task: learn from one block of samples; 0 if there was none. New weights are taken over PIEZO_DELAY samples after
+ * their block, so the drive does not depend on when the task ran. If the task is later than that, they are taken over
+ * with the next block; if PIEZO_BLOCKS are full, samples are lost. Both are counted. */
 int piezo_learn(piezo_axis *axis);
 
 /* May be called from anywhere. */
 piezo_events piezo_get_events(const piezo_axis *axis);
 #else
-/* The drive that brings the actuator to the reference. A reference that is NaN or infinite holds the drive where it is;
- * whatever the reference, the drive is finite and inside its limits. */
+/* The drive that brings the actuator to the reference. A reference that is NaN or infinite holds the drive; the drive
+ * is always finite and inside its limits. */
 piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref);
 #endif
 
-/* Integral action, where PIEZO_INTEGRAL_GAIN is not 0: take the output that the last drive has produced. With learning,
- * piezo_step does it; alone, call it before each step where there is a sensor. */
+/* Integral action, if PIEZO_INTEGRAL_GAIN is not 0: take the output that the last drive produced. With learning,
+ * piezo_step does it; without, call it before each step if there is a sensor. */
 void piezo_correct(piezo_axis *axis, piezo_real y_measured);
 
-/* What follows is to be called between two steps, while piezo_learn is at rest. */
+/* Call the following functions between two steps, while piezo_learn does not run. */
 
-/* Go on with another model. What it would drive differently at this moment is added to the drive and multiplied by
- * fade, 0 <= fade < 1, after each sample: exp(-sample time / time constant), 0 to let the drive jump. A model without
- * an inverse is refused, and nothing changes. Learning starts anew from it, and samples and weights that are on their
- * way are dropped. */
+/* Change the model. The difference between both models' drives at this moment is added to the drive and multiplied by
+ * fade, 0 <= fade < 1, after each sample: exp(-sample time / time constant), 0 for a jump. A model without an inverse
+ * is refused, and nothing changes. Learning restarts from the new model; samples and weights in transit are dropped. */
 piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, piezo_real fade);
 
 /* Limits of the drive and its largest change from sample to sample, in input units. */
@@ -128,7 +126,7 @@ piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high,
 /* Gain of the integral action per second, from 0 to 1 / PIEZO_SAMPLE_TIME_S. */
 piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second);
 
-/* The states of the actuator, to be carried over a restart of the controller. Learning starts anew from there. */
+/* The states of the actuator, to save over a restart of the controller. Learning restarts from them. */
 void piezo_get_state(const piezo_axis *axis, piezo_state *state);
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state);
 

@@ -1,9 +1,9 @@
-/* The learner of core/learner.h with the parameters of this export, the task behind the step. */
+/* The learner of core/learner.h with the parameters of this export. */
 #include "piezo.h"
 #include "piezo_learner.h"
 
 #if defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wunused-function" /* not every function of the core is needed here */
+#pragma GCC diagnostic ignored "-Wunused-function" /* some functions of the core are unused */
 #endif
 
 #ifdef PIEZO_FLOAT
@@ -82,21 +82,21 @@ void piezo_learner_begin(void *learner, const double *weights)
 {
     const Learner l = learner_at(learner);
     unknowns_of(l.shape, PIEZO_MIDDLE, weights, l.in_use);
-    l.clock->past_share = 0; /* what a cycle remembers is of the model before */
+    l.clock->past_share = 0; /* the memory of past cycles belongs to the model before */
     learner_begin(&l, 1);
 }
 
 #if PIEZO_LEARNING == PIEZO_EXACT
-/* Solve the program of a cycle at once, warm from the weights in use. */
+/* Solve the program of a cycle, warm-started from the weights in use. */
 static int solve_cycle(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
     void *const memory = workspace_of(l).solver;
-    const int found = box_solve_from(memory, l->d, c->P, c->q, c->lower, c->upper, c->start) == OK;
-    if (found) {
+    const int solved = box_solve_from(memory, l->d, c->P, c->q, c->lower, c->upper, c->start) == OK;
+    if (solved) {
         memcpy(c->answer, box_at(memory).answer, (size_t)l->d * sizeof(real));
     }
-    return found;
+    return solved;
 }
 #elif PIEZO_LEARNING == PIEZO_ACCELERATED
 static int solve_cycle(const Learner *l)
@@ -114,8 +114,8 @@ static int solve_cycle(const Learner *l)
 }
 #endif
 
-/* Counters that other threads may read. */
-static void tell(piezo_axis *axis, const Learner *l)
+/* Update the counters that other threads may read. */
+static void publish_counts(piezo_axis *axis, const Learner *l)
 {
     const LearnerMemory *const m = l->memory;
     const num counts[] = {m->hand_overs, m->refusals, m->faults, m->failures};
@@ -133,12 +133,12 @@ int piezo_learn(piezo_axis *axis)
     }
 #if PIEZO_LEARNING == PIEZO_EXACT || PIEZO_LEARNING == PIEZO_ACCELERATED
     if ((learner_learn(&l) & PROGRAM) && !solve_cycle(&l)) {
-        l.cyclic.answer[0] = (real)NAN; /* which the learner refuses */
+        l.cyclic.answer[0] = (real)NAN; /* the learner refuses it */
     }
 #else
     learner_learn(&l);
 #endif
-    tell(axis, &l);
+    publish_counts(axis, &l);
     return 1;
 }
 

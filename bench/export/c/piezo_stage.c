@@ -1,5 +1,4 @@
-/* A simulated stage, gain and one play, in place of yours: write these three functions and the limits for your
- * hardware. */
+/* A simulated stage, a gain and one play. Replace the three functions and the limits by those of your hardware. */
 #include "piezo_stage.h"
 
 #include "piezo.h"

@@ -65,7 +65,7 @@ class LoopRequest(Request):
         if self.file is not None:
             add_file(self.file)
         if first:
-            solver = cls(**self.task.asked(cls, 1.0))
+            solver = cls(**self.task.settings_for(cls, 1.0))
             solver.setup(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.full(2, np.inf)))
             solver.solve()
         return drive(self.setup)

@@ -13,13 +13,19 @@ TARGETS = (1e3, 1e0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
 STAGES = {"update": "#56b4e9", "solve": "#0072b2"}
 
 
-def figures(found: Measurements, summary: pd.DataFrame) -> list[Figure]:
-    """All of them, the picture of the project first."""
-    return [work_precision(found), performance_profile(found), sizes(found), stages(summary), within_periods(found)]
+def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
+    """All figures, work and precision first."""
+    return [
+        work_precision(measurements),
+        performance_profile(measurements),
+        sizes(measurements),
+        stages(summary),
+        within_periods(measurements),
+    ]
 
 
-def work_precision(found: Measurements) -> Figure:
-    """Worst cost gap against time, a line a solver over its settings."""
+def work_precision(measurements: Measurements) -> Figure:
+    """Worst cost gap against time, a line for each solver over its settings."""
     defaults = Mark("hollow", where="datum.is_default && datum.front", colour=INK, size=110.0)
     return Figure(
         "work_precision",
@@ -29,7 +35,7 @@ def work_precision(found: Measurements) -> Figure:
         "an answer is there before the next sample. In colour: the paper's method at a step a sample and those that "
         "are at a gap of 1e-9 first. In a ring: what the library does by default. Gaps below 1e-17 and above 1e3 are "
         "drawn at these.",
-        pictures.work_precision(found),
+        pictures.work_precision(measurements),
         [
             Plot(
                 Axis("total_us", "time for one answer: update and solve, µs", log=True),
@@ -43,7 +49,7 @@ def work_precision(found: Measurements) -> Figure:
     )
 
 
-def performance_profile(found: Measurements) -> Figure:
+def performance_profile(measurements: Measurements) -> Figure:
     """ρ(τ) of the best solver lanes."""
     return Figure(
         "performance_profile",
@@ -52,7 +58,7 @@ def performance_profile(found: Measurements) -> Figure:
         f"answer (Dolan and Moré 2002), with one setting for all problems, of the {pictures.MOST_IN_PROFILE} with the "
         "least τ in the geometric mean. Higher is better; the left end says how often it is the fastest, the right "
         "end how often it is right.",
-        pictures.performance_profile(found),
+        pictures.performance_profile(measurements),
         [
             Plot(
                 Axis("factor", "τ: times as long as the fastest", log=True),
@@ -63,9 +69,9 @@ def performance_profile(found: Measurements) -> Figure:
     )
 
 
-def sizes(found: Measurements) -> Figure:
+def sizes(measurements: Measurements) -> Figure:
     """Time against the number of unknowns."""
-    table = pictures.sizes(found)
+    table = pictures.sizes(measurements)
     return Figure(
         "sizes",
         "Time by size",
@@ -86,7 +92,7 @@ def sizes(found: Measurements) -> Figure:
 
 
 def stages(summary: pd.DataFrame) -> Figure:
-    """Shares of an answer's time, a plot a lane."""
+    """Shares of update and solve in an answer's time, a plot for each lane."""
     table = pictures.stages(summary)
     bars = table.groupby(["lane", "view"]).name.nunique().groupby("lane").max()
     return Figure(
@@ -112,7 +118,7 @@ def stages(summary: pd.DataFrame) -> Figure:
     )
 
 
-def within_periods(found: Measurements) -> Figure:
+def within_periods(measurements: Measurements) -> Figure:
     """Gap within a budget of sampling periods."""
     return Figure(
         "anytime",
@@ -120,7 +126,7 @@ def within_periods(found: Measurements) -> Figure:
         "The best cost gap of a solver's settings and limits of iterations within so many sampling periods, median "
         "over the problems; lower and further left is better. In colour: the paper's method and those that are exact "
         f"first. Gaps below {LEAST_GAP:g} are drawn at that.",
-        anytime.drawn(anytime.anytime(found)),
+        anytime.drawn(anytime.anytime(measurements)),
         [
             Plot(
                 Axis("budget", f"sampling periods of {PERIOD_US:g} µs", log=True),

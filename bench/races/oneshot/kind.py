@@ -1,5 +1,5 @@
-"""The one-shot race as the rest sees it, and the anytime race, which is one with limits of iterations whose report
-begins with another picture."""
+"""The one-shot race, and the anytime race: a one-shot race with iteration limits whose report begins with the accuracy
+within a time."""
 
 from bench.races.kind import Kind
 from bench.races.oneshot import report

@@ -1,8 +1,8 @@
 """The one-shot race: every problem, in each scaling, by every solver in every lane at every setting of its ladder.
 
-For each problem and scaling the solvers come one after the other, each hot in its own process on the same core
-(`first_pass`); when all is measured, a second pass follows at one setting each (`second_pass`). Beside them runs a
-solver that does nothing, the floor of all times.
+For each problem and scaling the solvers are timed one after the other, each hot in its own process on the same core
+(`first_pass`); a second pass follows at one setting of each (`second_pass`). The null solver, which does nothing, is
+the floor of all times.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from bench.races.driver import Part, Race
 from bench.races.oneshot.first_pass import FirstPass
 from bench.races.oneshot.second_pass import second_pass
 from bench.races.oneshot.settings import OneshotSettings, tasks_of
-from bench.races.run_problems import keep_proofs, problems_of
+from bench.races.run_problems import problems_of, save_certificates
 from solvers.registry import Described
 
 
@@ -31,15 +31,15 @@ class OneshotRace(Race[OneshotSettings]):
 
     @property
     def child(self) -> ChildSettings:
-        """Solvers must not look into what they are judged by."""
+        """Hide the certificates from the solvers."""
         return replace(super().child, hidden=(str(self.run.path.resolve()), str(user_cache.folder())))
 
     def prepare(self, resources: ExitStack) -> None:
-        """Make the problems, or load them."""
+        """Generate or load the problems."""
         self.problems = list(problems_of(self.run, self.settings, self.progress))
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
-        """The first pass and the second; the solver that does nothing opens each part."""
+        """The first pass and the second; each part begins with the null solver."""
         settings, floor = self.settings, null_solver.ENTRY
         first = [
             FirstPass(
@@ -71,5 +71,5 @@ class OneshotRace(Race[OneshotSettings]):
         yield second_pass(self.run, settings, field, first)
 
     def finish(self) -> None:
-        """Write the proofs, which solvers must not see."""
-        keep_proofs(self.run, self.problems)
+        """Save the certificates, which solvers must not see."""
+        save_certificates(self.run, self.problems)

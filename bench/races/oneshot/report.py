@@ -1,4 +1,4 @@
-"""What a one-shot race says and shows."""
+"""The report of a one-shot race."""
 
 import math
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ HEADINGS = {
     "solve_us_max": "longest solve, µs",
     "interleaved_us_p50": "solve in turns, µs",
 }
-"""Who, how right and how fast come first, for a screen without the room for all."""
+"""Solver, accuracy and times come first, since a screen may cut off the others."""
 WRONG = ("solver", "lane", "scaling", "status", "times", "settings", "such as", "message")
 BESIDE = ("lane", "timed", "unknowns", "problems", "ours", "µs", "other", "version", "other, µs", "ratio")
 WRAPPERS = ("solver", "lane", "settings", "problems", "µs", "direct, µs", "ratio")
@@ -85,21 +85,21 @@ DEFINITIONS = (
 
 
 def report(run: Run) -> Report:
-    """Everything from the rows of a finished run."""
-    found, settings = Measurements(run.rows(ONESHOT), run.times()), run.settings
-    summary, table, costs = summaries.summary(found), ranking(found), optima(run, found.rows)
+    """The report of a finished run."""
+    measurements, settings = Measurements(run.rows(ONESHOT), run.times()), run.settings
+    summary, table, costs = summaries.summary(measurements), ranking(measurements), optima(run, measurements.rows)
     drift = settings.get("conditions", {}).get("sentinel_drift", 0.0)
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
-    wrong = [[marked(solver), *others] for solver, *others in summaries.failures(found)]
+    wrong = [[marked(solver), *others] for solver, *others in summaries.failures(measurements)]
     return Report(
-        verdict(found, settings["machine"]["core"], drift),
+        verdict(measurements, settings["machine"]["core"], drift),
         short_table(table, note),
         summary,
-        figures(found, summary),
+        figures(measurements, summary),
         terminal=short_table(table, note, terminal=True),
-        scope=f"{found.problems} problem{'s' if found.problems != 1 else ''}",
-        notes=[*below_rounding(costs), *notes(found, summary), *_hosts(found), *_models(run)],
+        scope=f"{measurements.problems} problem{'s' if measurements.problems != 1 else ''}",
+        notes=[*below_rounding(costs), *notes(measurements, summary), *_hosts(measurements), *_models(run)],
         definitions=[*DEFINITIONS, *_of_repeats(run)],
         tables=[
             Table(
@@ -112,7 +112,7 @@ def report(run: Run) -> Report:
             Table(
                 "Ours beside each of the others",
                 BESIDE,
-                _beside(found, settings.get("field", {})),
+                _beside(measurements, settings.get("field", {})),
                 2,
                 ("lane", "timed", "unknowns"),
                 "Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
@@ -120,7 +120,7 @@ def report(run: Run) -> Report:
             ),
             Table(
                 "Time by size",
-                *_sizes(pictures.time_by_size(found)),
+                *_sizes(pictures.time_by_size(measurements)),
                 2,
                 (),
                 "Median µs of update and solve by number of unknowns, where every answer of that size was right to "
@@ -129,7 +129,7 @@ def report(run: Run) -> Report:
             Table(
                 "What a wrapper costs",
                 WRAPPERS,
-                _wrappers(found),
+                _wrappers(measurements),
                 3,
                 ("lane",),
                 "Median µs of update and solve through a package, over that of the same library in the lane direct at "
@@ -157,7 +157,7 @@ def report(run: Run) -> Report:
 
 
 def anytime_report(run: Run) -> Report:
-    """The same, beginning with how exact an answer is after so many sampling periods."""
+    """The same report, beginning with the accuracy within sampling periods."""
     whole, gaps = report(run), anytime.anytime(Measurements(run.rows(ONESHOT), run.times()))
     *others, first = whole.figures
     return replace(
@@ -170,20 +170,18 @@ def anytime_report(run: Run) -> Report:
     )
 
 
-def _hosts(found: Measurements) -> list[str]:
-    others = sorted(set(found.every.host) - {found.host})
-    return (
-        [
-            f"Times are those of {found.host}, where most was measured; accuracy is judged by what {', '.join(others)} "
-            "measured, too."
-        ]
-        if others
-        else []
-    )
+def _hosts(measurements: Measurements) -> list[str]:
+    others = sorted(set(measurements.every.host) - {measurements.host})
+    if not others:
+        return []
+    return [
+        f"Times are those of {measurements.host}, where most was measured; accuracy is judged by what "
+        f"{', '.join(others)} measured, too."
+    ]
 
 
 def _models(run: Run) -> list[str]:
-    """What the model of a recording is worth that is kept beside its problems."""
+    """Sentences about the models of recordings: their errors, or the reasons for their absence."""
     return [
         f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} "
         "% of the range (RMS) on the last fifth; deploy takes it."
@@ -193,7 +191,7 @@ def _models(run: Run) -> list[str]:
     ]
 
 
-def _beside(found: Measurements, versions: Mapping[str, str]) -> list[list[str]]:
+def _beside(measurements: Measurements, versions: Mapping[str, str]) -> list[list[str]]:
     return [
         [
             row["lane"],
@@ -207,11 +205,11 @@ def _beside(found: Measurements, versions: Mapping[str, str]) -> list[list[str]]
             number(row["other_us"]),
             f"{row['ratio']:.2f}" if row["ratio"] >= 0.1 else f"{row['ratio']:.1g}",
         ]
-        for row in like_with_like(found).to_dict("records")
+        for row in like_with_like(measurements).to_dict("records")
     ]
 
 
-def _wrappers(found: Measurements) -> list[list[str]]:
+def _wrappers(measurements: Measurements) -> list[list[str]]:
     return [
         [
             row["solver"],
@@ -220,16 +218,16 @@ def _wrappers(found: Measurements) -> list[list[str]]:
             str(row["problems"]),
             *(number(row[name]) for name in ("us", "direct_us", "ratio")),
         ]
-        for row in wrapper_share(found).to_dict("records")
+        for row in wrapper_share(measurements).to_dict("records")
     ]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a problem and scaling: its optimal cost ``V``, its ``yardstick``, |V| over that as ``optimum``, and the
-    constant ``c``, 0 for a program from a file; NaN where the problem's file is gone."""
-    found = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
+    """One row for each problem and scaling: optimal cost ``V``, ``yardstick``, their ratio ``optimum``, and constant
+    ``c``, 0 for a program from a file; NaN if the problem's file is missing."""
+    problems = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
     lines = []
-    for line in found.to_dict("records"):
+    for line in problems.to_dict("records"):
         try:
             form = run.problem(line["problem_set"], line["problem"]).forms[line["scaling"]]
         except RunError:
@@ -286,6 +284,6 @@ def _span(values: pd.Series) -> str:
 
 
 def _sizes(table: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows of the times by size."""
+    """Headings and rows of the table of times by size."""
     lines = table.to_dict("split")["data"] if "time_us" not in table else []
     return ["problems", "solver", *map(str, table.columns[2:])], [[*line[:2], *map(number, line[2:])] for line in lines]

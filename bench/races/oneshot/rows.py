@@ -1,4 +1,4 @@
-"""Rows of the one-shot race, each of one measurement: who, what, how right and how fast. None knows of a tier."""
+"""Rows of the one-shot race: each holds the accuracy and the times of one measurement, independent of tiers."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -7,40 +7,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.messages.task import Outcome, Row, Task
+from bench.messages.task import Row, Task
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
+from bench.races.oneshot.blocks import Measurement
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_US
-from solvers import Status
 
 
-def row_of(
-    problem: RaceProblem,
-    task: Task,
-    outcome: Outcome,
-    timed_gap: float = np.nan,
-    fault: tuple[Status, str] | None = None,
-) -> Row:
+def row_of(problem: RaceProblem, task: Task, measured: Measurement) -> Row:
     """The row of a task.
 
-    ``timed_gap`` is that of the answers that were timed, and ``fault`` what is wrong with the way in which they came.
-
-    ``periods`` is what the answer takes in sampling periods: the steps of a method that does one step a sample, else
-    the median of update and solve over 125 µs. Percentiles are NaN where the sample cannot support them.
+    ``periods`` is the duration of an answer in sampling periods: the number of steps of a method that does one step a
+    sample, else the median of update and solve over 125 µs. A percentile is NaN if the sample is too small for it.
     """
-    found = replace(judge(problem, task.scaling, outcome), timed_gap=timed_gap)
-    if fault is not None and not outcome.failure:
-        found = replace(found, status=fault[0], message=fault[1])
+    outcome = measured.outcome
+    judgement = replace(judge(problem, task.scaling, outcome), timed_gap=measured.timed_gap)
+    if measured.fault is not None:
+        judgement = replace(judgement, status=measured.fault[0], message=measured.fault[1])
     solve, update = outcome.solve_ns / 1e3, outcome.update_ns / 1e3
-    steps = outcome.asked.get("steps")
+    steps = outcome.settings.get("steps")
     span_um = problem.validation.span_um if problem.validation is not None else np.nan
     middle, tail = percentile(solve, 0.5), percentile(solve, 0.99)
     return {
-        **task.columns(outcome.asked),
+        **task.columns(outcome.settings),
         "task": replace(task, repeat=0).key,  # the same in all repeats
-        **asdict(found),
-        "model_error_um": found.model_error_percent / 100.0 * span_um,
+        **asdict(judgement),
+        "model_error_um": judgement.model_error_percent / 100.0 * span_um,
         "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
         "noise_um": problem.validation.noise_um if problem.validation is not None else np.nan,
         "setup_us": median(outcome.setup_ns / 1e3),
@@ -65,12 +58,12 @@ def row_of(
 
 
 def answer_us(row: Mapping[str, Any]) -> float:
-    """Update and solve, in the median."""
+    """Median time of update and solve."""
     return float(row["update_us"] + row["solve_us_p50"])
 
 
 def median(values: NDArray[Any]) -> float:
-    """Median, NaN of nothing."""
+    """Median; NaN of an empty array."""
     return float(np.median(values)) if values.size else np.nan
 
 

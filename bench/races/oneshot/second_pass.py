@@ -1,15 +1,15 @@
-"""The second pass, after all settings were measured on all problems: starts from the optimum before, more calls of the
-fastest, and turns.
+"""The second pass, after all settings were measured on all problems: warm starts, more calls of the fastest solvers,
+and interleaved solves.
 
-Each solver lane has one setting here: that which stands for 1e-9, else for 1e-6, else its defaults, by first
-answers alone. Timed answers are to data that each race draws anew, and with them two races of the same problems would
-take turns at different settings, which cannot be compared. The run notes the settings when the pass begins, since it
-measures some of the rows again from which they follow, and a resumed race has to go on as it began.
+Each solver lane has one setting here: the one chosen for 1e-9, else for 1e-6, else its defaults, by first answers
+alone. Timed answers are not used for this choice, since each race draws their data anew: two races of the same problems
+would then be interleaved at different settings, and could not be compared. The run notes the settings when the pass
+begins, because the pass replaces some of the rows from which they follow, and a resumed race must not change them.
 
-Where solvers take turns, each sits ready in its own process, all on the same core, and has one update and solve a
-round, in a shuffled order; between two turns of one solver all others have had theirs, so that it finds the caches as
-they left them. Cold solves have rounds of their own, and so have warm ones. A compensator that has other work in a
-sampling period sits between this and the hot figures. So a problem is never divided between workers.
+Interleaved solvers are each ready in their own process, all on the same core. In every round each of them does one
+update and solve, in a shuffled order, so that it finds the caches as the others left them. Cold and warm solves have
+separate rounds. A compensator with other work in its sampling period lies between these figures and the hot ones. A
+problem is therefore never divided between workers.
 """
 
 import math
@@ -17,7 +17,6 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import pandas as pd
 
 from bench.derived.measurements import at_tiers
@@ -28,11 +27,11 @@ from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races import null_solver
 from bench.races.driver import Tell
-from bench.races.oneshot.blocks import Timings, ask
+from bench.races.oneshot.blocks import joined, run_block, set_up
 from bench.races.oneshot.first_pass import FirstPass, Pass
 from bench.races.oneshot.rows import answer_us, median, number
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.worker import OneShot
+from bench.races.oneshot.worker import BlockOutcome
 from bench.store import Planned, Run
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
@@ -40,14 +39,14 @@ from solvers import Lane, Status, Tier
 from solvers.registry import FAMILIES, Described
 
 LONGEST_US = 1000.0
-"""Whatever takes longer hot has no turn: caches do not matter there, and time does."""
+"""Longest hot answer of an interleaved solver: caches hardly affect longer ones."""
 PREFERRED = (Tier.HIGH, Tier.MID)
 NEAR = 2.0
 """Largest ratio of a candidate's time to that of the fastest of its lane."""
-ENOUGH = 3_000
+CANDIDATE_CALLS = 3_000
 """Calls of a candidate over all problems, enough for p99.9."""
 WARM_UP = 1
-"""Calls before the first turn, of a solver that has been hot."""
+"""Number of untimed rounds."""
 
 SolverKey = tuple[str, str, str]
 """Scaling, solver and lane."""
@@ -57,150 +56,142 @@ SolverKey = tuple[str, str, str]
 class SecondPass(Pass):
     """One setting of each solver lane; the tasks are those that are measured longer and those that start warm."""
 
-    turns: tuple[Task, ...]
-    """All that take turns, cold and warm."""
+    interleaved: tuple[Task, ...]
+    """Cold and warm tasks."""
     calls: int
-    """Of those that are measured longer."""
+    """Number of calls of the tasks that are measured longer."""
 
     def work(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
-        """More calls of some, warm starts, and turns."""
+        """Measure candidates longer, then warm starts, then interleaved solves."""
         effort = self.settings.effort
         for task in self.tasks:
             tell(task)
             if task.start == "cold":
                 if run.task(task)[0][0]["samples"] < self.calls:
                     fresh = FreshData(self.form, self.calls)
-                    self.measure(run, pool, task, fresh, Effort(1.0, 1, self.calls), look_closer=False)
+                    self.measure(run, pool, task, fresh, Effort(1.0, 1, self.calls), test_for_cheating=False)
             elif not run.is_done(task):
-                self.measure(run, pool, task, FreshData(self.form, effort.most), effort, look_closer=True)
+                self.measure(run, pool, task, FreshData(self.form, effort.most), effort, test_for_cheating=True)
         for start in ("cold", "warm") if self.settings.rounds else ():
-            self._take_turns(run, pool, [task for task in self.turns if task.start == start])
+            self._interleave(run, pool, [task for task in self.interleaved if task.start == start])
         return [run.task(task)[0][0] for task in self.tasks]
 
-    def _take_turns(self, run: Run, pool: SolverPool, tasks: Sequence[Task]) -> None:
-        """Rounds of those that are quick, whose figures are added to the tasks on disk."""
-        kept = {task.key: run.task(task) for task in tasks}
-        quick = [task for task in tasks if answer_us(kept[task.key][0][0]) <= LONGEST_US]
+    def _interleave(self, run: Run, pool: SolverPool, tasks: Sequence[Task]) -> None:
+        """Interleave the quick ones of the tasks, and add the figures to their rows."""
+        saved = {task.key: run.task(task) for task in tasks}
+        quick = [task for task in tasks if answer_us(saved[task.key][0][0]) <= LONGEST_US]
         fresh, seed = FreshData(self.form, self.settings.effort.most), f"{self.settings.seed} {self.name}"
-        for task, timings in take_turns(quick, pool.children, self.form, fresh, self.settings.rounds, seed):
-            (row,), times = kept[task.key]
-            solves = np.concatenate(timings.solves)
+        for task, calls in interleave(quick, pool.children, self.form, fresh, self.settings.rounds, seed):
+            (row,), times = saved[task.key]
+            solve_us = calls.solve_ns / 1e3
             figures = {
-                "interleaved_us_p50": median(solves / 1e3),
-                "interleaved_us_p99": number(percentile(solves / 1e3, 0.99).value),
+                "interleaved_us_p50": median(solve_us),
+                "interleaved_us_p99": number(percentile(solve_us, 0.99).value),
             }
-            turns = {"interleaved_update": np.concatenate(timings.updates), "interleaved_solve": solves}
-            run.save(task, [row | figures], {**times, **turns})
+            raw = {"interleaved_update": calls.update_ns, "interleaved_solve": calls.solve_ns}
+            run.save(task, [row | figures], {**times, **raw})
 
 
-def take_turns(
+def interleave(
     tasks: Sequence[Task],
     children: Mapping[tuple[str, Lane], SolverChild],
     form: CertifiedForm,
     fresh: FreshData,
     rounds: int,
     seed: str,
-) -> list[tuple[Task, Timings]]:
-    """Times and answers of the turns of each task; a task that fails on the way has none.
+) -> list[tuple[Task, BlockOutcome]]:
+    """Times and answers of the interleaved solves of each task; tasks that fail are left out.
 
     Parameters
     ----------
     tasks : sequence of Task
-        All on one problem in one scaling, one of each solver lane, whose process has one solver ready.
+        All on one problem in one scaling, one for each solver lane, whose process keeps one solver ready.
     children : mapping
-        By name and lane.
+        Processes by name and lane.
     form : CertifiedForm
-        What is set up.
+        The problem of the set-up.
     fresh : FreshData
-        What is solved, one call a round.
+        Data of the rounds, one call each.
     rounds : int
-        Turns of each.
     seed : str
-        The order in each round follows from it.
+        Determines the order in each round.
     """
-    timings = {task.key: Timings() for task in tasks}
-    ready = []
-    for task in tasks:
-        child = children[task.solver, task.lane]
-        if not child.ask(OneShot.of(task, form, times_itself=child.entry.times_itself)).failure:
-            ready.append(task)
-    for task in list(ready):
-        if ask(children[task.solver, task.lane], task, *fresh.unseen(WARM_UP)).failure:
-            ready.remove(task)
     chance = random.Random(seed)
-    for _ in range(rounds):
+    ready = [task for task in tasks if not set_up(children[task.solver, task.lane], task, form).failure]
+    blocks: dict[str, list[BlockOutcome]] = {task.key: [] for task in ready}
+    for at in range(-WARM_UP, rounds):
         chance.shuffle(ready)
         data = fresh.unseen(1)
-        ready = [
-            task
-            for task in ready
-            if not timings[task.key].take(ask(children[task.solver, task.lane], task, *data)).failure
-        ]
-    return [(task, timings[task.key]) for task in tasks if task in ready]
+        for task in list(ready):
+            block = run_block(children[task.solver, task.lane], task, *data)
+            if block.failure:
+                ready.remove(task)
+            elif at >= 0:
+                blocks[task.key].append(block)
+    return [(task, joined(blocks[task.key])) for task in tasks if task in ready]
 
 
 def second_pass(
     run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[FirstPass]
 ) -> list[SecondPass]:
-    """The second pass over every problem, by what the first has found."""
+    """The parts of the second pass, by the rows of the first."""
     if "second_pass" not in run.settings:
         rows = pd.DataFrame(run.rows_so_far())
         run.note(second_pass=planned(rows[rows.solver != null_solver.ENTRY.name]))
-    plan = {
-        (each["scaling"], each["solver"], each["lane"], each["setting"]): each["longer"]
-        for each in run.settings["second_pass"]
+    longer = {
+        (plan["scaling"], plan["solver"], plan["lane"], plan["setting"]): plan["longer"]
+        for plan in run.settings["second_pass"]
     }
-    calls = math.ceil(ENOUGH / max(1, len({part.problem.name for part in first}) * settings.repeats))
+    calls = math.ceil(CANDIDATE_CALLS / max(1, len({part.problem.name for part in first}) * settings.repeats))
     warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
-    found = []
+    parts = []
     for part in first:
         floor, *tasks = part.tasks
-        chosen = [
-            (task, plan[key])
-            for task in tasks
-            if (key := (part.scaling, task.solver, str(task.lane), task.setting.text)) in plan
-            and run.task(task)[0][0]["status"] == Status.OK
-        ]
-        warm = [
-            replace(task, start="warm")
-            for task, _ in chosen
-            if part.form.warm_start is not None and (task.solver, task.lane) in warm_startable
-        ]
-        found.append(
+        cold, longer_cold, warm = [floor], [floor], []
+        for task in tasks:
+            key = (part.scaling, task.solver, str(task.lane), task.setting.text)
+            if key not in longer or run.task(task)[0][0]["status"] != Status.OK:
+                continue
+            cold.append(task)
+            if longer[key]:
+                longer_cold.append(task)
+            if part.form.warm_start is not None and (task.solver, task.lane) in warm_startable:
+                warm.append(replace(task, start="warm"))
+        parts.append(
             SecondPass(
                 part.run,
                 f"{part.name}--turns",
-                (floor, *(task for task, longer in chosen if longer), *warm),
+                (*longer_cold, *warm),
                 part.repeat,
                 settings,
                 part.problem,
                 part.scaling,
-                (floor, *(task for task, _ in chosen), *warm),
+                (*cold, *warm),
                 calls,
             )
         )
-    return found
+    return parts
 
 
 def planned(rows: pd.DataFrame) -> list[Planned]:
-    """The setting of each solver lane in each scaling: that of the first of PREFERRED that its first answers reach,
-    else the default."""
+    """The setting of each solver lane in each scaling: the one chosen for the first of PREFERRED that its first answers
+    reach, else the default."""
     rows = rows.assign(timed_gap=math.nan)
     tiers = tier_settings(rows)
-    near = near_fastest(at_tiers(rows, tiers))
+    candidates = near_fastest(at_tiers(rows, tiers))
     reached = [tiers[(tiers.tier == tier) & (tiers.setting != "")] for tier in PREFERRED]
-    found: dict[SolverKey, str] = {}
-    for part in (*reached, rows[rows.is_default]):
-        for line in part.to_dict("records"):
-            found.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
+    settings: dict[SolverKey, str] = {}
+    for table in (*reached, rows[rows.is_default]):
+        for line in table.to_dict("records"):
+            settings.setdefault((line["scaling"], line["solver"], line["lane"]), line["setting"])
     return [
-        {"scaling": key[0], "solver": key[1], "lane": key[2], "setting": setting, "longer": key in near}
-        for key, setting in found.items()
+        {"scaling": key[0], "solver": key[1], "lane": key[2], "setting": setting, "longer": key in candidates}
+        for key, setting in settings.items()
     ]
 
 
 def near_fastest(rows: pd.DataFrame) -> set[SolverKey]:
-    """The solver lanes between which a decision may have to be made, wrappers left out."""
+    """The solver lanes, wrappers left out, that are near the fastest of their lane at 1e-9."""
     rows = rows[(rows.tier == Tier.HIGH) & ~rows.lane.isin([str(lane) for lane in FAMILIES])]
     us = (rows.update_us + rows.solve_us_p50).groupby([rows.scaling, rows.solver, rows.lane]).median()
     best = us.groupby(level=["scaling", "lane"]).transform("min")

@@ -1,8 +1,8 @@
-"""Settings of a one-shot race, and what is measured by them in its first pass.
+"""Settings of a one-shot race, and the tasks of its first pass.
 
-That is every setting of every solver on every problem in the first scaling, and its defaults in the others. A
-wrapper is measured at its defaults and at one setting more, that which asks for a cost gap nearest to 1e-8,
-since it shows what calling a library in another way costs; cvxpy on some problems only.
+In the first scaling every setting of every solver is measured on every problem, in the others only the defaults. A
+wrapper shows the cost of another way to call a library, so it is measured at its defaults and at one more setting, the
+one for a cost gap nearest to 1e-8; cvxpy on some problems only.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,25 +17,25 @@ from solvers import Lane
 from solvers.registry import FAMILIES, Described
 
 EXPONENT = 8.0
-"""Of the setting at which wrappers are compared."""
+"""Exponent of the cost gap at which wrappers are compared."""
 MOST_OF_CVXPY = 5
-"""Problems on which cvxpy is measured."""
+"""Largest number of problems on which cvxpy is measured."""
 
 
 @dataclass(frozen=True)
 class OneshotSettings(RaceSettings):
-    """What is raced and how; stored with the run, so that it can be resumed."""
+    """Settings of a one-shot race."""
 
     problem_sets: tuple[str, ...] = ("paper", "measured")
     rounds: int = option(10, "Turns of each solver in shuffled rounds with the others.", least=0)
-    """Rounds in which solvers take turns, one update and solve each; 0 leaves them out."""
+    """Rounds of interleaved solves, one update and solve of each solver a round; 0 for none."""
     iteration_limits: tuple[int, ...] = ()
-    """Limits at which solvers that have one are measured beside their settings, ascending."""
+    """Ascending iteration limits at which solvers that have one are measured in addition."""
 
 
 @dataclass(frozen=True)
 class AnytimeSettings(OneshotSettings):
-    """Of a race that asks how exact an answer is after so much time."""
+    """Settings of a race that measures the accuracy within a time."""
 
     scalings: tuple[Scaling, ...] = ("scaled",)
     iteration_limits: tuple[int, ...] = (*(step * 10**power for power in range(6) for step in (1, 2, 5)), 10**6)
@@ -49,23 +49,23 @@ def tasks_of(
     scaling: Scaling,
     repeat: int = 0,
 ) -> Iterator[Task]:
-    """The tasks of the problem of that number among all in one scaling; those of a solver lane follow each other, from
-    loose to tight, then by growing limit of iterations."""
+    """The tasks of problem ``number`` in one scaling; those of a solver lane follow each other, from loose to tight,
+    then by iteration limit."""
     problem, first = problems[number], scaling == settings.scalings[0]
     for solver in field:
         if solver.lane is Lane.CVXPY and number not in evenly(len(problems), MOST_OF_CVXPY):
             continue
-        chosen = measured(solver) if first else [default_setting(solver)]
-        asked: list[tuple[Setting, dict[str, int]]] = [(setting, {}) for setting in chosen]
+        measured = first_pass_settings(solver) if first else [default_setting(solver)]
+        planned: list[tuple[Setting, dict[str, int]]] = [(setting, {}) for setting in measured]
         if solver.iteration_setting and first:
             rungs = {setting.text for setting in settings_of(solver)}
             limits = {limit: limited(solver, limit) for limit in settings.iteration_limits}
-            asked += [
+            planned += [
                 (setting, {solver.iteration_setting: limit})
                 for limit, setting in limits.items()
                 if setting.text not in rungs
             ]
-        for setting, more in asked:
+        for setting, more in planned:
             yield Task(
                 problem.set_name,
                 problem.name,
@@ -79,8 +79,8 @@ def tasks_of(
             )
 
 
-def measured(solver: Described) -> Sequence[Setting]:
-    """The settings of a solver that are measured."""
+def first_pass_settings(solver: Described) -> Sequence[Setting]:
+    """The settings of a solver that are measured in the first scaling."""
     every = settings_of(solver)
     if solver.lane not in FAMILIES or not solver.exponents:
         return every
@@ -89,7 +89,7 @@ def measured(solver: Described) -> Sequence[Setting]:
 
 
 def evenly(count: int, most: int) -> set[int]:
-    """At most so many of ``count`` numbers, evenly spread.
+    """At most ``most`` of the indices below ``count``, evenly spread.
 
     Examples
     --------

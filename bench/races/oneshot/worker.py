@@ -1,9 +1,9 @@
-"""The child's side of the one-shot race: solve one problem, then be timed on data that come block by block.
+"""The child's side of the one-shot race: solve one problem, then be timed on data that arrive block by block.
 
-*Hot*: update and solve of the same solver again and again, so that its code is in the caches. *Interleaved*: one update
-and solve at a time, between which other solvers have their turn on the same core. The clock is here in both; the data
-of a block are not here before it, and its answers are handed back with its times. The parent holds both against clocks
-and proofs of its own.
+*Hot*: the same solver updates and solves again and again, so that its code is in the caches. *Interleaved*: one update
+and solve at a time, and other solvers run on the same core in between. In both cases the clock runs in the child; the
+child receives the data of a block only when it is timed, and returns its answers with the times. The parent checks both
+against its own clock and its own certificates.
 """
 
 from __future__ import annotations
@@ -20,20 +20,19 @@ from qpsolvers import Problem
 from bench.messages.solver_info import real, solver_info
 from bench.messages.task import Outcome, Request, Task, attempt
 from bench.problem_files.program import copied, fields_of
-from bench.processes.worker import seen
+from bench.processes.worker import forbidden_actions
 from bench.timing.clock import time_block, time_call, time_kernel
 from solvers.arrays import Matrix, Vector
 from solvers.protocol import Nanoseconds, Solver
 
 
 @dataclass
-class Answered(Outcome):
-    """What came back of a block: the answers (n, d) that were timed; the parent adds what went by and what its process
-    took of the processor."""
+class BlockOutcome(Outcome):
+    """The timed answers (n, d) of a block; the parent adds the wall time and the CPU time of the child's process."""
 
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    passed_ns: int = 0
-    used_ns: int = 0
+    wall_ns: int = 0
+    cpu_ns: int = 0
 
     @property
     def calls_ns(self) -> Nanoseconds:
@@ -43,117 +42,117 @@ class Answered(Outcome):
 
 @dataclass(frozen=True)
 class OneShot(Request):
-    """Set a solver up, solve one problem, and keep the solver for the blocks that follow, until it is to set up another
-    one."""
+    """Set up a solver, solve one problem, and keep the solver for the blocks that follow, until the next set-up."""
 
     task: Task
     fields: Mapping[str, Any]
     """The program by field."""
     warm_start: Vector | None = None
-    """What every solve starts from; None for cold solves. Shape (d,)."""
+    """Start of every solve, shape (d,); None for cold solves."""
     c: float = 1.0
-    """The constant that the solver's ladder is made for."""
+    """Constant of the problem, which scales the solver's ladder."""
     times_itself: bool = False
-    """Whether it is timed inside its compiled code."""
+    """Whether the clock runs inside compiled code."""
 
     @classmethod
     def of(cls, task: Task, form: Any, times_itself: bool = False) -> Self:
-        """The request for a certified form, whose certificate and other windows stay with the parent."""
+        """The request for a certified form; its certificate and its other windows stay with the parent."""
         start = form.warm_start if task.start == "warm" else None
         return cls(task, fields_of(form.qp), start, form.unit, times_itself)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Run the task, at first once more to warm up; the same failures come again then."""
+        """Run the task; the first request of a process runs it twice, to warm up."""
 
-        def work() -> Outcome:
-            solver = _waiting[self.task.key] = TimedSolver(cls, self)
+        def run() -> Outcome:
+            solver = _ready[self.task.key] = TimedSolver(cls, self)
             return solver.begin()
 
-        _waiting.clear()
+        _ready.clear()
         if first:
-            attempt(work)
-        outcome = attempt(work)
-        if outcome.failure and (lost := _waiting.pop(self.task.key, None)) is not None:
-            outcome.mutated, outcome.asked = lost.were_inputs_changed(), lost.asked
+            attempt(run)
+        outcome = attempt(run)
+        if outcome.failure and (failed := _ready.pop(self.task.key, None)) is not None:
+            outcome.mutated, outcome.settings = failed.were_inputs_changed(), failed.settings
         return outcome
 
 
 @dataclass(frozen=True)
 class Block(Request):
-    """Update and solve once for each P (n, d, d) and q (n, d), timed, by the solver that is kept for the task of this
-    key.
+    """Time update and solve for each P (n, d, d) and q (n, d), with the solver that is ready for the task of this key.
 
-    After the call at which ``most_ns`` are spent no other begins.
+    No call begins after ``most_ns`` are spent.
     """
 
     key: str
     P: Matrix
     q: Matrix
-    watch: bool
+    inspect: bool
+    """Whether to look for objects that the solver replaced."""
     most_ns: float
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Time them."""
-        return replace(_waiting[self.key].block(self.P, self.q, self.most_ns), seen=seen() if self.watch else ())
+        """Time the block."""
+        outcome = _ready[self.key].block(self.P, self.q, self.most_ns)
+        return replace(outcome, forbidden_actions=forbidden_actions() if self.inspect else ())
 
 
 @dataclass(frozen=True)
 class End(Request):
-    """Solve the first problem once more, say how the solver behaved, and forget it."""
+    """Solve the first problem once more, report how the solver behaved, and drop the solver."""
 
     key: str
     budget_s: float
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Time some more set-ups, too, within the budget."""
-        return replace(_waiting.pop(self.key).end(self.budget_s), seen=seen())
+        """Time further set-ups as well, within the budget."""
+        return replace(_ready.pop(self.key).end(self.budget_s), forbidden_actions=forbidden_actions())
 
 
-_waiting: dict[str, TimedSolver] = {}
-"""The solver of this process that waits for data, by task."""
+_ready: dict[str, TimedSolver] = {}
+"""The solver of this process that is ready for blocks, by the key of its task."""
 
 
 class TimedSolver:
-    """A solver that is set up on the problem of a request, with data of its own for updates."""
+    """A solver that is set up on the problem of a request, with separate arrays for updates."""
 
     def __init__(self, cls: type[Solver], request: OneShot) -> None:
-        self._cls, self._request, self._given = cls, request, Problem(**request.fields)
-        # A solver that writes into one spoils neither the other nor ours.
-        self._handed, self._updated = copied(self._given), copied(self._given)
+        self._cls, self._request, given = cls, request, Problem(**request.fields)
+        # Two copies, since a solver that writes into one must spoil neither the other nor the request.
+        self._for_setup, self._for_update = copied(given), copied(given)
         self._start = None if request.warm_start is None else request.warm_start.copy()
+        self._content = self._bytes()
         self._time = time_kernel if request.times_itself else time_block
-        self.asked = request.task.asked(cls, request.c)
-        self.solver = cls(**self.asked)
+        self.settings = request.task.settings_for(cls, request.c)
+        self.solver = cls(**self.settings)
         self._solve: Callable[[], Any] = (
             self.solver.solve if self._start is None else partial(self.solver.solve, self._start)
         )
         self._setups: list[int] = []
-        self._spoiled = False
+        self._block_was_changed = False
 
     def begin(self) -> Outcome:
-        """Set up and solve the first problem, untimed but for the set-up."""
+        """Set up and solve the first problem; only the set-up is timed."""
         self._setups.append(self.setup())
-        found = self._solve()
-        self._first = x = real(found)
+        answer = self._solve()
+        self._first = x = real(answer)
         info = solver_info(self.solver.solution())
         if self._request.task.setting.rung_text:  # the iterate at the limit is the answer, whatever the solver reports
-            if not np.isfinite(x).all() and (stood := self.solver.iterate()) is not None:
-                x = real(stood)
+            if not np.isfinite(x).all() and (iterate := self.solver.iterate()) is not None:
+                x = real(iterate)
             info["found"] |= bool(np.isfinite(x).all())
-        return Outcome(
-            x=x, asked=self.asked, returned="" if type(found) is np.ndarray else type(found).__name__, **info
-        )
+        returned = "" if type(answer) is np.ndarray else type(answer).__name__
+        return Outcome(x=x, settings=self.settings, returned=returned, **info)
 
     def setup(self) -> int:
-        """Nanoseconds of setting the solver up."""
-        return time_call(partial(self.solver.setup, self._handed))
+        """Nanoseconds of one set-up."""
+        return time_call(partial(self.solver.setup, self._for_setup))
 
     def block(self, P: Matrix, q: Matrix, most_ns: float) -> Outcome:
-        """Time a block; its data are as they were afterwards."""
+        """Time a block, and check that its data are unchanged afterwards."""
         sums, before = (P.sum(), q.sum()), preemptions()
         timed = self._time(self.solver, P, q, self._start, most_ns)
-        self._spoiled |= (P.sum(), q.sum()) != sums
-        return Answered(
+        self._block_was_changed |= (P.sum(), q.sum()) != sums
+        return BlockOutcome(
             found=True,
             preemptions=preemptions() - before,
             update_ns=timed.updates,
@@ -162,9 +161,9 @@ class TimedSolver:
         )
 
     def end(self, budget_s: float) -> Outcome:
-        """Whether the first data give the first answer again, and whether inputs are as they were."""
-        P = self._updated.P if isinstance(self._updated.P, np.ndarray) else self._updated.P.toarray()
-        self.solver.update(P=P, q=self._updated.q)  # which takes dense data
+        """Whether the first data give the first answer again, and whether the inputs are unchanged."""
+        P = self._for_update.P if isinstance(self._for_update.P, np.ndarray) else self._for_update.P.toarray()
+        self.solver.update(P=P, q=self._for_update.q)  # which takes dense data
         again = real(self._solve())
         changed = self.were_inputs_changed()
         for _ in range(2):
@@ -178,18 +177,19 @@ class TimedSolver:
         )
 
     def were_inputs_changed(self) -> bool:
-        """Whether the solver wrote into what it was given."""
-        pairs = [
-            pair
-            for taken in (self._handed, self._updated)
-            for pair in zip(arrays(self._given), arrays(taken), strict=True)
-        ]
-        pairs += [] if self._start is None else [(self._request.warm_start, self._start)]
-        return self._spoiled or any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+        """Whether the solver wrote into an array that it was given."""
+        return self._block_was_changed or self._bytes() != self._content
+
+    def _bytes(self) -> list[bytes]:
+        """Contents of every array that the solver gets outside blocks."""
+        given = [*arrays(self._for_setup), *arrays(self._for_update)]
+        if self._start is not None:
+            given.append(self._start)
+        return [array.tobytes() for array in given]
 
 
 def preemptions() -> int:
-    """How often this process was taken off its core so far."""
+    """How often this process has been taken off its core."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
 
 

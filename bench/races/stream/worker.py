@@ -90,7 +90,7 @@ class StreamRequest(Request):
     def _set_up(self, cls: type[Solver]) -> Solver:
         """A new solver, set up with its own copy of the start."""
         forgetting = {"forgetting": self.forgetting} if cls.takes_rows else {}
-        solver = cls(**self.task.asked(cls, self.c), **forgetting)
+        solver = cls(**self.task.settings_for(cls, self.c), **forgetting)
         solver.setup(copied(self.start))
         return solver
 
@@ -100,7 +100,7 @@ class StreamRequest(Request):
             timeline = follow(samples, run.absorb, run.update, run.solve, run.keep, give_up=self.give_up)
         return Streamed(
             found=True,
-            asked=self.task.asked(cls, self.c),
+            settings=self.task.settings_for(cls, self.c),
             timeline=timeline,
             answers=run.answers[: timeline.solved.size],
             mutated=run.mutated(timeline.samples),
@@ -125,7 +125,7 @@ class StreamRequest(Request):
                 done += nanoseconds.size
         return Streamed(
             found=True,
-            asked=self.task.asked(cls, self.c),
+            settings=self.task.settings_for(cls, self.c),
             answers=np.concatenate(answers),
             kernel_ns=np.concatenate(times),
         )

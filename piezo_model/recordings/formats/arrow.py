@@ -1,5 +1,4 @@
-"""A stream of Arrow batches, as ``piezobench live`` leaves one where it could not end: read up to its last whole
-batch."""
+"""A stream of Arrow batches, which ``piezobench live`` leaves if it is interrupted; read up to its last whole batch."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -14,11 +13,11 @@ from piezo_model.recordings.tables import ReadOptions, Table, parsed
 
 NAME = "a stream of Arrow batches"
 CONTINUATION = b"\xff\xff\xff\xff"
-"""With which every message of a stream begins."""
+"""First bytes of every message of a stream."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether the file starts as a stream of Arrow does."""
+    """Whether the file starts like a stream of Arrow."""
     return head.startswith(CONTINUATION) and path.suffix in (".arrow", ".arrows")
 
 
@@ -33,12 +32,12 @@ class StreamTable(Table):
 
 
 def whole_batches(path: Path) -> Iterator[pa.RecordBatch]:
-    """The whole batches of a stream, in order; a last one that was cut short ends them."""
+    """The batches of a stream in order, up to a truncated one."""
     with pa.OSFile(str(path)) as source, suppress(pa.ArrowException, OSError):
         yield from pa.ipc.open_stream(source)
 
 
-def open_table(path: Path, reading: ReadOptions) -> StreamTable:
+def open_table(path: Path, options: ReadOptions) -> StreamTable:
     """Read the columns."""
     with parsed(path, "Arrow stream"), pa.OSFile(str(path)) as source:
         schema = pa.ipc.open_stream(source).schema

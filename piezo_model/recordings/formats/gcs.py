@@ -1,6 +1,6 @@
 """PI's General Command Set array, as PIMikroMove and ``qDRR`` write it: a header of ``# KEY = value``, then rows.
 
-``SAMPLE_TIME`` is in seconds, ``NAMEn`` says what was recorded, for instance
+``SAMPLE_TIME`` is in seconds, and ``NAMEn`` names a recorded signal, for instance
 "Target Position of axis 1" (PI manual SM146, section on GCS arrays).
 """
 
@@ -22,11 +22,11 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.lstrip().startswith(b"#") and b"END_HEADER" in head and b"SEPARATOR" in head
 
 
-def open_table(path: Path, reading: ReadOptions) -> TextTable:
-    """Read rows as of any text, whose comments the header is, and from that sampling period, names and units."""
+def open_table(path: Path, options: ReadOptions) -> TextTable:
+    """Read the rows like any text with comments, and sampling period, names and units from the header."""
     with path.open("rb") as file:
         header = dict(ENTRY.findall(file.read(HEAD_BYTES).decode("latin-1")))
-    table = text.open_table(path, reading)
+    table = text.open_table(path, options)
     try:
         period = float(header["SAMPLE_TIME"]) if "SAMPLE_TIME" in header else None
     except ValueError:
@@ -38,6 +38,6 @@ def open_table(path: Path, reading: ReadOptions) -> TextTable:
             header.get(f"UNIT{k}", ""),
             sample_time=table.columns[k].sample_time if period is None else period,
         )
-        for k, name in enumerate(distinct(names))  # two axes may record the same thing under one name
+        for k, name in enumerate(distinct(names))  # two axes may have the same name
     )
     return replace(table, columns=tuple(columns), form="GCS array")

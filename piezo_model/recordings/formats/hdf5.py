@@ -1,7 +1,7 @@
 """HDF5, NeXus and MATLAB 7.3 files: every dataset of numbers is a column, or several, by its path ``group/channel``.
 
-Plain columns are read in slices. Units stand in the attribute ``units`` (NeXus) or ``unit``; a scalar dataset or an
-attribute whose name is that of a sampling rate or period gives the period.
+Plain columns are read in slices. The attribute ``units`` (NeXus) or ``unit`` gives the unit, and a scalar dataset or an
+attribute with the name of a sampling rate or period gives the period.
 """
 
 from dataclasses import dataclass
@@ -15,21 +15,20 @@ from piezo_model.recordings.sampling_remark import sample_time_in
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "an HDF5 file"
-APART = True
+SUBPROCESS = True
 UNITS = ("Unit", "Units", "unit", "units")
-"""Attributes that hold one; the last that is there counts."""
+"""Attributes with a unit; the last one found counts."""
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether the signature of HDF5 stands at the start or at one of the places where it may, and not in a file of
-    MATLAB."""
+    """Whether the file has the signature of HDF5 at one of its possible offsets, and is not a MATLAB file."""
     return not head.startswith(b"MATLAB ") and any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048, 4096))
 
 
 @dataclass(frozen=True)
 class Slices:
-    """A column that is read in slices; the file is not kept open, since that locks it."""
+    """A column that is read in slices; the file is closed in between, since an open one is locked."""
 
     path: Path
     dataset: str
@@ -47,7 +46,7 @@ class Slices:
             return np.asarray(file[self.dataset][rows])
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
+def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     """List the datasets; plain columns are left in the file."""
     import h5py
 
@@ -72,7 +71,7 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
 
 
 def _stated(holders: list[Any], datasets: list[Any]) -> float | None:
-    """The sampling period, where attributes and scalars state exactly one."""
+    """The sampling period, if attributes and scalars state exactly one."""
     scalars = [
         (key, value)
         for holder in holders

@@ -1,7 +1,7 @@
 """MATLAB files: versions 4 to 7 by scipy, 7.3 (which is HDF5) by pymatreader.
 
-A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``) is a channel of that name, as Simulink and
-dSPACE write them; otherwise a variable is a column by its path, a matrix one column for each of its columns, and a cell
+A struct with fields ``Name`` (or ``label``) and ``Data`` (or ``values``), as of Simulink and dSPACE, is a channel of
+that name. Any other variable is a column named by its path; a matrix gives a column for each of its columns, and a cell
 array one for each cell.
 """
 
@@ -17,17 +17,17 @@ from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a MATLAB file"
-APART = True
+SUBPROCESS = True
 NAMES, VALUES, UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether the text at the start says MATLAB; version 4 has none and is told by its suffix and its first number."""
+    """Whether the file starts with MATLAB's text; version 4 has none but a suffix and a first number."""
     version_4 = path.suffix.lower() == ".mat" and head[:4] in (b"\0\0\0\0", b"\x0a\0\0\0", b"\0\0\x03\xe8")
     return head.startswith(b"MATLAB ") or version_4
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
+def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     """Read every variable."""
     with path.open("rb") as file:
         modern = file.read(10) == b"MATLAB 7.3"
@@ -51,7 +51,7 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
 
 
 def _arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, NDArray]]:
-    """Every array of numbers under a value, with its path; units as they are met."""
+    """Paths and arrays of all numbers in a value; their units are added to ``units``."""
     if isinstance(value, dict):
         plain = {str(key).lower(): item for key, item in value.items()}
         name, data, unit = (next((plain[key] for key in keys if key in plain), None) for keys in (NAMES, VALUES, UNITS))

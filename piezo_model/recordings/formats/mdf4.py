@@ -5,19 +5,19 @@ from pathlib import Path
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, distinct, in_memory, parsed
 
 NAME = "an MDF file"
-APART = True
+SUBPROCESS = True
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it starts as an MDF file, closed or not."""
+    """Whether the file starts like an MDF file, finished or not."""
     return head.startswith((b"MDF     ", b"UnFinMF "))
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
+def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     """Read the channels of numbers."""
     from asammdf import MDF
 
-    found = []
+    channels = []
     with parsed(path, "MDF"), MDF(path) as file:
         groups = [k for k, group in enumerate(file.groups) if group.channel_group.cycles_nr > 1]
         for k in groups:
@@ -25,8 +25,8 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
                 signal = file.get(group=k, index=at)
                 if signal.samples.ndim == 1:
                     name = channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}"
-                    found.append((name, signal))
-    signals = dict(zip(distinct([name for name, _ in found]), (signal for _, signal in found), strict=True))
+                    channels.append((name, signal))
+    signals = dict(zip(distinct([name for name, _ in channels]), (signal for _, signal in channels), strict=True))
     return in_memory(
         path,
         "MDF",

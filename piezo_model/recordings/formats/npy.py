@@ -10,11 +10,11 @@ NAME = "a NumPy file"
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is an array."""
+    """Whether the file is an array."""
     return head.startswith(b"\x93NUMPY")
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
+def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     """Open an array of rows and columns, or a structured array."""
     with parsed(path, "NumPy"):
         array = np.load(path, mmap_mode="r", allow_pickle=False)

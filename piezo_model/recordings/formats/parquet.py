@@ -9,14 +9,13 @@ from pyarrow.parquet import ParquetFile
 
 from piezo_model.recordings.arrow_columns import arrays_of, column_of
 from piezo_model.recordings.chunks import BUFFER_BYTES, RecordingError
-from piezo_model.recordings.tables import ReadOptions, Table, parsed
+from piezo_model.recordings.tables import BATCH_ROWS, ReadOptions, Table, parsed
 
 NAME = "a Parquet file"
-BATCH_ROWS = 1 << 17
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether the file starts as a Parquet file."""
+    """Whether the file starts like a Parquet file."""
     return head.startswith(b"PAR1")
 
 
@@ -27,7 +26,7 @@ class ParquetTable(Table):
     def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
         """Stream columns."""
         names = [self.columns[k].name for k in at]
-        # Buffered and not fetched ahead: otherwise a row group, which may be the whole file, is held at once.
+        # Buffered and not prefetched: otherwise a row group, which may be the whole file, is held in memory.
         with parsed(self.path, "Parquet"), ParquetFile(self.path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
             for k in at:
                 if self.columns[k].kind not in ("number", "clock"):
@@ -39,7 +38,7 @@ class ParquetTable(Table):
                 yield arrays_of(batch.select(names))
 
 
-def open_table(path: Path, reading: ReadOptions) -> ParquetTable:
+def open_table(path: Path, options: ReadOptions) -> ParquetTable:
     """Read the columns from the footer."""
     with parsed(path, "Parquet"), ParquetFile(path) as table:
         fields, rows = tuple(table.schema_arrow), table.metadata.num_rows

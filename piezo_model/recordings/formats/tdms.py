@@ -1,4 +1,4 @@
-"""TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a waveform knows its sampling period."""
+"""TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a waveform has its sampling period."""
 
 import logging
 from pathlib import Path
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
 NAME = "a TDMS file"
-APART = True
+SUBPROCESS = True
 UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it starts as a TDMS file."""
+    """Whether the file starts like a TDMS file."""
     return head.startswith(b"TDSm")
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
+def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     """Read the channels."""
     from nptdms import TdmsFile
     from nptdms.log import log_manager
 
-    log_manager.set_level(logging.ERROR)  # that a file was cut off shows in its rows
+    log_manager.set_level(logging.ERROR)  # a truncated file has fewer rows
     with parsed(path, "TDMS"):
         groups = TdmsFile.read(path, raw_timestamps=True).groups()
         channels = {
@@ -41,7 +41,7 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
 
 
 def _exact(values: Any) -> NDArray:
-    """Times to the nanosecond: the library's own conversion cuts off what is less than a microsecond."""
+    """Times to the nanosecond; the library's own conversion truncates to microseconds."""
     if not hasattr(values, "second_fractions"):
         return np.asarray(values)
     nanoseconds = np.rint(values.second_fractions * (1e9 * 2.0**-64)).astype("m8[ns]")

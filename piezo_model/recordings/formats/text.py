@@ -1,4 +1,4 @@
-"""Plain text of every kind: `dialect` finds out from the first lines how it is written, then Arrow parses
+"""Plain text of every kind: `dialect` detects from the first lines how it is written, then Arrow parses it
 (`text_table`)."""
 
 import codecs
@@ -17,25 +17,26 @@ NAME = "plain text"
 READS = ("header_row", "decimal")
 SAMPLE_LINES = 1000
 SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
-ENCODING_NAMES = {"latin-1": "Latin-1", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16"}
+BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+ENCODING_NAMES = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
 
 
-def open_table(path: Path, reading: ReadOptions) -> TextTable:
+def open_table(path: Path, options: ReadOptions) -> TextTable:
     """Find encoding, dialect, header and the first and last row."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-        whole = not file.read(1)
+        complete = not file.read(1)
     encoding, mark = _encoding(path, head)
     lines = LINE.findall(head[mark:].decode(encoding, errors="replace"))
-    if not whole and len(lines) > 1:
+    if not complete and len(lines) > 1:
         lines = lines[:-1]
-    elif not whole and len(head) >= min(HEAD_BYTES, LONGEST_LINE):
+    elif not complete and len(head) >= min(HEAD_BYTES, LONGEST_LINE):
         raise RecordingError(f"{path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
-    header = None if reading.header_row is None else reading.header_row - 1
-    layout = layout_of(lines[:SAMPLE_LINES], reading.decimal, header) or layout_of(lines, reading.decimal, header)
+    header = None if options.header_row is None else options.header_row - 1
+    layout = layout_of(lines[:SAMPLE_LINES], options.decimal, header) or layout_of(lines, options.decimal, header)
     if layout is None:
         raise RecordingError(f"{path}: {_no_table(lines)}")
-    _refuse_two_meanings_of_a_comma(path, lines, layout)
+    _refuse_ambiguous_commas(path, lines, layout)
     start = mark + sum(len(line.encode(encoding, errors="replace")) for line in lines[: layout.start])
     start += len(lines[layout.start][: layout.glued].encode(encoding))
     stop, dropped = end_of_rows(path, encoding, layout, start)
@@ -45,12 +46,8 @@ def open_table(path: Path, reading: ReadOptions) -> TextTable:
 
 
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:
-    """Encoding, and bytes of the mark at the start."""
-    for mark, encoding in (
-        (codecs.BOM_UTF8, "utf-8"),
-        (codecs.BOM_UTF16_LE, "utf-16-le"),
-        (codecs.BOM_UTF16_BE, "utf-16-be"),
-    ):
+    """Encoding, and length of the byte order mark."""
+    for mark, encoding in BYTE_ORDER_MARKS.items():
         if head.startswith(mark):
             return encoding, len(mark)
     sample = head[:4096]
@@ -60,10 +57,9 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
                 return encoding, 0
         raise RecordingError(f"{path}: is neither plain text nor in a known format")
     try:
-        head.decode("utf-8")
-    except UnicodeDecodeError as error:
-        if error.end < len(head) - 4:  # else a character cut in two at the end of the head
-            return "latin-1", 0
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # the last character may be cut in two
+    except UnicodeDecodeError:
+        return "latin-1", 0
     return "utf-8", 0
 
 
@@ -76,7 +72,8 @@ def _no_table(lines: Sequence[str]) -> str:
     return "holds no rows of numbers in its first lines; --header-row says which row names the columns"
 
 
-def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: Layout) -> None:
+def _refuse_ambiguous_commas(path: Path, lines: Sequence[str], layout: Layout) -> None:
+    """Refuse a table whose commas seem to be both separators and decimal marks."""
     if layout.header is not None or layout.dialect.separator != "," or not layout.start:
         return
     header, cells = layout.dialect.split(lines[layout.start - 1]), layout.dialect.split(lines[layout.start])
@@ -88,13 +85,13 @@ def _refuse_two_meanings_of_a_comma(path: Path, lines: Sequence[str], layout: La
 
 
 def _form(encoding: str, layout: Layout, dropped: int) -> str:
-    rows = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
+    incomplete = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
     clauses = {
-        "text" + (f" in {ENCODING_NAMES[encoding]}" if encoding in ENCODING_NAMES else ""): True,
+        f"text{ENCODING_NAMES[encoding]}": True,
         f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}": True,
         "decimal comma": layout.dialect.decimal == ",",
         "no header" if layout.header is None else f"header in row {layout.header + 1}": True,
         "which holds the first row, too": layout.glued,
-        f"the last {rows} left out": dropped,
+        f"the last {incomplete} left out": dropped,
     }
     return ", ".join(clause for clause, holds in clauses.items() if holds)

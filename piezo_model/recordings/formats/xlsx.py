@@ -1,4 +1,4 @@
-"""Workbooks of Excel (.xlsx): the sheet with the most numbers, or the one that the user names."""
+"""Excel workbooks (.xlsx): the sheet with the most numbers, or the one that the user names."""
 
 import datetime
 import warnings
@@ -21,28 +21,28 @@ DAY_US = 86400e6
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is an archive that holds a workbook."""
+    """Whether the file is an archive with a workbook."""
     if not (head.startswith(b"PK\x03\x04") and zipfile.is_zipfile(path)):
         return False
     with zipfile.ZipFile(path) as archive:
         return "xl/workbook.xml" in archive.namelist()
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
-    """Read a sheet as the table of a text is read: header, units and first row are found alike."""
+def open_table(path: Path, options: ReadOptions) -> ArrayTable:
+    """Read a sheet like a text: header, units and first row are found in the same way."""
     import openpyxl
 
-    # Opened here: by a name openpyxl would judge the suffix. It warns of styles and extensions that it does not know.
+    # Opened here, since openpyxl checks the suffix of a name. It warns of unknown styles and extensions.
     with parsed(path, "Excel"), path.open("rb") as file, warnings.catch_warnings(action="ignore"):
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
         names = [sheet.title for sheet in book.worksheets]
-        if reading.sheet is not None and reading.sheet not in names:
+        if options.sheet is not None and options.sheet not in names:
             raise RecordingError(
-                f"{path}: has no sheet {reading.sheet!r}; its sheets are {', '.join(map(repr, names))}"
+                f"{path}: has no sheet {options.sheet!r}; its sheets are {', '.join(map(repr, names))}"
             )
-        sheets = {name: list(book[name].iter_rows(values_only=True)) for name in names if reading.sheet in (None, name)}
+        sheets = {name: list(book[name].iter_rows(values_only=True)) for name in names if options.sheet in (None, name)}
         book.close()
-    tables = {name: found for name, rows in sheets.items() if (found := _layout(rows, reading))}
+    tables = {name: table for name, rows in sheets.items() if (table := _layout(rows, options))}
     if not tables:
         raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
     name = max(tables, key=lambda name: len(sheets[name]) * len(tables[name][0].columns))
@@ -51,14 +51,14 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
     while rows and not any(isinstance(cell, int | float) for cell in rows[-1]):
         rows.pop()
     stated = sample_time_in("\t".join(map(_cell, row)) for row in sheets[name][: layout.start])
-    said = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
+    form = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
     arrays = [_values(path, layout, k, rows, name) for k in range(len(layout.columns))]
     columns = tuple(replace(column, rows=len(rows), sample_time=stated) for column in layout.columns)
-    return ArrayTable(path, said, columns, arrays)
+    return ArrayTable(path, form, columns, arrays)
 
 
-def _layout(rows: list[tuple[Any, ...]], reading: ReadOptions) -> tuple[Layout, int] | None:
-    """Find the table as in a text of which every cell is a field; and how many empty columns stand left of it."""
+def _layout(rows: list[tuple[Any, ...]], options: ReadOptions) -> tuple[Layout, int] | None:
+    """The layout of a sheet as a text separated by tabs, and the number of empty columns left of the table."""
     used = [k for row in rows for k, cell in enumerate(row) if cell is not None]
     if not used:
         return None
@@ -67,7 +67,7 @@ def _layout(rows: list[tuple[Any, ...]], reading: ReadOptions) -> tuple[Layout, 
         "\t".join(_cell(cell) for cell in (*row, *[None] * (last + 1 - len(row)))[first : last + 1])
         for row in rows[:1000]
     ]
-    layout = layout_of(lines, ".", None if reading.header_row is None else reading.header_row - 1)
+    layout = layout_of(lines, ".", None if options.header_row is None else options.header_row - 1)
     return None if layout is None or layout.dialect.separator != "\t" else (layout, first)
 
 
@@ -91,5 +91,5 @@ def _values(path: Path, layout: Layout, at: int, rows: list[tuple[Any, ...]], sh
 
 def _cell(cell: Any) -> str:
     if isinstance(cell, datetime.datetime | datetime.time | datetime.timedelta):
-        return "00:00:00"  # a clock, whatever it shows
+        return "00:00:00"  # any text that is a clock
     return "" if cell is None else str(cell).replace("\t", " ").replace("\n", " ")
