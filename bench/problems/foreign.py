@@ -15,6 +15,7 @@ from contextlib import closing
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
+from threading import Lock
 from typing import ClassVar
 
 import numpy as np
@@ -35,6 +36,9 @@ from solvers.certificate import WORK, NotCertified, verify
 
 Source = Callable[[], ReadProgram | RaceProblem]
 """Reads a program, or a problem saved with its proofs."""
+READING = Lock()
+"""Held while a file is read: NumPy parses the headers of arrays with ``ast``, which in several threads at once fails now
+and then (SystemError, CPython issue 106905)."""
 TEST_SET_LIMIT_S = 600.0
 """Time limit for making a test set; some download their programs."""
 
@@ -73,7 +77,8 @@ class ForeignPrograms(ProblemSet):
         """The problem, or the reason why there is none."""
         name, read = source
         try:
-            given = read()
+            with READING:
+                given = read()
             if isinstance(given, ReadProgram):
                 return self._certified(name, given, child)
             prove(child, replay, given)
