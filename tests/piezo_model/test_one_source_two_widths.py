@@ -50,11 +50,11 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
     before = np.vstack([np.full(COUNT, np.nan), y[:-1]])
     options = {"hand_over_s": 0.1, "integral_gain": integral_gain, "rate_limit": 3e4}
     bank = CompensatorBank(structure, COUNT, **options)
-    x = bank.run(y_ref[: SAMPLES // 2 + 7], before[: SAMPLES // 2 + 7])
+    middle = SAMPLES // 2 + 7
+    x = bank.run(y_ref[:middle], before[:middle])
     bank.save(tmp_path / "bank.npz")
-    x = np.vstack(
-        [x, CompensatorBank.load(tmp_path / "bank.npz").run(y_ref[SAMPLES // 2 + 7 :], before[SAMPLES // 2 + 7 :])]
-    )
+    bank = CompensatorBank.load(tmp_path / "bank.npz")
+    x = np.vstack([x, bank.run(y_ref[middle:], before[middle:])])
     for i in range(COUNT):
         single = SelfLearningCompensator(
             structure,
@@ -66,6 +66,8 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
         )
         assert single._block == bank.block
         np.testing.assert_array_equal(single.replay(y_ref[:, i], before[:, i]), x[:, i])
-        if faulty and i % 2:
-            assert single._memory["faults"] > 0
+        assert {name: counts[i] for name, counts in bank.counts.items()} == {
+            name: single._memory[name] for name in bank.counts
+        }
         assert single.counts["hand_overs"] > 5
+        assert (single._memory["faults"] > 0) == (faulty and i % 2 == 1)
