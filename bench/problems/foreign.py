@@ -37,8 +37,8 @@ from solvers.certificate import WORK, NotCertified, verify
 Source = Callable[[], ReadProgram | RaceProblem]
 """Reads a program, or a problem saved with its proofs."""
 READING = Lock()
-"""Held while a file is read: NumPy parses the headers of arrays with ``ast``, which in several threads at once fails now
-and then (SystemError, CPython issue 106905)."""
+"""Held while a file is read: NumPy parses the headers of arrays with ``ast``, which in several threads at once may fail
+with SystemError (CPython issue 106905)."""
 TEST_SET_LIMIT_S = 600.0
 """Time limit for making a test set; some download their programs."""
 
