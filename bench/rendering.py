@@ -1,4 +1,4 @@
-"""What comes from outside, where it is shown: units of a recording's header, names of files, messages of solvers.
+"""Safe rendering of text from outside: units in a recording's header, names of files, messages of solvers.
 
 Each target has one function that makes such text harmless there or refuses it, and one place that applies it: the
 console, and an environment of templates for HTML, XML, Markdown and C. HTML, XML and Markdown are escaped wherever a

@@ -103,7 +103,7 @@ class QpsolversSolver(LibrarySolver):
 
 
 def _first_of(extras: Mapping[str, Any], *names: str) -> Any:
-    """The first of these entries in the extras of a solution or in their object ``info``; None if there is none."""
+    """The first of these entries in the extras of a solution or in their object ``info``, or None."""
     info = extras.get("info", {})
     inside = info if isinstance(info, Mapping) else {name: getattr(info, name, None) for name in names}
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)

@@ -48,7 +48,7 @@ class Device(Protocol):
         """Connect to the hardware, whose drive is at rest."""
 
     def exchange(self, x: float) -> float:
-        """Write the drive (input unit) and return the measured output (output unit), NaN if there is none."""
+        """Write the drive (input unit) and return the measured output (output unit), NaN if missing."""
 
     def close(self) -> None:
         """Release the hardware."""

@@ -32,7 +32,7 @@ WORK = 5e10
 
 
 class NotCertified(Exception):
-    """No proof of an optimum exists, or the proof at hand is wrong; the message is one sentence that says why."""
+    """No proof of an optimum exists, or the proof at hand is wrong; the message is one sentence with the reason."""
 
 
 class Work:

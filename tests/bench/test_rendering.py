@@ -35,7 +35,7 @@ are."""
 @pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize(("unit", "output_unit"), UNITS)
-def test_a_unit_that_is_a_program_is_written_and_never_run(
+def test_a_unit_that_is_code_is_written_and_never_executed(
     piezobench: CommandLine, tmp_path: Path, unit: str, output_unit: str
 ) -> None:
     touched = tmp_path / "touched"
@@ -94,7 +94,7 @@ def test_hostile_text_reaches_a_terminal_as_text(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
-def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(
+def test_a_terminal_that_lacks_characters_is_no_reason_to_fail(
     piezobench: CommandLine, tmp_path: Path, encoding: str
 ) -> None:
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)

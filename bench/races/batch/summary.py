@@ -1,6 +1,6 @@
 """Numbers and sentences of a batch race; `report` renders them.
 
-A row of the *summary* stands for one contestant with a number of threads at one batch size, over its turns. Programs
+A row of the *summary* is one contestant with a number of threads at one batch size, over its turns. Programs
 per second come from wall time; programs per second and core from CPU time, on which other load of the machine has far
 less influence:
 

@@ -71,7 +71,7 @@ def run_block(
         if n and block.answers.shape == (n, q.shape[1]) and block.update_ns.shape == block.solve_ns.shape == (n,):
             block.wall_ns, block.cpu_ns = wall_ns, cpu_ns
             return block
-    return BlockOutcome("tampered", "its process answers what it was not asked")
+    return BlockOutcome("tampered", "its process sent an answer that was not requested")
 
 
 def joined(blocks: Sequence[BlockOutcome]) -> BlockOutcome:
@@ -132,7 +132,7 @@ def hidden_cpu_time(
             break
     if len(ratios) < POSITIVE:
         return ""
-    return f"its process takes {ratios[0]:.1f} times as much of the processor as most of its calls say"
+    return f"its process takes {ratios[0]:.1f} times as much CPU time as most of its calls report"
 
 
 def timed(
