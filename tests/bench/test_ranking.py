@@ -22,7 +22,7 @@ def test_a_tier_that_is_not_reached_has_no_time_but_the_number_of_problems_that_
     assert cells(rows, terminal=True)["daqp"] == ["1 0.008", "✗2/3", "✗2/3", "✗2/3", "–"]
 
 
-def test_a_tier_that_was_not_raced_has_no_column_and_one_without_a_result_has_a_dash() -> None:
+def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_result_has_a_dash() -> None:
     noisy = ladder({"p1": [1e-14]}, noise_um=0.01, stage_excess=0.0)
     assert short_table(ranking(measured(ladder({"p1": [1e-14]}))), "").headings[2:] == [
         "to 1e-3",

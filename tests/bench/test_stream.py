@@ -346,7 +346,7 @@ def test_the_bound_of_the_machines_misses_counts_stalls_by_their_length(
 
 
 @pytest.mark.parametrize(("missed", "unfit"), [(50, False), (51, True)])
-def test_the_verdict_begins_with_the_machines_own_missed_deadlines(missed: int, unfit: bool) -> None:
+def test_too_many_missed_deadlines_of_the_machine_itself_are_stated_first(missed: int, unfit: bool) -> None:
     rows = [paced_row("null", 5000, missed, missed), paced_row("daqp", 5000, 0, 0)]
     table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000)
     sentences = stream_summary.verdict(table, settings)

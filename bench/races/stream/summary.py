@@ -167,7 +167,7 @@ def _first(values: Iterable[str]) -> str:
 
 
 def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
-    """Sentences on the solvers that keep the schedule, if the machine permits them, and on the cost of stale answers."""
+    """Sentences on the solvers that keep the schedule, if the machine permits any, and on the cost of stale answers."""
     floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
     sentences = []
     if not table.machine_keeps.all():
