@@ -3,7 +3,7 @@
     class Stage:
         input_unit, output_unit = "V", "um"
         x_limits, y_range = (0.0, 150.0), (-20.0, 20.0)      # of the drive, and what the output can reach
-        rate_limit, rest = 5000.0, 0.0                       # largest change of the drive per second; where it rests
+        rate_limit, rest = 5000.0, 0.0                       # largest change of the drive per second; drive at rest
         def open(self): ...
         def exchange(self, x): ...                           # write the drive, return what was measured
         def close(self): ...

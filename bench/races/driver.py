@@ -3,7 +3,7 @@ machine.
 
 A kind of race is a :class:`Race`: its requests to solvers, and the rows made of their answers. Its tasks are grouped in
 parts, each run by one worker in one go. Every finished task is saved before the next one starts; the notes of a part
-(where it ran, what disturbed it, the sentinel's samples) come last and mark it as done. Parts are grouped in phases:
+(its host, disturbances, the sentinel's samples) come last and mark it as done. Parts are grouped in phases:
 the parts of a phase may be done in any order, and the next phase follows from the rows of the earlier ones.
 """
 

@@ -97,7 +97,7 @@ def first_independent(rows: IntegerRows) -> list[int]:
 
 
 def semidefinite_rank(P: IntegerRows, work: Work | None = None) -> int | None:
-    """The rank of a symmetric matrix that is proved positive semidefinite; None where it is proved not to be.
+    """The rank of a symmetric matrix that is proved positive semidefinite; None if it is proved not to be.
 
     Parameters
     ----------

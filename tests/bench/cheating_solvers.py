@@ -252,5 +252,5 @@ def written(folder: Path, name: str) -> Path:
 
 
 def write_all(folder: Path) -> list[Path]:
-    """One file each."""
+    """A solver file for each cheat."""
     return [written(folder, name) for name in CHEATS]

@@ -128,7 +128,7 @@ def clean_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    """Two of them, among solvers with every fault."""
+    """Two honest solvers among solvers with every fault."""
     folder = tmp_path_factory.mktemp("faulty")
     files = [word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)]
     return raced(piezobench, folder, "faulty", *files)

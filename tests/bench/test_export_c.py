@@ -266,7 +266,7 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_that_of_
             )
             for caller, called in calls:
                 graph.add(caller, called)
-            order = list(graph.static_order())  # CycleError where a function calls itself, however indirectly
+            order = list(graph.static_order())  # CycleError if a function calls itself, however indirectly
             assert len(order) > 10
             symbols = subprocess.run(
                 [program("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True

@@ -166,7 +166,7 @@ def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(tmp_pat
     (tmp_path / "programs").mkdir()
     for name in ("one", "two"):
         np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
-    (tmp_path / "cache").write_text("a file, where a folder would have to be")
+    (tmp_path / "cache").write_text("a file instead of a folder")
     call = subprocess.run(
         [
             sys.executable,

@@ -133,7 +133,7 @@ def test_an_absent_solver_that_is_selected_by_name_ends_the_race_with_the_reason
     [
         (
             "direct.daqp = tiny_solvers:Mine",
-            "the package tiny-solvers registers a solver daqp in the lane direct, where there is one",
+            "the package tiny-solvers registers a solver daqp in the lane direct, which has one",
         ),
         ("direct.a/b = tiny_solvers:Mine", "registers a solver as 'direct.a/b'"),
         ("direct.tiny = tiny_solvers", "the name is lane.name and the value module:Class"),

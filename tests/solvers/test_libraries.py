@@ -86,10 +86,10 @@ BEHIND = {
 LANES = {Lane.QPSOLVERS: qpsolvers_lane, Lane.CVXPY: cvxpy_lane}
 """Without free: qpsolvers hands a problem without constraints to SciPy."""
 SPREAD = ("clarabel", "daqp", "highspy", "osqp", "piqp", "proxsuite", "pyqpmad", "quadprog", "scs")
-"""Also tested with variables of very different size."""
+"""Solvers that are also tested with variables of very different size."""
 WARM = ("daqp", "mujoco", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scipy_slsqp", "scs")
 ADAPTING = ("osqp", "scs")
-"""These keep the penalty that the last solve has adapted."""
+"""Solvers that keep the penalty adapted by the last solve."""
 UNCOUNTED = ("fnnlseigen", "mujoco", "scipy_nnls")
 REFUSE_CROSSING = (
     "casadi_hpipm",

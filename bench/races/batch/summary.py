@@ -58,7 +58,7 @@ def best(table: pd.DataFrame, rate: str = "core_rate") -> pd.DataFrame:
 
 def everywhere_right(table: pd.DataFrame) -> pd.DataFrame:
     """Rows of the contestants whose judged answers are all right to 1e-9, at every batch size that was run."""
-    return table[table.groupby(ID_COLUMNS).share_high.transform("min") == 1.0]  # NaN where none was judged
+    return table[table.groupby(ID_COLUMNS).share_high.transform("min") == 1.0]  # NaN if none was judged
 
 
 def verdict(table: pd.DataFrame) -> list[str]:

@@ -213,7 +213,7 @@ def _cached_answers(child: SolverChild, task: Task, fresh: FreshData, call_ns: f
 
 
 def _gaps(fresh: FreshData, answers: Matrix) -> dict[int, float]:
-    """The larger of cost gap and violation of the sampled answers (n, d), where the optimum has a certificate."""
+    """The larger of cost gap and violation of the sampled answers (n, d), if the optimum has a certificate."""
     gaps = {}
     for call in fresh.sample:
         if call < len(answers) and (form := fresh.certified(call)) is not None:
