@@ -37,13 +37,13 @@ def c_string(text: str) -> Markup:
 
 def _character(byte: int) -> str:
     sign = chr(byte)
-    if sign in '"\\?':  # the question mark ends what could be a trigraph
+    if sign in '"\\?':  # the question mark could be part of a trigraph
         return "\\" + sign
     return sign if " " <= sign <= "~" else f"\\{byte:03o}"
 
 
 def xml(text: Any) -> Markup:
-    """Text of an element or attribute; what XML 1.0 cannot hold becomes U+FFFD.
+    """Text of an element or attribute; characters that XML 1.0 does not allow become U+FFFD.
 
     Examples
     --------

@@ -104,7 +104,7 @@ class LibrarySolver(Solver):
         """Make the library's object of the program and its rows."""
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
-        """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for what stays."""
+        """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for unchanged data."""
 
     @abstractmethod
     def run(self, warm_start: Vector | None) -> Vector | None:

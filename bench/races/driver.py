@@ -90,7 +90,7 @@ class Race(ABC, Generic[S]):
     spreads: ClassVar[bool] = False
     """Whether several workers may do its parts."""
     warnings: Sequence[str] = ()
-    """Sentences about what makes its times less certain."""
+    """Sentences about disturbances that make its times less certain."""
 
     def __init__(self, run: Run, settings: S, progress: Progress) -> None:
         self.run, self.settings, self.progress = run, settings, progress

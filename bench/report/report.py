@@ -57,7 +57,7 @@ class Figure:
     """File name of the data and of the picture."""
     title: str
     definition: str
-    """Definition of what is drawn, in sentences."""
+    """Definition of the plotted quantities, in sentences."""
     data: pd.DataFrame
     """The table of the plots."""
     plots: Sequence[Plot]

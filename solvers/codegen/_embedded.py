@@ -118,7 +118,7 @@ class Embedded(CompiledLibrary):
         return [*(word.encode() for word in words), *(path.read_bytes() for path in sorted(files))]
 
     def sources(self, shape: Shape, folder: Path) -> Sources:
-        """All C of this solver for problems of this shape; what is generated is written into ``folder``."""
+        """All C of this solver for problems of this shape; generated files are written to ``folder``."""
         (folder / "problem.h").write_text(shape.header(), encoding="utf-8")
         written = self.generate(shape, folder)
         files = (HERE / name for name in (f"{self.name}.c", *self.glue))

@@ -380,7 +380,7 @@ def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
         shutil.copy(desk / name, tmp_path)
     (tmp_path / "out.csv").write_text("old")
     arguments = {"identify": ["stage.csv"], "compensate": ["model.json", "path.csv"]}[verb]
-    # Once without the limit, so that the cache of compiled code, which is files too, is there.
+    # First without the limit, to write the cache of compiled code, which consists of files, too.
     assert piezobench(verb, *arguments, "--out", "first.csv", folder=tmp_path).status == 0
     sentence = refused(piezobench, tmp_path, verb, *arguments, "--out", "out.csv", largest_file=1000)
     assert "File too large" in sentence

@@ -288,7 +288,7 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_that_of_
             assert {kind for _, _, kind in frames} == {"static"}
             own = {name.rpartition(":")[2]: int(size) for name, size, _ in frames}
             depth: dict[str, int] = {}
-            for name in order:  # what is called comes first
+            for name in order:  # callees come first
                 depth[name] = own.get(name, 0) + max(
                     (depth[called] for caller, called in calls if caller == name), default=0
                 )

@@ -151,7 +151,7 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
     note = "open({!r}, 'a').write(self.name + '\\n')".format(str(tmp_path / "order"))
     files = [faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")]
     files.append(faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"))
-    # a diagonal of one is what their faults look for
+    # their faults depend on a unit diagonal
     unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)))
     orders = []
     for seed in ("a", "a", "b"):

@@ -70,7 +70,7 @@ def test_refusals_of_the_system_are_reported(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
         resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 
-    descriptor = os.open(tmp_path / "loop", os.O_RDONLY)  # whoever it runs as need not see the folder
+    descriptor = os.open(tmp_path / "loop", os.O_RDONLY)  # the user that it runs as may have no access to the folder
     try:
         done = subprocess.run(
             [f"/proc/self/fd/{descriptor}", "1000", "0.05", "80", "4000", "/dev/null"],

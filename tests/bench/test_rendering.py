@@ -55,7 +55,7 @@ def test_a_unit_that_is_code_is_written_and_never_executed(
         return done.stdout
 
     call("identify", "stage.parquet", "--out", "m.json")
-    # a reader of recordings drops what is no unit, a model file may hold anything
+    # readers of recordings drop invalid units, but a model file may contain any text
     file = json.loads((tmp_path / "m.json").read_text())
     file["structure"] |= {"input_unit": unit, "output_unit": output_unit}
     (tmp_path / "m.json").write_text(json.dumps(file))
@@ -87,7 +87,7 @@ def test_hostile_text_reaches_a_terminal_as_text(monkeypatch: pytest.MonkeyPatch
     console.print(HOSTILE)
     console.print(HOSTILE, style="bold")
     print_table((HOSTILE, "b"), [(HOSTILE, HOSTILE)])
-    text = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # what Rich itself does for bold text
+    text = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # Rich's own sequences for bold text
     assert text.count(r"[red]x[/blue] [/] :smile: \x1b[2J\x1b]0;owned\x07 \x9b31m") == 5
     assert all(sign.isprintable() or sign == "\n" for sign in text)
 

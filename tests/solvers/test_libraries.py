@@ -38,7 +38,7 @@ class Stated:
     """Whether the library may report at 1e-9 that it found no answer."""
 
 
-# Errors of x, whose entries are about 1, about ten times what was seen over eight seeds (trust-constr: two, qpax: one).
+# Errors of x, whose entries are about 1, about ten times the largest over eight seeds (trust-constr: two, qpax: one).
 # An interior point method that stops at a gap ε leaves up to √ε where a multiplier is small, a second-order cone
 # squares that, and SLSQP's tolerance is one on the cost; active set methods end at rounding.
 DIRECT = {

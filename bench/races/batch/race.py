@@ -108,7 +108,7 @@ class BatchRace(TaskRace[BatchSettings]):
 
     @property
     def child(self) -> ChildSettings:
-        """The memory limit applies to what a contestant needs beside the mapped programs."""
+        """The memory limit excludes the mapped programs."""
         child = super().child
         return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes) ** 2 // 2**20)
 
