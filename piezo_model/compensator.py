@@ -73,7 +73,7 @@ def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:
 
 
 class Compensator:
-    """Compensation of hysteresis and creep, open-loop or with integral action where a sensor stays in the loop.
+    """Compensation of hysteresis and creep, open-loop or with integral action if a sensor stays in the loop.
 
     Parameters
     ----------
@@ -83,10 +83,10 @@ class Compensator:
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
     state : OperatorState, optional
-        What the actuator has seen so far; at rest at the centre of the range by default. Taken as a copy.
+        States of the operators before the first sample, copied; at rest at the centre of the range by default.
     integral_gain : float
-        Of the integral action on what ``correct`` is told, in 1/s, from 0, none, to 1/sample_time: the bandwidth in
-        rad/s in which disturbances are suppressed.
+        Gain of the integral action on the outputs passed to ``correct``, in 1/s, from 0 (off) to 1/sample_time: the
+        bandwidth in rad/s in which disturbances are suppressed.
 
     Examples
     --------
@@ -162,7 +162,7 @@ class Compensator:
         weights = np.concatenate(
             [core["w_H"][: s.n + 1], core["w_S"][: s.dead_zones], core["w_K"][: s.creep_weights], core["offset"]]
         )
-        if not np.array_equal(self._model.all_weights, weights):  # the learner handed weights over
+        if not np.array_equal(self._model.all_weights, weights):  # a learner may have changed the weights
             self._model = HysteresisCreepModel.from_all_weights(s, weights)
         return self._model
 

@@ -24,7 +24,7 @@ from piezo_model.compensator_file import LearnerFile
 from piezo_model.core import bindings
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import Number
-from piezo_model.learning.driven_range import DrivenRange, RangeMemory
+from piezo_model.learning.driven_range import RangeMemory
 from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
 from piezo_model.learning.learner import Learner
 from piezo_model.learning.settings import LearningSettings, Mode
@@ -327,7 +327,7 @@ class SelfLearningCompensator(Learner):
         with self._core.alone():
             self.compensator.restore(found["compensator"])
             self._core.restore(found["learning"]["core"], bindings.learner_restore)
-            self._driven = DrivenRange(self._driven.looks, **found["learning"]["driven"])
+            self._driven.restore(found["learning"]["driven"])
             self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
             self._last_x = found["last_x"]
             self.log.clear()
@@ -355,8 +355,7 @@ class SelfLearningCompensator(Learner):
         if json_file.format_of(path) == LearnerFile.FORMAT:
             if options:
                 raise ValueError(
-                    f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be "
-                    f"given"
+                    f"{path} resumes with the settings it was saved with, so {sorted(options)[0]} must not be given"
                 )
             return cls._resumed(path)
         found = Deployment.load(path)

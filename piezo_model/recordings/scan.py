@@ -95,9 +95,9 @@ def scan(
     tolerance : float
         Allowed deviation of an interval, as a share of the sampling period.
     hold : int
-        Most rows of a table whose signals are kept in memory and not read again.
+        Largest number of rows that are kept in memory; a longer table is read again at every use.
     length : int
-        Most rows to read.
+        Largest number of rows to read.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def scan(
         clock, unit = None, options.sample_time or table.columns[signals[0]].sample_time or 1.0
     values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
     unread = [] if roles.unread is None else [roles.unread]
-    hold = 0 if (table.columns[signals[0]].rows or 0) > hold else hold  # nothing is held that will be dropped
+    hold = 0 if (table.columns[signals[0]].rows or 0) > hold else hold  # a longer table is not held at all
     first, last, held = np.inf, -np.inf, list[Matrix]()
     for chunk in rechunk(limited(table.chunks([*at, *unread]), length), CHUNK):
         for check, column in zip(values, chunk, strict=False):

@@ -1,4 +1,4 @@
-"""Continuous operation: drift, rest, faults and what is remembered over them."""
+"""Continuous operation: drift, rest, and faults, over which the learned weights are kept."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from piezo_model.learning.events import Phase
 
 
 def learned(share: float = 1.0) -> tuple[plants.Sensor, SelfLearningCompensator, np.ndarray, float]:
-    """A plant, a learner that has followed a reference on it, the reference, and the error that was left."""
+    """A plant, its learner after one reference, the reference, and the remaining error."""
     plant = sensor()
     learner, y_ref = learner_for(plant, "continuous"), share * steps(plant, 20.0)
     return plant, learner, y_ref, error_of(learner, y_ref, plant.run, plant, slice(-5000, None))
@@ -76,21 +76,21 @@ def test_a_sensor_that_was_zeroed_anew_is_learned_anew() -> None:
     assert any("learning begins anew" in event.message for event in learner.log)
 
 
-def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
+def test_a_wrong_slope_outside_the_driven_range_is_corrected() -> None:
     plant, learner, y_ref, before = learned()
     model = learner.model
     structure, w = model.structure, model.weights
     v = structure.inverse_slope_map @ w
-    v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope, as flat as it may be
+    v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope at its lower bound
     learner._core["candidate"][:] = v
     learner._memory["revert"] = 1.0  # whatever it predicts
     learner.run(y_ref[:20], plant.run)
     assert error_of(learner, y_ref, plant.run, plant, slice(-5000, None)) < 1.1 * before
 
 
-def test_another_solver_is_asked_at_each_interval_and_does_as_well() -> None:
+def test_another_solver_is_called_at_each_interval_and_does_as_well() -> None:
     errors = []
-    # the last is the default, which means the exact one
+    # the last one is the default, which selects the exact solver
     for solver in ("box_active_set", "daqp", "projected_difference"):
         plant = sensor()
         learner, y_ref = learner_for(plant, "continuous", solver, hand_over_s=0.05), 0.7 * steps(plant, 10.0)

@@ -1,4 +1,4 @@
-"""Integral action beside the compensator: what it does to a disturbance, at a limit, and with a sensor that fails."""
+"""Integral action beside the compensator: response to a disturbance, at the limits, and without valid samples."""
 
 from dataclasses import replace
 
@@ -19,8 +19,8 @@ LIMITS = (0.0, 150.0)
 
 
 def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Drives and errors (N,) of the loop over an actuator that the model describes exactly, with something added to its
-    output."""
+    """Drives and errors (N,) of the closed loop with an actuator that the model describes exactly and a disturbance
+    ``added`` to its output."""
     model = replace(MODEL, structure=STRUCTURE.turned()) if turned else MODEL
     compensator = Compensator(model, LIMITS, integral_gain=gain / T)
     state, x, error = OperatorState.at_rest(model.structure), np.empty(y_ref.size), np.empty(y_ref.size)
@@ -55,7 +55,7 @@ def test_what_the_limits_hold_back_is_not_added_up() -> None:
 
 def test_without_a_reference_or_an_output_nothing_is_added_up() -> None:
     compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
-    compensator.correct(5.0)  # nothing was driven yet
+    compensator.correct(5.0)  # before the first drive
     for y_ref, y in ((1.0, np.nan), (np.nan, 5.0), (np.inf, 5.0)):
         compensator.step(y_ref)
         compensator.correct(y)

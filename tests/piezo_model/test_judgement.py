@@ -61,9 +61,9 @@ def test_few_counted_samples_and_a_single_branch_are_reported() -> None:
     rng = np.random.default_rng(0)
     y = noisy(rng, creeping(rng, u), 0.001)
     model = identify(Recording.from_arrays(u, y, SAMPLE_TIME), skip=2000)
-    said = " ".join(model.report["findings"])
-    assert "Only 1000 of 3000 samples are counted" in said
-    assert "almost a single branch" in said
+    findings = " ".join(model.report["findings"])
+    assert "Only 1000 of 3000 samples are counted" in findings
+    assert "almost a single branch" in findings
 
 
 # Only the data decide.
@@ -200,7 +200,7 @@ def test_a_recording_with_another_period_or_unit_than_the_model_is_refused(
 
 
 def switched_on(period: float, size: float, length: int) -> Recording:
-    """A good stage whose first samples are the transient of an amplifier, ``size`` ranges high."""
+    """A stage whose recording begins with an amplifier's transient of ``size`` times the range."""
     rng, k = np.random.default_rng(4), np.arange(3000)
     u = np.sin(2 * np.pi * k / period) * (0.7 + 0.3 * np.sin(2 * np.pi * k / 700))
     y = noisy(rng, loops(rng, u, 0.2), 0.001)
@@ -251,7 +251,7 @@ def test_a_refusal_names_the_order_with_which_there_is_a_model() -> None:
 
 
 def excited(rate: int, highest: float, damping: float) -> Recording:
-    """A sweep up to a frequency, or a random drive, through a resonance at 919 Hz."""
+    """Response of a resonance at 919 Hz to a sweep up to a frequency, or to a random drive."""
     rng, t = np.random.default_rng(0), np.arange(20_000) / rate
     u = (
         np.sin(np.pi * highest * t**2 / t[-1])

@@ -103,7 +103,7 @@ COMMON = [
     ("creep_rates_per_s", ()),
     ("creep_rates_per_s", (1.0, -1.0)),
 ]
-"""Options of all, and values that none of them takes."""
+"""Common options with invalid values."""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What cannot be is refused in one sentence: stage, decoupling, compensator, learner, bank, data basis and plants."""
+"""Invalid arguments are refused in one sentence: stage, decoupling, compensator, learner, bank, data basis, plants."""
 
 import math
 from collections.abc import Callable

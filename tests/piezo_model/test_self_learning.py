@@ -1,4 +1,4 @@
-"""The self-learning compensator as a whole, in both modes where they share what they promise."""
+"""The self-learning compensator as a whole; behaviour common to both modes is tested in both."""
 
 import json
 import math
@@ -29,7 +29,7 @@ RATE_LIMIT = 2e4
 
 
 def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray]:
-    """References and the outputs measured before them of a session with a gap and a jump."""
+    """References, and the outputs measured before them, of a session with a gap and a jump."""
     plant = sensor()
     y_ref = steps(plant, seconds)
     y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200).run(
@@ -45,11 +45,11 @@ def fresh(mode: str, solver: str) -> SelfLearningCompensator:
     return learner_for(sensor(), mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200)
 
 
-# One sample after the other
+# Sample by sample and in runs
 
 
 def narrow(mode: str) -> SelfLearningCompensator:
-    """A learner whose ranges are half of the true ones, so that it changes them."""
+    """A learner whose ranges are half of the true ones, so that it widens them."""
     one = sensor()
     true = structure_for(one)
     half = replace(true, x_scale=0.5 * true.x_scale, y_scale=0.5 * true.y_scale)
@@ -87,7 +87,7 @@ def test_learners_made_alike_are_the_same_bytes_whatever_was_computed_before() -
     plant = sensor("bouc_wen")
     states = set()
     for size in range(1, 40, 3):
-        rng = np.random.default_rng(size)  # leaves other numbers on the stack each time
+        rng = np.random.default_rng(size)  # leaves different numbers on the stack each time
         np.linalg.svd(rng.normal(size=(size, size)))
         learner = SelfLearningCompensator(structure_for(plant, n=3, m=1), build_s=0.5, learn_s=0.1)
         states.add(pickle.dumps(learner.memory()))
@@ -250,11 +250,11 @@ def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_pat
 
 def test_a_saved_file_takes_no_other_options(tmp_path: Path) -> None:
     fresh("cyclic", "box_active_set").save(tmp_path / "learner.json")
-    with pytest.raises(ValueError, match="goes on with the settings that it was saved with, so mode must not be given"):
+    with pytest.raises(ValueError, match="resumes with the settings it was saved with, so mode must not be given"):
         SelfLearningCompensator.load(tmp_path / "learner.json", mode="continuous")
 
 
-# What it is for
+# Accuracy
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -381,7 +381,7 @@ def test_a_solver_without_an_answer_or_with_an_error_changes_nothing(monkeypatch
 
 
 class Eager(BoxActiveSet):
-    """Works when it is set up, slowly, and answers at once."""
+    """A solver that computes its answer in the setup."""
 
     def setup(self, problem: Problem) -> None:
         super().setup(problem)

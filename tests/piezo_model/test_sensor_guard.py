@@ -37,7 +37,7 @@ TREMBLING = 0.3 + 0.4 * FROZEN_DRIVE * np.sign(np.sin(np.arange(5000)))
 
 
 def gap(value: float, y: np.ndarray = RAMP, begin: int = 50, end: int = 60) -> np.ndarray:
-    """A signal with one value in place of a part."""
+    """The signal with a part replaced by one value."""
     k = np.arange(y.size)
     return np.where((k >= begin) & (k < end), value, y)
 

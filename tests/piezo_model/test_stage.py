@@ -133,7 +133,7 @@ def test_the_decoupling_is_found_from_a_recording_of_a_real_hysteretic_stage():
     assert np.abs(COUPLING - np.diag(np.diag(COUPLING))).max() > 0.03
 
 
-# The loops behind it
+# Learning behind the decoupling matrix
 
 
 def loops(one):
