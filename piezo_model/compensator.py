@@ -213,16 +213,16 @@ class Compensator:
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from :meth:`memory`; ValueError names what is wrong."""
-        found = json_file.convert(memory, CompensatorMemory)
+        saved = json_file.convert(memory, CompensatorMemory)
         model, state, drive = (
-            HysteresisCreepModel.from_file(found["model"]),
-            OperatorState(found["play"], found["creep"]),
-            found["drive"],
+            HysteresisCreepModel.from_file(saved["model"]),
+            OperatorState(saved["play"], saved["creep"]),
+            saved["drive"],
         )
         state.require(model.structure)
         # the last reference is NaN before the first one
         if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
             raise ValueError("the memory of the drive must be six finite numbers, but for the last reference")
-        if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= found["decay"] < 1.0):
+        if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= saved["decay"] < 1.0):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
-        self._use(model, state, drive, found["decay"])
+        self._use(model, state, drive, saved["decay"])

@@ -39,7 +39,7 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
     solver : str
         Any registered solver.
     column : int, optional
-        Index of the drive among the columns of X, of which the others are ignored; by default X has one column.
+        Index of the drive among the columns of X; the others are ignored. By default X has one column.
 
     Attributes
     ----------

@@ -27,7 +27,7 @@ from solvers.arrays import Matrix, Vector
 
 STEPS = 400
 STEP_RATIO = 0.02
-"""Step as a share of the stability limit 2/λ_max: so small that the path nearly solves the differential equation (7)."""
+"""Step as a share of the stability limit 2/λ_max: so small that the path is nearly that of equation (7)."""
 ARROWS = 7
 ARROW_GAIN = 10.0
 LEVELS = 10

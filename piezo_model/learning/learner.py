@@ -169,7 +169,7 @@ class Learner:
         program = Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
         start = np.maximum(core["start"], lower)
         try:
-            found = solved(self.settings.solver, self.settings.solver_options, program, start, c)
+            answer = solved(self.settings.solver, self.settings.solver_options, program, start, c)
         except Exception as error:  # no exception of a library may stop the compensator
             self._memory["refusals"] += 1
             if self._cyclic:
@@ -177,9 +177,9 @@ class Learner:
             self._note("refused", f"the solver {self.settings.solver} failed: {error}")
             return
         if self._cyclic:
-            core["answer"][:] = found
-        elif np.all(np.isfinite(found)):
-            core["candidate"][:] = np.maximum(found, lower)
+            core["answer"][:] = answer
+        elif np.all(np.isfinite(answer)):
+            core["candidate"][:] = np.maximum(answer, lower)
 
     def _follow_range(self) -> None:
         """Change to other ranges if the drive or the output needs them."""

@@ -39,10 +39,10 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     for engine in _candidates(solver, c, **(options or {})):
         engine.setup(Problem(0.5 * program.P, np.zeros_like(program.q), lb=program.lb, ub=program.ub))
         engine.update(program.P, program.q)
-        found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
+        answer = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
         if engine.solution().found:
-            return found
-    return np.full_like(found, np.nan)
+            return answer
+    return np.full_like(answer, np.nan)
 
 
 def _candidates(

@@ -216,7 +216,7 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
         ),
     ],
 )
-def test_a_bank_file_whose_numbers_cannot_be_is_refused_in_one_sentence(
+def test_a_bank_file_with_invalid_numbers_is_refused_in_one_sentence(
     changing: Callable[[dict[str, Any]], None], sentence: str, tmp_path: Path
 ) -> None:
     CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.npz")
@@ -228,7 +228,7 @@ def test_a_bank_file_whose_numbers_cannot_be_is_refused_in_one_sentence(
         CompensatorBank.load(tmp_path / "bank.npz")
 
 
-def test_actuators_come_and_go_and_the_others_notice_nothing() -> None:
+def test_actuators_are_added_and_removed_without_any_effect_on_the_others() -> None:
     y_ref = references(900, 30)
     x, y = close_loop(CompensatorBank(STRUCTURE, 30), Actuators(30), y_ref)
     before = np.vstack([np.full(30, np.nan), y[:-1]])

@@ -27,7 +27,7 @@ def test_it_follows_a_drift_of_the_gain_better_than_cycles_and_within_twice_the_
 
 
 @pytest.mark.slow
-def test_hours_at_rest_do_not_wind_it_up() -> None:
+def test_hours_at_rest_cause_no_wind_up() -> None:
     plant, learner, y_ref, before = learned()
     rest = np.full(600_000, 5.0)
     assert error_of(learner, rest, plant.run, plant, slice(-5000, None)) < before
@@ -40,7 +40,7 @@ def test_hours_at_rest_do_not_wind_it_up() -> None:
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
 
 
-def test_a_hand_over_drops_no_sample_and_the_log_holds_what_matters() -> None:
+def test_a_hand_over_drops_no_sample_and_the_log_has_the_first_one_only() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant, "continuous"), steps(plant, 30.0)
     learner.run(y_ref, plant.run)
@@ -50,7 +50,7 @@ def test_a_hand_over_drops_no_sample_and_the_log_holds_what_matters() -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.001, 0.05, 3.0])
-def test_after_a_drop_out_it_goes_on_with_what_it_had_learned(seconds: float) -> None:
+def test_after_a_drop_out_the_learned_weights_are_kept(seconds: float) -> None:
     plant, learner, y_ref, before = learned()
 
     def dropped(x: np.ndarray) -> np.ndarray:

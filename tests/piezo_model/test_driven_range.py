@@ -21,7 +21,7 @@ def wide_enough(m: int = 0) -> ModelStructure:
 
 @settings(max_examples=30)
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.5, 2.0), st.integers(0, 99))
-def test_a_model_straight_between_the_new_thresholds_does_in_other_ranges_what_it_did(
+def test_a_model_straight_between_the_new_thresholds_is_unchanged_in_other_ranges(
     h: float, k: float, y: float, seed: int
 ) -> None:
     old = wide_enough()

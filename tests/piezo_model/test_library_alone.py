@@ -56,7 +56,7 @@ def test_arrays_are_identified_and_compensated_without_the_packages_of_the_comma
     assert message == f"{script}: reading a file needs the package pyarrow: install piezobench[bench]"
 
 
-def test_the_command_says_what_to_install_where_its_packages_are_absent() -> None:
+def test_the_command_says_what_to_install_if_its_packages_are_absent() -> None:
     done = subprocess.run(
         [sys.executable, "-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()"],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""The C of model, data basis and compensator: what it may call, its warnings, its bits on every compiler, its
+"""The C code of model, data basis and compensator: external calls, warnings, identical bits from every compiler, and
 copies."""
 
 import copy

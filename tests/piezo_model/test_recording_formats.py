@@ -277,7 +277,7 @@ def test_a_damaged_file_of_any_format_is_refused(tmp_path: Path, name: str) -> N
         recording = Recording.open(path)
     except ValueError:
         refusal(path)
-    else:  # what is left may be whole, as the segments of a TDMS file are
+    else:  # the remaining part may be a valid file, e.g. of whole TDMS segments
         assert recording.length < N
         np.testing.assert_array_equal(recording.arrays()[0], X[: recording.length])
     gc.collect()
@@ -380,7 +380,7 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, -1e-3, np.nan])
-def test_a_sampling_period_that_cannot_be_is_refused(tmp_path: Path, period: float) -> None:
+def test_an_invalid_sampling_period_is_refused(tmp_path: Path, period: float) -> None:
     with pytest.raises(RecordingError, match="the sampling period must be from"):
         in_memory(tmp_path / "stage.rec", "a format", {"u": X, "y": Y}, sample_time=period)
 

@@ -53,7 +53,7 @@ UNLIKE = [
     (("12:00:01", "12:00:02", "3.5"), 4),
 ]
 REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
-    # what is no table
+    # files without a table
     (["", ""], {}, "holds no table"),
     (["# nothing"], {}, "holds no table"),
     ([HEADER], {}, " data rows"),

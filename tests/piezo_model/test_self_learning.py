@@ -83,7 +83,7 @@ def test_a_replay_of_faults_equals_single_steps_bit_for_bit(mode: str, solver: s
     assert [event.message for event in replayed.log] == [event.message for event in stepped.log]
 
 
-def test_learners_made_alike_are_the_same_bytes_whatever_was_computed_before() -> None:
+def test_equal_learners_have_the_same_bytes_regardless_of_earlier_computations() -> None:
     plant = sensor("bouc_wen")
     states = set()
     for size in range(1, 40, 3):
@@ -134,7 +134,7 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(m
         SelfLearningCompensator.load(tmp_path / "nowhere.json")
 
 
-def test_a_file_of_an_older_version_is_refused_with_the_way_to_take_its_model_which_works(tmp_path: Path) -> None:
+def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(tmp_path: Path) -> None:
     path, learner = tmp_path / "learner.json", fresh("continuous", "box_active_set")
     learner.save(path)
     content = json.loads(path.read_text())
@@ -414,7 +414,7 @@ def test_weights_that_explain_their_own_data_worse_than_the_old_ones_are_refused
     np.testing.assert_array_equal(learner.model.weights, weights)
 
 
-def test_a_cycle_that_lied_is_forgotten_in_the_next_but_one() -> None:
+def test_a_wrong_cycle_is_forgotten_in_the_next_but_one() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant), steps(plant, 36.8)
     before = error_of(learner, y_ref, plant.run, plant, slice(-4000, None))
@@ -423,7 +423,7 @@ def test_a_cycle_that_lied_is_forgotten_in_the_next_but_one() -> None:
     assert error_of(learner, y_ref, plant.run, plant, slice(9400, 13000)) < 1.2 * before
 
 
-def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
+def test_a_narrow_cycle_does_not_spoil_the_weights_learned_in_a_wide_one() -> None:
     plant = sensor()
     learner, wide = learner_for(plant), steps(plant, 12.0)
     learner.run(wide, plant.run)

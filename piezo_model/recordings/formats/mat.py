@@ -40,13 +40,13 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     with parsed(path, "MATLAB"):
         variables = read(str(path))
     units: dict[str, str] = {}
-    found = {name: array for name, array in _arrays("", variables, units) if name is not None}
+    arrays = {name: array for name, array in _arrays("", variables, units) if name is not None}
     return in_memory(
         path,
         "MATLAB 7.3" if modern else "MATLAB",
-        {name: array for name, array in found.items() if array.size > 1},
+        {name: array for name, array in arrays.items() if array.size > 1},
         units=units,
-        sample_time=sample_time_in_scalars(found),
+        sample_time=sample_time_in_scalars(arrays),
     )
 
 
