@@ -57,7 +57,9 @@ def narrow(mode: str) -> SelfLearningCompensator:
 
 
 @pytest.mark.parametrize(
-    ("make", "options"), [*((fresh, options) for options in WAYS), *((narrow, (mode,)) for mode in MODES)], ids=str
+    ("make", "options"),
+    [*((fresh, options) for options in WAYS), *((narrow, (mode,)) for mode in MODES)],
+    ids=lambda value: "-".join(value) if isinstance(value, tuple) else value.__name__,
 )
 def test_runs_and_replays_equal_single_steps_bit_for_bit(
     make: Callable[..., SelfLearningCompensator], options: tuple[str, ...]
