@@ -35,7 +35,7 @@ def replacing(path: str | Path, durable: bool = True) -> Iterator[Path]:
             _flush(temporary)
         temporary.replace(path)
         if durable:
-            _flush(path.parent)  # the new name is on disk, too, and not only what it names
+            _flush(path.parent)  # the new directory entry, too, not only the content
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -148,14 +148,14 @@ class CompensatorBank:
         )
         write_settings(self._numbers, core["settings"])
         write_slope_regressors(core, s)
-        places = core.places
+        offsets = core.offsets
         self._views, self._tables = {}, []
         for part in ("driver", "learner", "note"):
-            first, numbers = places[part]
+            first, numbers = offsets[part]
             table = core.block[first : first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
             self._tables.append(table)
             for name in LANE_BY_LANE:
-                begin, length = (places[name][0] - first) // 8, places[name][1]
+                begin, length = (offsets[name][0] - first) // 8, offsets[name][1]
                 if begin >= 0 and begin + length <= numbers:
                     self._views[name] = table[:, begin : begin + length].reshape(tiles, length // LANES, LANES)
         for table, old in zip(self._tables, before, strict=False):

@@ -73,7 +73,7 @@ def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:
 
 
 class Compensator:
-    """Compensation of hysteresis and creep, open-loop or with integral action where a sensor stays in the loop.
+    """Compensation of hysteresis and creep, open-loop or with integral action if a sensor stays in the loop.
 
     Parameters
     ----------
@@ -83,10 +83,10 @@ class Compensator:
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
     state : OperatorState, optional
-        What the actuator has seen so far; at rest at the centre of the range by default. Taken as a copy.
+        States of the operators before the first sample, copied; at rest at the centre of the range by default.
     integral_gain : float
-        Of the integral action on what ``correct`` is told, in 1/s, from 0, none, to 1/sample_time: the bandwidth in
-        rad/s in which disturbances are suppressed.
+        Gain of the integral action on the outputs passed to ``correct``, in 1/s, from 0 (off) to 1/sample_time: the
+        bandwidth in rad/s in which disturbances are suppressed.
 
     Examples
     --------
@@ -162,7 +162,7 @@ class Compensator:
         weights = np.concatenate(
             [core["w_H"][: s.n + 1], core["w_S"][: s.dead_zones], core["w_K"][: s.creep_weights], core["offset"]]
         )
-        if not np.array_equal(self._model.all_weights, weights):  # the learner handed weights over
+        if not np.array_equal(self._model.all_weights, weights):  # a learner may have changed the weights
             self._model = HysteresisCreepModel.from_all_weights(s, weights)
         return self._model
 
@@ -213,16 +213,16 @@ class Compensator:
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from :meth:`memory`; ValueError names what is wrong."""
-        found = json_file.convert(memory, CompensatorMemory)
+        saved = json_file.convert(memory, CompensatorMemory)
         model, state, drive = (
-            HysteresisCreepModel.from_file(found["model"]),
-            OperatorState(found["play"], found["creep"]),
-            found["drive"],
+            HysteresisCreepModel.from_file(saved["model"]),
+            OperatorState(saved["play"], saved["creep"]),
+            saved["drive"],
         )
         state.require(model.structure)
         # the last reference is NaN before the first one
         if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
             raise ValueError("the memory of the drive must be six finite numbers, but for the last reference")
-        if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= found["decay"] < 1.0):
+        if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= saved["decay"] < 1.0):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
-        self._use(model, state, drive, found["decay"])
+        self._use(model, state, drive, saved["decay"])

@@ -33,7 +33,7 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     model: Model
     solver: str
     lane: Lane
-    """As of ``solvers.get``."""
+    """Name of the solver for ``solvers.get``."""
     tier: Tier
     """Accuracy that its answers reached."""
     settings: dict[str, Any]

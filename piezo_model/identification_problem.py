@@ -46,9 +46,9 @@ class Excitation:
     y_min: float
     y_max: float
     play_moved: tuple[bool, ...]
-    """For r_H1 … r_Hn."""
+    """Whether each play of thresholds r_H1 … r_Hn moved."""
     creep_moved: tuple[bool, ...]
-    """For r_K0 … r_Kn, in a state of any rate; empty without creep."""
+    """Whether a creep state of any rate moved, for thresholds r_K0 … r_Kn; empty without creep."""
 
     @classmethod
     def of(cls, s: ModelStructure, span: Vector, r: Vector, play: Vector, creep: Vector) -> Excitation:

@@ -97,10 +97,10 @@ class OperatorState:
         Beyond the largest old threshold the last state is used; a drive through the range wipes out its error.
         """
         scale, shift = other.x_scale / structure.x_scale, (other.x_centre - structure.x_centre) / structure.x_scale
-        r, wanted = structure.thresholds, scale * other.thresholds
+        r, thresholds = structure.thresholds, scale * other.thresholds
 
         def read(states: Vector) -> Vector:
-            return (np.interp(wanted, r, states[: structure.n + 1]) - shift) / scale
+            return (np.interp(thresholds, r, states[: structure.n + 1]) - shift) / scale
 
         return self.of(read(self.play), [read(z) for z in self.creep.reshape(-1, structure.lanes)], other)
 

@@ -104,7 +104,7 @@ def dead_zone(u: ArrayLike, thresholds: ArrayLike) -> Matrix:
     ----------
     u : array (N,)
     thresholds : array (n,)
-        Of either sign or zero, in the unit of u.
+        Thresholds of either sign or zero, in the unit of u.
 
     Returns
     -------

@@ -24,7 +24,7 @@ from piezo_model.compensator_file import LearnerFile
 from piezo_model.core import bindings
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import Number
-from piezo_model.learning.driven_range import DrivenRange, RangeMemory
+from piezo_model.learning.driven_range import RangeMemory
 from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
 from piezo_model.learning.learner import Learner
 from piezo_model.learning.settings import LearningSettings, Mode
@@ -323,15 +323,15 @@ class SelfLearningCompensator(Learner):
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
-        found = json_file.convert(memory, Memory)
+        state = json_file.convert(memory, Memory)
         with self._core.alone():
-            self.compensator.restore(found["compensator"])
-            self._core.restore(found["learning"]["core"], bindings.learner_restore)
-            self._driven = DrivenRange(self._driven.looks, **found["learning"]["driven"])
+            self.compensator.restore(state["compensator"])
+            self._core.restore(state["learning"]["core"], bindings.learner_restore)
+            self._driven.restore(state["learning"]["driven"])
             self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
-            self._last_x = found["last_x"]
+            self._last_x = state["last_x"]
             self.log.clear()
-            self.log.extend(found["log"])
+            self.log.extend(state["log"])
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON, at any time; the file is replaced as a whole."""
@@ -355,20 +355,19 @@ class SelfLearningCompensator(Learner):
         if json_file.format_of(path) == LearnerFile.FORMAT:
             if options:
                 raise ValueError(
-                    f"{path} goes on with the settings that it was saved with, so {sorted(options)[0]} must not be "
-                    f"given"
+                    f"{path} resumes with the settings it was saved with, so {sorted(options)[0]} must not be given"
                 )
             return cls._resumed(path)
-        found = Deployment.load(path)
+        deployment = Deployment.load(path)
         chosen: dict[str, Any] = {
-            "solver": found.solver,
-            "x_limits": found.x_limits,
-            "mode": found.mode,
-            "model": found.model,
-            "solver_options": found.options,
+            "solver": deployment.solver,
+            "x_limits": deployment.x_limits,
+            "mode": deployment.mode,
+            "model": deployment.model,
+            "solver_options": deployment.options,
         }
         try:
-            return cls(found.model.structure, **{**chosen, **options})
+            return cls(deployment.model.structure, **{**chosen, **options})
         except ValueError as error:
             if options:  # the fault may be theirs
                 raise
@@ -378,9 +377,9 @@ class SelfLearningCompensator(Learner):
     def _resumed(cls, path: str | Path) -> SelfLearningCompensator:
         fields, memory = compensator_file.read(path)
         try:
-            found = json_file.convert(memory, Memory)
+            state = json_file.convert(memory, Memory)
             settings = json_file.convert(fields, LearningSettings)
-            model = HysteresisCreepModel.from_file(found["compensator"]["model"])
+            model = HysteresisCreepModel.from_file(state["compensator"]["model"])
             learner = cls(model.structure, **asdict(settings), model=model)
             learner.restore(memory)
         except ValueError as error:

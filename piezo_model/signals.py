@@ -2,10 +2,10 @@
 
 Every signal takes ``duration_s`` and ``sample_time`` in s, ``low`` and ``high`` in its own unit (V for a drive, µm for
 a reference), and returns an array (N,). It stays inside low ≤ s ≤ high and is a pure function of its arguments. The
-staircase is the one of the paper's Fig. 4; the decaying triangle moves every play both ways; the multi-sine takes the
-phases of M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation", IEEE
-Transactions on Information Theory 16 (1970), 85-89. They are made for harmonic tones; on log-spaced ones their crest,
-about 3, is no better than that of most random phases, and far from the 5 of cosines in phase.
+staircase is that of the paper's Fig. 4; the decaying triangle moves every play in both directions; the multi-sine has
+the phases of M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation",
+IEEE Transactions on Information Theory 16 (1970), 85-89. These are designed for harmonic tones; with log-spaced tones
+the crest factor, about 3, is no better than with most random phases, but well below the 5 of cosines in phase.
 """
 
 import math
@@ -19,7 +19,7 @@ from solvers.arrays import Vector
 
 
 def times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:
-    """Check what all signals share and return the times of the samples, s, shape (N,)."""
+    """Check the arguments that all signals share and return the sample times, s, shape (N,)."""
     checks.positive(duration_s=duration_s, sample_time=sample_time)
     if not -math.inf < low < high < math.inf:
         raise ValueError(f"low and high must be finite with low below high, not {low} and {high}")
@@ -30,14 +30,14 @@ def times(duration_s: float, sample_time: float, low: float, high: float) -> Vec
 
 
 def share_between(**options: float) -> None:
-    """Refuse (ValueError, by its name) an option that is not between 0 and 1."""
+    """Raise ValueError, with the name of the option, unless every value lies between 0 and 1."""
     for option, value in options.items():
         if not 0.0 <= value <= 1.0:
             raise ValueError(f"{option} must lie between 0 and 1, not {value}")
 
 
 def scaled(share: Vector, low: float, high: float) -> Vector:
-    """Map 0 … 1 to low … high; clipped, since rounding may pass an end by its last bit."""
+    """Map 0 … 1 to low … high; clipped, since rounding may exceed a limit by one bit."""
     return np.clip(low + (high - low) * share, low, high)
 
 
@@ -49,14 +49,14 @@ def _triangle(phase: Vector) -> Vector:
 def staircase(
     *, duration_s: float, sample_time: float, low: float, high: float, levels: int = 9, hold_s: float = 0.25
 ) -> Vector:
-    """Steps up through the levels and down again, each held, over and over (the paper's Fig. 4).
+    """Steps up through the levels and down again, each level held, repeated (the paper's Fig. 4).
 
     Parameters
     ----------
     levels : int
-        Number of levels, low and high among them, at least 2.
+        Number of levels including low and high, at least 2.
     hold_s : float
-        How long a level is held, s; the first one is low.
+        Duration of each level, s; the first level is low.
 
     Examples
     --------
@@ -67,16 +67,16 @@ def staircase(
     checks.positive(hold_s=hold_s)
     if levels < 2:
         raise ValueError(f"levels must be at least 2, not {levels}")
-    # Counted in whole samples, so that rounding of k Ts / hold_s never shifts a step.
+    # In whole samples, so that the rounding of k Ts / hold_s never shifts a step.
     held = max(1, round(hold_s / sample_time))
-    place = np.arange(t.size) // held % (2 * (levels - 1))
-    return np.linspace(low, high, levels)[np.minimum(place, 2 * (levels - 1) - place)]
+    step = np.arange(t.size) // held % (2 * (levels - 1))
+    return np.linspace(low, high, levels)[np.minimum(step, 2 * (levels - 1) - step)]
 
 
 def decaying_triangle(
     *, duration_s: float, sample_time: float, low: float, high: float, cycles: float = 8.0, final_share: float = 0.0
 ) -> Vector:
-    """Triangle about the centre that rises from low to high and whose amplitude falls evenly from there on.
+    """Triangle about the centre: it rises from low to high, then its amplitude decreases linearly.
 
     Parameters
     ----------
@@ -105,16 +105,16 @@ def multi_sine(
     highest_Hz: float = 50.0,
     seed: int | None = None,
 ) -> Vector:
-    """Sum of equal sines whose frequencies are evenly spread in the logarithm, scaled so that it touches both limits.
+    """Sum of sines of equal amplitude at log-spaced frequencies, scaled to touch both limits.
 
     Parameters
     ----------
     tones : int
         Number of sines.
     lowest_Hz, highest_Hz : float
-        Frequencies of the first and the last sine; without lowest_Hz one period in the duration.
+        Frequencies of the first and the last sine; lowest_Hz is by default one period in the duration.
     seed : int, optional
-        Of random phases; without it Schroeder's, −π j (j − 1) / tones for j = 1 … tones.
+        Seed of random phases; by default Schroeder's phases, −π j (j − 1) / tones for j = 1 … tones.
     """
     t = times(duration_s, sample_time, low, high)
     if tones < 1:
@@ -131,8 +131,8 @@ def multi_sine(
     total = np.zeros(t.size)
     for frequency_Hz, phase in zip(np.geomspace(first_Hz, highest_Hz, tones), phases, strict=True):
         total += np.sin(2.0 * np.pi * frequency_Hz * t + phase)
-    spread = float(np.ptp(total))
-    return scaled((total - total.min()) / spread if spread > 0.0 else np.full(t.size, 0.5), low, high)
+    width = float(np.ptp(total))
+    return scaled((total - total.min()) / width if width > 0.0 else np.full(t.size, 0.5), low, high)
 
 
 def raster_scan(
@@ -145,16 +145,16 @@ def raster_scan(
     fast_share: float = 0.6,
     slow_axis: Literal["staircase", "drift"] = "staircase",
 ) -> Vector:
-    """Lines of a raster on one axis: a fast triangle whose base moves once from low to high - width of the triangle.
+    """One axis of a raster scan: a fast triangle whose base moves once from low to high minus the triangle's width.
 
     Parameters
     ----------
     line_rate_Hz : float
-        Lines (up and down) in a second, below half the sampling rate.
+        Lines (up and down) per second, below half the sampling rate.
     fast_share : float
         Width of the triangle over high - low, 0 to 1.
     slow_axis : {"staircase", "drift"}
-        Whether the base moves by a step after each line or evenly.
+        Whether the base moves by a step after each line or at constant speed.
     """
     t = times(duration_s, sample_time, low, high)
     if not 0.0 < line_rate_Hz < 0.5 / sample_time:
@@ -183,15 +183,15 @@ def random_walk(
 ) -> Vector:
     """Brownian path from the centre, reflected at the limits and smoothed by two lags of first order.
 
-    The lags come after the reflection: each of their values is an average of earlier ones, so the smoothed path has no
-    kinks and is still inside the limits.
+    The lags come after the reflection: their output is a weighted mean of their input, so the smoothed path has no
+    kinks and stays inside the limits.
 
     Parameters
     ----------
     seed : int
-        Of the path.
+        Seed of the path.
     bandwidth_Hz : float
-        Corner of each lag.
+        Corner frequency of each lag.
     spread_per_root_s : float
         Standard deviation of the free path after one second, over high - low.
     """
@@ -201,20 +201,20 @@ def random_walk(
     increments[0] = 0.0
     path = _triangle(0.5 * (0.5 + np.cumsum(increments)))
     keep = math.exp(-2.0 * math.pi * bandwidth_Hz * sample_time)
-    for _ in range(2):
-        from scipy.signal import lfilter  # which takes most of a second
+    from scipy.signal import lfilter  # imported here, since the import takes most of a second
 
+    for _ in range(2):
         path, _state = lfilter([1.0 - keep], [1.0, -keep], path, zi=[keep * 0.5])
     return scaled(path, low, high)
 
 
 def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
-    """Let every step of a signal (N,) take ``step_s`` along a raised cosine; the first level has always been there."""
+    """Replace each step of a signal (N,) by a raised cosine of ``step_s``; the signal is constant before its start."""
     window = np.hanning(round(step_s / sample_time) + 2)[1:-1]
     if window.size < 2:
         return steps
     held = np.concatenate([np.full(window.size - 1, steps[0]), steps])
-    from scipy.signal import oaconvolve  # which takes most of a second
+    from scipy.signal import oaconvolve  # imported here, since the import takes most of a second
 
     smooth: Vector = oaconvolve(held, window / window.sum(), "valid")
     return np.clip(smooth, steps.min(), steps.max())
@@ -223,4 +223,4 @@ def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
 SIGNALS: dict[str, Callable[..., Vector]] = {
     function.__name__: function for function in (staircase, decaying_triangle, multi_sine, raster_scan, random_walk)
 }
-"""Every signal by its name."""
+"""The signals by name."""

@@ -60,7 +60,7 @@ class ModelStructure:
     sample_time : float
         Sampling period Ts in s.
     x_centre, x_scale, y_centre, y_scale : float
-        In the units of input and output; the scales are half the ranges, y_scale below 0 where the output falls.
+        In the units of input and output; the scales are half the ranges, y_scale < 0 for a falling output.
     offset : bool
         Whether a free constant is identified with the weights; real sensors have one.
     input_unit, output_unit : str

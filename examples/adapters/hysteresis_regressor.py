@@ -1,10 +1,10 @@
-"""A scikit-learn regressor over ``identify``: drive in, displacement out. Run alone, it chooses the orders by a grid
-search.
+"""A scikit-learn regressor from drive to displacement, based on ``identify``. Run as a script, it chooses the orders by
+a grid search.
 
-A column of drive samples in time order is one recording; ``predict`` simulates the model from rest at the middle of the
-fitted range, and ``score`` counts the first rows too, in which the states of a real actuator are not known. Order
-matters to a model with memory, so rows must not be shuffled: search with ``sklearn.model_selection.TimeSeriesSplit`` or
-``PredefinedSplit``. It takes scikit-learn 1.6 or later.
+A column of drive samples in time order is one recording. ``predict`` simulates the model from rest at the centre of the
+fitted range; ``score`` includes the first rows, although the states of a real actuator are not known there. Since the
+model has memory, rows must not be shuffled: use ``sklearn.model_selection.TimeSeriesSplit`` or ``PredefinedSplit``.
+Requires scikit-learn 1.6 or later.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
     n, m : int
         Orders of hysteresis and creep, and of the superposition on each side.
     creep_rates : sequence of float
-        In 1/s; empty for a model without creep.
+        Creep rates in 1/s; empty for a model without creep.
     sample_time : float
         Sampling period of the rows in s.
     skip : int, optional
-        Samples at the start of a recording that do not count; those of a switch-on transient by default.
+        Samples at the start of a recording that are not counted; by default those of a switch-on transient.
     solver : str
         Any registered solver.
     column : int, optional
-        Which column of X is the drive, the others being left alone; by default X has one column.
+        Index of the drive among the columns of X; the others are ignored. By default X has one column.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
         self.column = column
 
     def __sklearn_tags__(self) -> Tags:
-        """What scikit-learn may not expect: noise that follows no operator cannot be fitted."""
+        """Tags of the estimator: random data, which follow no operator, are fitted poorly."""
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True
         return tags
@@ -94,8 +94,8 @@ class HysteresisRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            X has several columns and none is chosen, a number is not finite, drive or output never change, or there are
-            too few rows for the weights.
+            X has several columns and ``column`` is None, a number is not finite, drive or output never change, or there
+            are too few rows for the weights.
         """
         table, output = validate_data(self, X, y, y_numeric=True, ensure_min_samples=2)
         x, y = self._column(table), np.ascontiguousarray(output, dtype=np.float64)

@@ -1,11 +1,11 @@
-"""Error rates of a comparison, from simulated pairs of runs. It takes minutes, so no test runs all of it.
+"""Error rates of a comparison, from simulated pairs of runs; takes minutes.
 
     python examples/comparison/power.py [--pairs 200] [RUN_A RUN_B]
 
 In each pair nothing changed, or one solver lane became slower or faster by a factor of 1.2. The noise is simulated, for
 fields from small to that of a default race and machines from quiet to noisy, or taken from two real runs between which
-nothing changed. Printed are the shares of pairs without a change in which a lane differs (false), of changes that are
-found, of changes reported as no difference (silent), and of lanes for which the comparison cannot tell.
+nothing changed. The script prints the share of pairs without a change in which a lane differs (false), of changes that
+are found, of changes reported as no difference (silent), and of lanes without a finding (cannot tell).
 """
 
 import argparse
@@ -68,7 +68,7 @@ def main() -> None:
         own = noise_of(*map(Run.open, options.runs))
         kinds = {" and ".join(path.name for path in options.runs): partial(resampled, own=own)}
     for name, make in kinds.items():
-        shares = [f"{what} {100.0 * share:.1f} %" for what, share in rates(make, options.pairs).items()]
+        shares = [f"{outcome} {100.0 * share:.1f} %" for outcome, share in rates(make, options.pairs).items()]
         print(f"{name}: {', '.join(shares)}", flush=True)
 
 

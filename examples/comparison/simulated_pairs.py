@@ -1,4 +1,4 @@
-"""Simulated pairs of runs with known changes: logarithms of times, without a race."""
+"""Simulated pairs of runs with known changes, as logarithms of times."""
 
 from collections.abc import Mapping
 
@@ -13,8 +13,8 @@ OFFSET = 0.015
 
 
 def noise(chance: np.random.Generator, count: int) -> Vector:
-    """Logarithms of the median times of one solver on ``count`` problems: noise with memory, and bursts of load from
-    elsewhere."""
+    """Logarithms of the median times of one solver on ``count`` problems: autocorrelated noise, and bursts of load by
+    other processes."""
     shocks, found = 0.04 * chance.normal(size=(TURNS, count)), np.zeros((TURNS, count))
     for i in range(1, TURNS):
         found[i] = 0.7 * found[i - 1] + shocks[i]

@@ -1,8 +1,7 @@
 """Learning on actuators outside the model class, compared with the best model of the class in hindsight.
 
-One actuator at a time follows the staircase, with sensor noise of 2e-4 of its range. The model in hindsight has the
-same orders, is identified from the cycle that it is judged on, drives that cycle again from the same states, and is
-identified again from the result; the best of a few rounds counts.
+Each actuator follows the staircase with sensor noise of 2e-4 of its range. The model in hindsight has the same orders
+and is identified from the very cycle on which it is evaluated (`hindsight`).
 """
 
 from collections.abc import Iterator
@@ -42,7 +41,7 @@ class Case:
         return f"{self.plant}, {self.mode}, n = {self.n}, m = {self.m}"
 
     def row(self, setup: StageSetup) -> dict[str, Any]:
-        """Errors in percent of the actuator's range: per cycle, with hindsight, and of straight lines."""
+        """Errors in percent of the actuator's range: of each cycle, in hindsight, and of straight lines."""
         sensor = sensor_of(self.plant, setup)
         structure = ModelStructure.equidistant(
             self.n, self.m, sensor.x_range, sensor.y_range, CREEP_RATES, setup.sample_time

@@ -1,12 +1,12 @@
 """The paper's Fig. 2: a trajectory of the projected difference equation meets the boundary of the admissible set.
 
-The problem is a slice of the one that a stage has just learned from: two of its scaled variables move and the others
-stay at the optimum. With the partners w and v and the rest at *,
+The problem is a slice of the last program of a learning stage: two of its scaled variables, w and v, are free and the
+rest R stay at the optimum z*. With S for the two variables,
 
     minimise ½ zᵀ P_SS z + (q_S + P_SR z*_R)ᵀ z,   z = (w, v),   w ≥ 0
 
-w is the variable that its bound holds back most strongly, v the free one that is coupled to it most strongly. The
-trajectory starts inside, and is that of the registered solver, step by step with a step small enough to show the path.
+w is the variable with the largest multiplier of its bound, v the inactive one with the strongest coupling to w. The
+trajectory starts in the interior and is that of the registered solver, with a step small enough to show the path.
 """
 
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ from solvers.arrays import Matrix, Vector
 
 STEPS = 400
 STEP_RATIO = 0.02
-"""Of the stability limit 2/λ_max: small steps, so that the path is nearly that of the differential equation (7)."""
+"""Step as a share of the stability limit 2/λ_max: so small that the path is nearly that of equation (7)."""
 ARROWS = 7
 ARROW_GAIN = 10.0
 LEVELS = 10
 WIDTH = 780
-"""Of the picture, pixels."""
+"""Width of the picture in pixels."""
 BLUE, RED, GREEN = PALETTE[:3]
 
 
@@ -59,7 +59,7 @@ def problem_of(trial: Trial, axis: int = 0) -> IdentificationProblem:
 
 
 def slice_of(problem: IdentificationProblem) -> Slice:
-    """The two variables of the module; ValueError where no bound is active."""
+    """The slice of a problem; ValueError if no bound is active."""
     qp = problem.qp
     engine = solvers.get("box_active_set")
     engine.setup(qp)
@@ -83,7 +83,7 @@ def slice_of(problem: IdentificationProblem) -> Slice:
 
 
 def trajectory(part: Slice, start: Vector, steps: int = STEPS, step_ratio: float = STEP_RATIO) -> tuple[Matrix, Matrix]:
-    """Path (steps + 1, 2) of the solver from a start, and where each step would have gone without projection."""
+    """Path (steps + 1, 2) of the solver from a start, and the end of each step before its projection."""
     engine = solvers.get("projected_difference", step_ratio=step_ratio, steps=1)
     engine.setup(Problem(part.P, part.q, lb=part.lb, ub=np.full(2, np.inf)))
     path = [np.array(start)]
@@ -95,11 +95,10 @@ def trajectory(part: Slice, start: Vector, steps: int = STEPS, step_ratio: float
 
 
 def figure(part: Slice) -> tuple[Figure, str]:
-    """Level lines, the admissible set and the trajectory, as deviations from the admissible optimum, and how far it
-    comes."""
+    """Level lines, admissible set and trajectory relative to the admissible optimum, and a sentence about them."""
     unbounded = np.linalg.solve(part.P, -part.q)
     reach = float(part.lb[0] - unbounded[0])
-    # Far out along the free variable and near the bound: the path meets the boundary early and has a way to go on it.
+    # Far from the optimum along the free variable and near the bound: the path meets the boundary early and follows it.
     start = part.optimum + reach * np.array([0.6, 2.0 * np.sign(part.P[0, 1])])
     w, unprojected = trajectory(part, start)
     touched = w[:, 0] <= part.lb[0]
@@ -181,9 +180,9 @@ def level_lines(P: Matrix, centre: Vector, low: Vector, high: Vector) -> list[Ma
 
 
 def spaced(path: Matrix, among: NDArray[np.intp], count: int) -> list[int]:
-    """About ``count`` of the given samples of a path, evenly spaced along its way."""
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[among], axis=0), axis=1))])
-    return sorted({int(among[np.argmin(np.abs(way - at))]) for at in np.linspace(0.0, way[-1], count)})
+    """About ``count`` of the given samples of a path, evenly spaced in arc length."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[among], axis=0), axis=1))])
+    return sorted({int(among[np.argmin(np.abs(length - at))]) for at in np.linspace(0.0, length[-1], count)})
 
 
 def main() -> None:

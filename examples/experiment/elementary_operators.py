@@ -60,7 +60,7 @@ def figure() -> Figure:
 
 
 def main() -> None:
-    """Draw them."""
+    """Draw the figure."""
     show(
         figure(),
         [

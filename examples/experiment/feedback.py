@@ -1,7 +1,7 @@
-"""Permanent sensor feedback: learned compensation with integral action, against either of them alone.
+"""Permanent sensor feedback: learned compensation with integral action, compared with compensation and control alone.
 
-Situations are drawn at random (`situations`), and a disturbance that the model does not know moves the output: a mount
-that creeps, or a vibration of 1 or 10 Hz. PI control alone is tuned for each situation: for each of RATIOS the gains
+Situations are random (`situations`), and a disturbance outside the model moves the output: creep of the mount, or a
+vibration of 1 or 10 Hz. PI control alone is tuned for each situation: for each of RATIOS the gains
 are raised until the sensitivity to disturbances, |1 / (1 + L)|, has the same peak as that of the integral action, with
 the steepest slope of the actuator in L,
 
@@ -26,7 +26,7 @@ from piezo_model import plants
 from solvers.arrays import Vector
 
 GAIN = 0.2
-"""Share of the error that is integrated per sample; the gain in 1/s is this over the sampling period."""
+"""Integral gain per sample; the gain in 1/s is this over the sampling period."""
 RATIOS = (0.0, 0.5, 2.0)
 """k_P / k_I of the PI control."""
 CYCLES = 2
@@ -39,17 +39,17 @@ WAYS = {
     "PI control alone": PALETTE[5],
     "compensation and integral action": PALETTE[0],
 }
-"""With their colours."""
+"""Compared controllers, with their colours."""
 
 
 def peak(k_p: float, k_i: float, delay: int) -> float:
-    """Peak of |1 / (1 + L)| for a slope of 1 and ``delay`` samples from the drive to its error."""
+    """Peak of |1 / (1 + L)| for a slope of 1 and ``delay`` samples from the drive to the error."""
     z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
     return float(np.max(1.0 / np.abs(1.0 + (k_p + k_i * z / (z - 1.0)) * z**-delay)))
 
 
 def pi_gains(ratio: float, delay: int, highest: float) -> tuple[float, float]:
-    """k_P and k_I of this ratio whose sensitivity has this peak, by bisection."""
+    """k_P and k_I of a given ratio whose sensitivity has the peak ``highest``, by bisection."""
     low, high = 0.0, 2.0
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -58,7 +58,7 @@ def pi_gains(ratio: float, delay: int, highest: float) -> tuple[float, float]:
 
 
 class Disturbed:
-    """A sensor with a disturbance added to its output; each call continues where the last one ended."""
+    """A sensor with a disturbance added to its output; each call continues with the next samples."""
 
     def __init__(self, sensor: plants.Plant, added: Vector) -> None:
         self.sensor, self.added, self.done = sensor, added, 0
@@ -72,13 +72,13 @@ class Disturbed:
 def pi_alone(
     situation: Situation, actuator: Disturbed, y_ref: Vector, gains: tuple[float, float], slope: float
 ) -> Vector:
-    """Outputs (N,) under PI control in the drive's unit, with its integral held at the limits."""
+    """Outputs (N,) under PI control, whose integral stops at the limits of the drive."""
     (low, high), (k_p, k_i) = situation.x_limits, gains
     integral, error, y = low, 0.0, np.empty_like(y_ref)
     for k in range(y_ref.size):
-        wanted = integral + (k_p + k_i) * error / slope
-        x = min(max(wanted, low), high)
-        if (wanted - x) * error <= 0.0:  # no integration further beyond a limit
+        unlimited = integral + (k_p + k_i) * error / slope
+        x = min(max(unlimited, low), high)
+        if (unlimited - x) * error <= 0.0:  # no integration further beyond a limit
             integral += k_i * error / slope
         y[k] = actuator.run(np.array([x]))[0]
         error = y_ref[k] - y[k] if np.isfinite(y[k]) else error
@@ -93,7 +93,7 @@ def steepest(situation: Situation) -> float:
 
 
 def rows(seed: int) -> Iterator[dict[str, Any]]:
-    """RMS errors of the last JUDGED_S, in % of the reference's range, of each way under each disturbance."""
+    """RMS errors over the last JUDGED_S, in % of the reference's range, of each controller under each disturbance."""
     situation = Situation.draw(seed, CYCLES * CYCLE_S, SAMPLE_TIME)
     y_ref, delay = situation.y_ref, 1 + int(situation.sensor_options.get("delay_samples", 0))
     t, span, slope = np.arange(y_ref.size) * SAMPLE_TIME, float(np.ptp(y_ref)), steepest(situation)
@@ -152,7 +152,7 @@ def figure(table: pd.DataFrame) -> Figure:
 
 
 def sentences(table: pd.DataFrame) -> Iterator[str]:
-    """Compare both together with each of them alone."""
+    """Compare the combination with each controller alone."""
     errors = table.pivot(index=["seed", "disturbance"], columns="way", values="rms_percent")
     both = errors["compensation and integral action"]
     for name, part in errors.groupby("disturbance", sort=False):
@@ -172,7 +172,7 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
 
 
 def main() -> None:
-    """Compare them in some situations from a first seed on."""
+    """Compare the controllers in a number of situations from a first seed on."""
     given = arguments(first=FIRST_SEED, situations=6)
     table = pd.DataFrame([row for seed in range(given.first, given.first + given.situations) for row in rows(seed)])
     show(figure(table), sentences(table), given.out)

@@ -1,7 +1,7 @@
 """The floor: the smallest error of a structure on one piece of a reference, fitted in hindsight to that piece.
 
-A model is identified from the piece, drives it again from the same states, and is identified again from the result; the
-best of a few rounds counts.
+A model is identified from the piece, drives the piece again from the same states, and is identified again from the
+result; the smallest error of ROUNDS rounds counts.
 """
 
 from copy import deepcopy
@@ -30,7 +30,7 @@ def floor(
     Parameters
     ----------
     model : HysteresisCreepModel
-        Its weights stay unchanged where the piece does not determine them.
+        Initial model; weights that the piece does not determine keep its values.
     state, plant : OperatorState, Plant
         States of the model, and the plant, at the beginning of the piece; both stay unchanged.
     x, y, y_ref : array (N,)

@@ -1,4 +1,4 @@
-"""Shared by the scripts of this folder: their options, and writing a figure with its data."""
+"""Functions shared by the scripts of this folder: command-line options, and the report of a figure with its data."""
 
 import argparse
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from bench.stage.setup import StageSetup
 
 
 def arguments(**options: Any) -> argparse.Namespace:
-    """The folder ``--out``, and further options with their defaults."""
+    """Parsed command line with ``--out``, the folder of the report, and further options with their defaults."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path, default=Path("results/experiment"), help="folder of the report")
     for name, default in options.items():
@@ -21,12 +21,12 @@ def arguments(**options: Any) -> argparse.Namespace:
 
 
 def setup_of(given: argparse.Namespace, **options: Any) -> StageSetup:
-    """The paper's setup, or the one of ``--quick``."""
+    """The paper's setup, or the shorter one with ``--quick``."""
     return (StageSetup.quick if given.quick else StageSetup)(**options)
 
 
 def show(figure: Figure, sentences: Iterable[str], folder: Path) -> None:
-    """Write the report of a figure with these sentences, and print them."""
+    """Write the report of a figure and its sentences, and print the sentences."""
     folder.mkdir(parents=True, exist_ok=True)
     report = Report([*sentences], figures=[figure], title=figure.title)
     written = write_report(report, folder, figure.name)

@@ -1,8 +1,8 @@
-"""Does the model need the superposition operator S? One actuator an axis against two in push-pull, m = 0 against m = 3.
+"""Does the model need the superposition operator S? One actuator per axis and two in push-pull, m = 0 and m = 3.
 
-The paper drives every axis by one actuator to show the use of S; two in push-pull make the loop point-symmetric, as the
-operator H alone is. A symmetric loop need not be a Prandtl-Ishlinskii one, though: the even part of a curvature cancels
-and an odd saturation does not. The comparison therefore uses actuators of three kinds, and n = 10 plays besides the
+The paper drives every axis by one actuator to show the use of S; two in push-pull make the loop point-symmetric, as is
+the operator H. A symmetric loop need not be one of H, though: the even part of a curvature cancels, but an odd
+saturation does not. The comparison therefore uses actuators of three kinds, and n = 10 plays besides the
 paper's n = 5, since with few plays the dead zones also replace missing plays.
 """
 
@@ -24,7 +24,7 @@ KINDS = {
     "curved and saturating": Actuators("dense_prandtl_ishlinskii"),
     "Preisach": Actuators("relay_preisach"),
 }
-"""Deformations of the loops: an even curvature, this and an odd saturation, minor loops that depend on the bias."""
+"""Deformations of the loops: an even curvature; this with an odd saturation; minor loops that depend on the bias."""
 ORDERS = (5, 10)
 WITHOUT_S, WITH_S = 0, 3
 MODELS = {WITHOUT_S: "without S (m = 0)", WITH_S: f"with S (m = {WITH_S})"}
@@ -34,7 +34,7 @@ AS_GOOD = 1.1
 
 @dataclass(frozen=True)
 class Case:
-    """One bar: kind of actuator, plays, push-pull or not, dead zones on either side."""
+    """One setup: kind of actuators, number of plays, push-pull or not, number of dead zones on either side."""
 
     kind: str
     n: int

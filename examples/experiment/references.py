@@ -1,4 +1,4 @@
-"""References of a machine at work, with the same arguments as the test signals of `piezo_model.signals`."""
+"""References typical of machines, with the same arguments as the signals of `piezo_model.signals`."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,7 +48,7 @@ def changing_amplitude(
 def from_samples(
     values: ArrayLike, *, duration_s: float, sample_time: float, low: float, high: float, period_s: float = 10.0
 ) -> Vector:
-    """A periodic signal through samples (M,), not all the same, scaled to the period and the limits.
+    """Periodic linear interpolation of samples (M,), not all equal, scaled to the period and the limits.
 
     Examples
     --------

@@ -1,7 +1,8 @@
-"""Learning in situations drawn at random: distance of each mode from the floor, and its worst situation.
+"""Learning in random situations: error of each mode relative to the floor, and its worst situation.
 
-Each situation (`situations`) is an actuator, its sensor and a reference on which no rule was tuned. The error of the
-last of five cycles is divided by the floor (`hindsight`), the best that the same structure can do on that cycle.
+Each situation (`situations`) is an actuator, its sensor and a reference that were not used to tune the learning. The
+error of the last of five cycles is divided by the floor (`hindsight`), the smallest error of the same structure on that
+cycle.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from piezo_model import Compensator, HysteresisCreepModel, OperatorState, SelfLe
 from piezo_model.learning.settings import Mode
 
 FIRST_SEED = 5000
-"""First seed on whose situations no rule of the learning was tuned."""
+"""First seed whose situations were not used to tune the learning."""
 SAMPLE_TIME = 5e-4
 CYCLES = 5
 WAYS: dict[str, tuple[Mode, str]] = {
@@ -32,7 +33,7 @@ WAYS: dict[str, tuple[Mode, str]] = {
 
 
 def learner_of(situation: Situation, way: str, n: int = 5, m: int = 3, **options: Any) -> SelfLearningCompensator:
-    """A learner with the ranges that the user believes in; the actuator is at the low end of its drive."""
+    """A learner with the ranges assumed by the user; the actuator is at the low end of its drive."""
     mode, solver = WAYS[way]
     structure = situation.structure(n, m)
     state = OperatorState.at_rest(structure, float(structure.unit_input(np.array(situation.x_limits[0]))), 1.0)
@@ -57,8 +58,8 @@ def straight_error(situation: Situation) -> float:
 
 
 def rows(seed: int, ways: tuple[str, ...] = tuple(WAYS), reference: str | None = None) -> list[dict[str, Any]]:
-    """One row for each way: errors of each cycle, of the straight line and the floor of the last cycle, in the output's
-    unit."""
+    """One row per mode and solver: errors of each cycle, of the straight line, and the floor of the last cycle, in the
+    output's unit."""
     situation = Situation.draw(seed, CYCLES * CYCLE_S, SAMPLE_TIME, reference)
     straight = straight_error(situation)
     found = []
@@ -144,7 +145,7 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
 
 
 def main() -> None:
-    """Learn in some situations from a first seed on."""
+    """Learn in a number of situations from a first seed on."""
     given = arguments(first=FIRST_SEED, situations=20)
     table = pd.DataFrame([row for seed in range(given.first, given.first + given.situations) for row in rows(seed)])
     show(figure(table), sentences(table), given.out)

@@ -1,7 +1,7 @@
-"""Situations for a learner, drawn at random: an actuator, its sensor, a reference and a structure.
+"""Random situations for a learner: an actuator, its sensor, a reference and a structure.
 
-A seed gives the same situation on any machine, so that a bad case can be named by its number. Nothing here depends on
-how learning works; seeds on which rules were tuned are no evidence for other seeds.
+A seed gives the same situation on any machine, so that a bad case can be identified by its number. Situations are
+independent of the learning method; results for seeds that were used in tuning do not apply to other seeds.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from solvers.arrays import Vector
 
 CREEP_RATES = (100.0, 10.0, 1.0, 0.1)
 CYCLE_S = 10.0
-"""Period of the repeated references, about a cycle of learning."""
+"""Period of the repeated references in s, about one cycle of learning."""
 STEP_S = 0.02
 
 
 def _repeated(one: Callable[..., Vector]) -> Callable[..., Vector]:
-    """The signal with its first ``CYCLE_S`` repeated."""
+    """The periodic continuation of the first ``CYCLE_S`` of a signal."""
 
     def signal(random: np.random.Generator, *, duration_s: float, sample_time: float, **limits: float) -> Vector:
         period = one(random, duration_s=CYCLE_S, sample_time=sample_time, **limits)
@@ -81,12 +81,12 @@ REFERENCES: dict[str, Callable[..., Vector]] = {
         **options, seed=_seed(random), frequency_Hz=random.uniform(0.3, 5.0)
     ),
 }
-"""Functions of a generator, duration, sampling period and limits."""
+"""References by name: functions of a random generator, duration, sampling period and limits."""
 
 
 @dataclass(frozen=True)
 class Situation:
-    """One situation.
+    """An actuator with its sensor, its assumed ranges and a reference.
 
     Examples
     --------
@@ -97,16 +97,16 @@ class Situation:
     """
 
     seed: int
-    """Its number."""
+    """Seed of the situation."""
     plant: str
     """Kind of actuator, one of ``plants.names()``."""
     reference: str
     """One of ``REFERENCES``."""
     x_range: tuple[float, float]
     y_range: tuple[float, float]
-    """What its user believes the ranges of drive and output to be."""
+    """Ranges of drive and output assumed by the user."""
     x_limits: tuple[float, float]
-    """What the amplifier gives."""
+    """Range of the amplifier."""
     y_ref: Vector
     """The reference, in the unit of the output. Shape (N,)."""
     sample_time: float
@@ -117,9 +117,9 @@ class Situation:
     def draw(cls, seed: int, duration_s: float, sample_time: float, reference: str | None = None) -> Situation:
         """Draw everything from the seed; a reference may be chosen.
 
-        The user has driven the actuator once up and down and gives the ranges that were seen, a little wrong.
+        The assumed ranges are those measured in one drive up and down, with errors of up to 5 %.
         """
-        # One generator a part: another range of one part's options changes no other part.
+        # One generator per part, so that changes of one part do not affect the others.
         of_plant, of_sensor, of_reference, of_user = (np.random.default_rng([seed, part]) for part in range(4))
         kind = str(of_plant.choice(plants.names()))
         low, span = of_plant.uniform(-200.0, 50.0), of_plant.uniform(40.0, 1000.0)
@@ -187,7 +187,7 @@ class Situation:
         return plants.Sensor(plants.get(self.plant, **self.actuator_options), **self.sensor_options)
 
     def structure(self, n: int = 5, m: int = 3, offset: bool = True) -> ModelStructure:
-        """The equidistant structure over the ranges that the user gives."""
+        """The equidistant structure over the ranges assumed by the user."""
         return ModelStructure.equidistant(
             n, m, self.x_range, self.y_range, CREEP_RATES, self.sample_time, offset=offset
         )

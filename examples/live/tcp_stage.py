@@ -9,7 +9,7 @@ import socket
 
 
 class TcpStage:
-    """The client; TCP_STAGE says where the server is, as host:port."""
+    """The client; the environment variable TCP_STAGE has the address of the server, host:port."""
 
     input_unit, output_unit = "V", "um"
     x_limits, y_range = (0.0, 150.0), (-20.0, 20.0)

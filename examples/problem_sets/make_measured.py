@@ -1,9 +1,9 @@
-"""Make the files of the problem set `measured` from the recordings that its README.md names.
+"""Make the files of the problem set `measured` from the recordings listed in its README.md.
 
     python examples/problem_sets/make_measured.py dbo=dbo_identification.csv afm_scanner=afm_single.csv
     afm_head=fmt-tab-fd_version_0.13.3.tab
 
-Each argument names a file of the set and the recording that it is made from. Lengths in metres become micrometres.
+Each argument is the name of a file of the set and its recording. Lengths in metres become micrometres.
 """
 
 import json
@@ -22,9 +22,9 @@ from piezo_model import DataBasis, IdentificationProblem, Recording
 ORDERS = (5, 3)
 PROGRAMS = 7
 WINDOWS = (0.5, 1.0)
-"""Shares of the counted part, from its start."""
+"""Windows from the start of the counted part, as shares of it."""
 UNSEEN = 1000
-"""Samples that follow."""
+"""Number of samples after the fitted part that are stored for validation."""
 
 
 def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
@@ -52,10 +52,9 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
 
 
 def write(path: Path, programs: Sequence[Sequence[IdentificationProblem]], unseen: Validation) -> None:
-    """Write programs of one structure, for each phase its windows, and the data that follow, rounded to single
-    precision.
+    """Write programs of one structure (phases × windows), and the data for validation, rounded to single precision.
 
-    Of each P the upper triangle is kept, row by row.
+    The upper triangle of each P is stored row by row.
     """
     meta = {
         "structure": unseen.structure.to_dict(),

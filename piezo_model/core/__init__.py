@@ -30,8 +30,8 @@ class State:
 
     def __init__(self, size: int, setup: Callable[[NDArray[np.uint8]], Mapping[str, tuple[int, int]]]) -> None:
         self.block = solvers.core.block(size)
-        self.places = setup(self.block)
-        self._views = solvers.core.parts(self.block, self.places)
+        self.offsets = setup(self.block)
+        self._views = solvers.core.parts(self.block, self.offsets)
         self._in_use = threading.Lock()
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
@@ -65,12 +65,12 @@ class State:
         take(self.block, aligned)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _copied, (self.block.tobytes(), self.places)
+        return _copied, (self.block.tobytes(), self.offsets)
 
 
-def _copied(data: bytes, places: Mapping[str, tuple[int, int]]) -> State:
+def _copied(data: bytes, offsets: Mapping[str, tuple[int, int]]) -> State:
     def fill(block: NDArray[np.uint8]) -> Mapping[str, tuple[int, int]]:
         block[:] = np.frombuffer(data, np.uint8)
-        return places
+        return offsets
 
     return State(len(data), fill)

@@ -25,7 +25,7 @@ from piezo_model.recordings import Recording
 from solvers.arrays import Vector
 
 LONGEST = 1_000_000
-"""Most samples of a review, from the start."""
+"""Largest number of samples in a review, from the start."""
 TWO_SIDED = 1.96
 
 
@@ -35,9 +35,9 @@ class Weight:
 
     name: str
     value: float
-    """In unit amplitudes, with w_H0 = 1."""
+    """Weight in unit amplitudes, with w_H0 = 1."""
     half_width: float
-    """Of the 95 % interval; NaN for a weight at a bound or unreached."""
+    """Half the width of the 95 % interval; NaN for a weight at a bound or unreached."""
     excitation: float
     """RMS of the operator's signal in unit amplitudes."""
     reached: bool

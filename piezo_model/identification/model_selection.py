@@ -164,7 +164,7 @@ def select(
     x, y : array (N,)
         Input and output from the first sample on; SAMPLES of them are enough.
     structure : ModelStructure
-        Of a first fit: its ranges, sign and offset are kept, and its orders and rates are the default.
+        Structure of a first fit: its ranges, sign and offset are kept, and its orders and rates are the default.
     start : OperatorState
         States before the first sample, of that structure.
     skip : int

@@ -86,7 +86,7 @@ class Validation:
         if self.beyond_percent > 1.0:
             yield (
                 f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
-                f"where the model extrapolates; an offset of the sensor is looked for within that range alone."
+                f"where the model extrapolates; an offset of the sensor is estimated within that range alone."
             )
 
 

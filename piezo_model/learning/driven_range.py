@@ -28,13 +28,13 @@ Span = tuple[float, float, float, float]
 
 OVER, MARGIN = 1.1, 0.05
 UNDER = {6: 0.5, 60: 0.75}
-"""Numbers of pieces, and the share of the range that they must stay within for a narrower one: a change costs the
-learning of a cycle, so that a small gain needs a long observation."""
+"""Share of the range within which the driven range must stay to be narrowed, by the number of pieces: since a change
+discards one cycle of learning, a small gain requires a long observation."""
 MEMORY, PIECE_S = max(UNDER), 10.0
 
 
 class RangeMemory(TypedDict):
-    """State of a :class:`DrivenRange`."""
+    """State of a :class:`DrivenRange`, as it is saved: ``looked`` is the number of observations."""
 
     spans: list[tuple[Number, Number, Number, Number]]
     looked: Annotated[int, Meta(ge=0, le=2**53)]
@@ -42,23 +42,24 @@ class RangeMemory(TypedDict):
 
 @dataclass
 class DrivenRange:
-    """Spans of the last pieces; a piece consists of ``looks`` observations."""
+    """Spans of the last pieces; a piece consists of ``per_piece`` observations."""
 
-    looks: int = 1
+    per_piece: int = 1
     spans: list[Span] = field(default_factory=list)
     """Span of each piece; the last piece may be incomplete."""
-    looked: int = 0
+    observed: int = 0
+    """Number of observations since the last change of the ranges."""
 
-    def look(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
+    def observe(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
         """Add the span since the last observation; returns a structure of other ranges if they should change."""
         x_low, x_high, y_low, y_high = (float(value) for value in span)
-        if self.looked % self.looks and self.spans:
+        if self.observed % self.per_piece and self.spans:
             before = self.spans.pop()
             x_low, x_high = min(x_low, before[0]), max(x_high, before[1])
             y_low, y_high = min(y_low, before[2]), max(y_high, before[3])
         self.spans = [*self.spans, (x_low, x_high, y_low, y_high)][-MEMORY:]
-        self.looked += 1
-        spans, whole = np.array(self.spans), self.looked % self.looks == 0
+        self.observed += 1
+        spans, whole = np.array(self.spans), self.observed % self.per_piece == 0
         ranges: dict[str, Any] = {}
         for name, low, high in (("x", 0, 1), ("y", 2, 3)):
             bottom, top = float(spans[:, low].min()), float(spans[:, high].max())
@@ -66,7 +67,7 @@ class DrivenRange:
                 bottom, top = min(bottom, -1.0), max(top, 1.0)
             half = 0.5 * (top - bottom)
             if beyond or any(
-                self.looked >= pieces * self.looks and 0.0 < half < share for pieces, share in UNDER.items()
+                self.observed >= pieces * self.per_piece and 0.0 < half < share for pieces, share in UNDER.items()
             ):
                 centre, scale = getattr(s, f"{name}_centre"), getattr(s, f"{name}_scale")
                 ranges |= {
@@ -76,18 +77,22 @@ class DrivenRange:
         if not ranges:
             return None
         self.spans.clear()
-        self.looked = 0
+        self.observed = 0
         return replace(s, **ranges)
 
     def interrupt(self) -> None:
         """Discard an incomplete piece after a sensor fault."""
-        if self.looked % self.looks:
+        if self.observed % self.per_piece:
             self.spans.pop()
-            self.looked -= self.looked % self.looks
+            self.observed -= self.observed % self.per_piece
 
     def memory(self) -> RangeMemory:
-        """The state."""
-        return {"spans": list(self.spans), "looked": self.looked}
+        """The state, as it is saved."""
+        return {"spans": list(self.spans), "looked": self.observed}
+
+    def restore(self, memory: RangeMemory) -> None:
+        """Continue from a :meth:`memory`."""
+        self.spans, self.observed = memory["spans"], memory["looked"]
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:

@@ -106,7 +106,7 @@ class Learner:
                     self._follow(BlockEvent(int(events[0])))
 
     def _follow(self, events: BlockEvent) -> None:
-        """Log the events of a block, and do what they ask of Python."""
+        """Log the events of a block, and handle those that need Python."""
         if BlockEvent.SENSOR_FAULT in events:
             self._driven.interrupt()
             self._note("sensor", "the output jumped, froze or left its range; learning waits")
@@ -169,30 +169,30 @@ class Learner:
         program = Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
         start = np.maximum(core["start"], lower)
         try:
-            found = solved(self.settings.solver, self.settings.solver_options, program, start, c)
-        except Exception as error:  # whatever a library raises, the compensator goes on
+            answer = solved(self.settings.solver, self.settings.solver_options, program, start, c)
+        except Exception as error:  # no exception of a library may stop the compensator
             self._memory["refusals"] += 1
             if self._cyclic:
                 bindings.cyclic_enter(core.block, list(Phase).index(Phase.RESET))
             self._note("refused", f"the solver {self.settings.solver} failed: {error}")
             return
         if self._cyclic:
-            core["answer"][:] = found
-        elif np.all(np.isfinite(found)):
-            core["candidate"][:] = np.maximum(found, lower)
+            core["answer"][:] = answer
+        elif np.all(np.isfinite(answer)):
+            core["candidate"][:] = np.maximum(answer, lower)
 
     def _follow_range(self) -> None:
         """Change to other ranges if the drive or the output needs them."""
         core, old = self._core, self.compensator.model.structure
         span = core["covered"] if self._cyclic else self._memory["span"]
-        new = self._driven.look(span, old) if self.settings.follow_range and np.all(np.isfinite(span)) else None
+        new = self._driven.observe(span, old) if self.settings.follow_range and np.all(np.isfinite(span)) else None
         if not self._cyclic:
             span[:] = math.inf, -math.inf, math.inf, -math.inf
         if new is None:
             return
         state = OperatorState(core["block_play"], core["block_creep"]).on(old, new)
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
-        # these weights may have been offered and not yet taken
+        # these weights may not have been handed over yet
         learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
         self.compensator.change_model(carried_over(learned, new), self.settings.fade_s)
         self._begin(state, resets=False)

@@ -23,7 +23,7 @@ STEPPED = "projected_difference"
 def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector, c: float = 1.0) -> Vector:
     """Answer (d,) of a solver, or NaN if it finds none; warm-started from ``start`` if the solver supports it.
 
-    The setup gets other data of the same structure, so that the solution is computed by the solve alone.
+    The setup sees different data of the same structure, so that the solution is computed by the solve alone.
 
     The ``options`` are lane, settings and ``setting``, the text of a rung of the solver's ladder
     (:func:`solvers.protocol.setting_text`) or of its default use; without ``setting``, the tightest rung that succeeds.
@@ -36,22 +36,22 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     """
     from qpsolvers import Problem
 
-    for engine in _asked(solver, c, **(options or {})):
+    for engine in _candidates(solver, c, **(options or {})):
         engine.setup(Problem(0.5 * program.P, np.zeros_like(program.q), lb=program.lb, ub=program.ub))
         engine.update(program.P, program.q)
-        found = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
+        answer = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
         if engine.solution().found:
-            return found
-    return np.full_like(found, np.nan)
+            return answer
+    return np.full_like(answer, np.nan)
 
 
-def _asked(
+def _candidates(
     solver: str, c: float, lane: str | None = None, setting: str | None = None, **settings: Any
 ) -> Iterator[Solver]:
-    """The solver at the given setting, or at each rung of its ladder from the tightest on."""
+    """The solver at the given setting, or at each rung of its ladder, beginning with the tightest."""
     cls = solvers.find(solver, lane).load()
-    for asked in cls.ladder(c)[::-1] if setting is None else [cls.at(setting, c)]:
-        yield cls(**{**asked, **settings})
+    for rung in cls.ladder(c)[::-1] if setting is None else [cls.at(setting, c)]:
+        yield cls(**{**rung, **settings})
 
 
 def require_setting(setting: str | None, solver: str, lane: str | None) -> None:

@@ -1,4 +1,4 @@
-"""Simulated actuators whose truth is not in the class of the model; the folder is the registry.
+"""Simulated actuators that are not in the model class; the folder is the registry.
 
 A file of this folder that defines one :class:`~piezo_model.plants.actuator.Actuator` adds the plant of the file's name.
 """
@@ -42,9 +42,9 @@ def get(name: str, **options: Any) -> Actuator:
     Raises
     ------
     KeyError
-        Where there is no such plant.
+        If there is no such plant.
     ValueError
-        Where the plant has no such option, or not with that value.
+        If the plant has no such option, or its value is invalid.
 
     Examples
     --------
@@ -65,5 +65,5 @@ def get(name: str, **options: Any) -> Actuator:
 
 
 def options_of(name: str, random: np.random.Generator) -> dict[str, Any]:
-    """Draw options of its own that make one individual of a kind of :func:`names`."""
+    """Draw the options of an individual actuator of one of :func:`names`."""
     return _classes()[name].draw(random)

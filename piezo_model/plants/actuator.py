@@ -33,22 +33,22 @@ Memory = dict[str, NDArray[np.float64]]
 
 
 def along(function: Callable[..., object], u: Vector, *arguments: object) -> Vector:
-    """Output (N,) of a function of the core for u (N,); it advances the states among its arguments."""
+    """Output (N,) of a function of the core for u (N,); the function updates the states among its arguments."""
     output = np.empty_like(u)
     function(u, *arguments, output)
     return output
 
 
 def curved(v: Vector, saturation: float, asymmetry: float) -> Vector:
-    """S(v) = (v − c v³ + e (v² − 1)) / (1 − c), rising strictly from −1 to 1 over v (N,) in [−1, 1]; ValueError where
-    it does not."""
+    """S(v) = (v − c v³ + e (v² − 1)) / (1 − c), strictly increasing from −1 to 1 over v (N,) in [−1, 1]; ValueError if
+    c and e violate that."""
     c, e = saturation, asymmetry
     if not (c >= 0.0 and 1.0 - 2.0 * abs(e) - 3.0 * c > 0.0):
         raise ValueError(
             f"saturation must be at least 0 and 1 - 2 |asymmetry| - 3 saturation above 0, not with saturation {c} and "
             f"asymmetry {e}"
         )
-    # Products and not powers: numpy rounds a power of one number and of an array in different ways.
+    # Products, since numpy rounds powers of a single number and of an array differently.
     return (v - c * v * v * v + e * (v * v - 1.0)) / (1.0 - c)
 
 

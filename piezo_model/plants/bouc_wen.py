@@ -4,9 +4,9 @@
 
 (Y.-K. Wen, "Method for random vibration of hysteretic systems", Journal of the Engineering Mechanics Division 102
 (1976), 249-263; for piezo actuators T. S. Low and W. Guo, "Modeling of a three-layer piezoelectric bimorph beam with
-hysteresis", Journal of Microelectromechanical Systems 4 (1995), 230-237). The equation knows the path of u and not
-its speed. It keeps no turning points, so it breaks the wiping-out law: a minor loop does not close at once but drifts
-from cycle to cycle, which no superposition of plays or relays does.
+hysteresis", Journal of Microelectromechanical Systems 4 (1995), 230-237). The equation is independent of the
+speed of u. It stores no turning points, so it violates the wiping-out law: a minor loop does not close at once but
+drifts from cycle to cycle, unlike any superposition of plays or relays.
 
 With |γ| ≤ β the slope dh/du lies between 0 and 2 A β / (β + γ), and h between −A (1 − u) and A (1 + u). For k above
 that slope Γ is therefore strictly monotone on every branch, and |Γ| ≤ 1. Only small strokes about an end come near
@@ -75,7 +75,7 @@ class BoucWen(Actuator):
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Options of an individual."""
+        """Draw the options of an individual actuator."""
         beta = random.uniform(0.8, 2.5)
         return {
             "loading_slope": random.uniform(0.15, 0.35),

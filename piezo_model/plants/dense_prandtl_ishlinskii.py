@@ -3,8 +3,8 @@
     Γ[u] = S( Σ_i w_Hi H_ri[u] + Σ_i w_Ki (1/J) Σ_j K_{ri,aj}[u] ),   i = 0 … n
     S(v) = ( v − c v³ + e (v² − 1) ) / (1 − c)
 
-It is the structure of the paper's equation (2), with far more thresholds than the model and a cubic where the model
-has a polygon: what the model can come near to by growing and cannot equal. H is the play operator and K the creep
+It has the structure of the paper's equation (2), with far more thresholds than the model and a cubic in place of the
+model's polygon: a larger model approximates it better but never equals it. H is the play operator and K the creep
 operator of rates a_j (K. Kuhnen, "Modeling, identification and compensation of complex hysteretic nonlinearities: a
 modified Prandtl-Ishlinskii approach", European Journal of Control 9 (2003), 407-418).
 """
@@ -27,15 +27,15 @@ class DensePrandtlIshlinskii(Actuator):
     Parameters
     ----------
     thresholds : int
-        n + 1 thresholds r_i = i / (n + 1); the first, 0, is the part without memory.
+        n + 1, the number of thresholds r_i = i / (n + 1); the first play, of threshold 0, has no memory.
     reversible_share : float
-        Part of the plays' sum that has the threshold 0, above 0 to below 1.
+        Share of the plays' sum that belongs to threshold 0, above 0 to below 1.
     threshold_scale : float
         ρ; the other plays have the weights e^(−r/ρ).
     saturation : float
         c of the cubic.
     asymmetry : float
-        e of the cubic, with 1 − 2 |e| − 3 c > 0 so that S rises strictly on [−1, 1] (c ≥ 0).
+        e of the cubic, with 1 − 2 |e| − 3 c > 0 so that S is strictly increasing on [−1, 1] (c ≥ 0).
 
     Examples
     --------
@@ -78,7 +78,7 @@ class DensePrandtlIshlinskii(Actuator):
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Options of an individual."""
+        """Draw the options of an individual actuator."""
         return {
             "thresholds": int(random.integers(20, 60)),
             "reversible_share": random.uniform(0.55, 0.85),

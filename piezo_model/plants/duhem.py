@@ -5,8 +5,8 @@
 (B. D. Coleman and M. L. Hodgdon, "A constitutive relation for rate-independent hysteresis in ferromagnetically soft
 materials", International Journal of Engineering Science 24 (1986), 897-919.) The deviation e = v − u goes to
 ∓(1 − b) / α as u rises or falls and is exact over any step, e ← e_∞ + (e − e_∞) e^(−α |Δu|). With ½ < b ≤ 1 every
-branch rises. The equation forgets turning points with the way of u and not by wiping them out, so minor loops do not
-close. S is the cubic of `actuator.curved`, v_1 = 1 + (1 − b) / α what |v| never exceeds.
+branch rises. Turning points fade with the distance that u travels instead of being wiped out, so minor loops do not
+close. S is the cubic of `actuator.curved`, v_1 = 1 + (1 − b) / α an upper bound of |v|.
 """
 
 from dataclasses import dataclass
@@ -27,10 +27,10 @@ class Duhem(Actuator):
     Parameters
     ----------
     alpha : float
-        α, positive: the inverse of the way after which a turning point is forgotten, in half ranges of the drive.
+        α, positive: inverse of the travel over which a turning point fades, in half ranges of the drive.
     slope_after_turn : float
-        b, above 0.5 and below 1: about the slope after a long way in one direction is 1 and after a turning point 2 b −
-        1.
+        b, above 0.5 and below 1: the slope is about 1 after long travel in one direction and 2 b − 1 after a turning
+        point.
     saturation, asymmetry : float
         c and e of the cubic.
 
@@ -52,7 +52,7 @@ class Duhem(Actuator):
         checks.positive(alpha=self.alpha)
         checks.between(0.5, 1.0, slope_after_turn=self.slope_after_turn)
         curved(np.zeros(1), self.saturation, self.asymmetry)
-        # For any drive |e| stays within its limits, and so |v| within 1 plus them.
+        # |e| ≤ (1 − b) / α for any drive, and |v| ≤ 1 + |e|.
         self._half = 1.0 + (1.0 - self.slope_after_turn) / self.alpha
 
     def _rest(self) -> Memory:
@@ -69,7 +69,7 @@ class Duhem(Actuator):
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Options of an individual."""
+        """Draw the options of an individual actuator."""
         return {
             "alpha": random.uniform(1.0, 6.0),
             "slope_after_turn": random.uniform(0.6, 0.92),

@@ -1,11 +1,11 @@
-"""Maxwell slip: springs that drag sliders with dry friction, beside one spring that does not slide.
+"""Maxwell slip: springs that drag sliders with dry friction, in parallel with one spring without a slider.
 
     u = κ q + Σ_i F_i,   dF_i = k_i dq while |F_i| ≤ f_i,   Γ[u] = S(q)
 
 q is the charge and u the voltage: the Maxwell resistive capacitor of M. Goldfarb and N. Celanovic, "Modeling
-piezoelectric stack actuators for control of micromanipulation", IEEE Control Systems 17 (1997), 69-79. The voltage is
-what is given, so the charge is found along the straight pieces between two sliders that begin to move. S is the cubic
-of `actuator.curved`.
+piezoelectric stack actuators for control of micromanipulation", IEEE Control Systems 17 (1997), 69-79. The input is the
+voltage, so the charge is computed along the linear segments between the points at which sliders begin to move. S is the
+cubic of `actuator.curved`.
 """
 
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ class MaxwellSlip(Actuator):
     Parameters
     ----------
     sliders : int
-        Springs with a slider; the last begins to slide after ``reach`` of the whole range.
+        Number of springs with a slider; the last slider begins to move at the extension ``reach``.
     slip_share : float
-        Σ k_i / (κ + Σ k_i), above 0 to below 1: how much stiffer the chain is after a turning point than at its end.
+        Σ k_i / (κ + Σ k_i), above 0 to below 1: the part of the stiffness after a turning point that slipping removes.
     reach : float
-        Above 0 to 2, in units of half the drive's range.
+        That extension, above 0 to 2, in units of half the drive's range.
     saturation, asymmetry : float
         c and e of the cubic.
 
@@ -78,7 +78,7 @@ class MaxwellSlip(Actuator):
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Options of an individual."""
+        """Draw the options of an individual actuator."""
         return {
             "sliders": int(random.integers(3, 30)),
             "slip_share": random.uniform(0.1, 0.55),

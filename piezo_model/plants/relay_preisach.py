@@ -11,13 +11,13 @@ and the line's distribution function:
 
     ∫ μ(r, s) R_{s−r, s+r}[u] ds = q_r(z_r),   q_r' = 2 μ(r, ·)
 
-Half widths r are sampled on a grid and places s are not, so that y has no jumps: on a grid of 60 switching levels each
-would be a step of 0.4 % of the range, more than the error of a good compensation. With q_r linear this would be a
+The half widths r are discrete, the centres s continuous, so that y has no jumps: with 60 discrete switching levels each
+jump would be 0.4 % of the range, more than the error of a good compensation. With q_r linear this would be a
 Prandtl-Ishlinskii operator; here
 
     q_r(s) ∝ t / sqrt(1 + t²),   t = (s − c(r)) / σ(r),   c(r) = c_0 − c_1 r,   σ(r) = σ_0 − σ_1 r
 
-so the density is a hill whose place and breadth change with r, and a minor loop's width changes with its bias.
+so the density is a hill whose centre and breadth depend on r, and the width of a minor loop depends on its bias.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class RelayPreisach(Actuator):
     Parameters
     ----------
     lines : int
-        Number of half widths r, evenly between 0 and 1.
+        Number of half widths r, equidistant between 0 and 1.
     reversible_share : float
         λ, the part of the displacement without memory, 0 to below 1.
     half_width_scale : float
@@ -93,7 +93,7 @@ class RelayPreisach(Actuator):
 
     @staticmethod
     def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Options of an individual."""
+        """Draw the options of an individual actuator."""
         return {
             "reversible_share": random.uniform(0.55, 0.85),
             "half_width_scale": random.uniform(0.2, 0.8),

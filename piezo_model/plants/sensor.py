@@ -30,12 +30,12 @@ def gain_from(first: int, count: int, sample_time: float, rate_per_s: float, swi
 
 @dataclass(eq=False)
 class Sensor(Plant):
-    """Wrap a plant into the measurement of the module; itself a plant.
+    """A plant with its sensor, itself a plant.
 
     Parameters
     ----------
     plant : Plant
-        The measured plant; afterwards to be driven through this object only.
+        The measured plant, which must not be driven in any other way afterwards.
     noise_um : float
         σ, standard deviation of the noise, µm.
     quantum_um : float
@@ -53,7 +53,7 @@ class Sensor(Plant):
     gap_samples, gap_period_samples : int
         G and P, with G below P; 0 for no gaps.
     delay_samples : int
-        D; before the first answer arrives the line holds the first answer.
+        D; the first D measurements are of the first displacement.
     seed : int
         Seed of the noise, which does not depend on how a run is cut into chunks.
 
@@ -118,7 +118,7 @@ class Sensor(Plant):
         at = (self._samples + np.arange(y.size)) % self.gap_period_samples
         self._samples += y.size
         if self._keep:
-            from scipy.signal import lfilter  # which takes most of a second
+            from scipy.signal import lfilter  # imported here, since the import takes most of a second
 
             drifted, state = lfilter([1.0 - self._keep], [1.0, -self._keep], drifted, zi=self._keep * self._lagging)
             self._lagging = state / self._keep
@@ -135,6 +135,6 @@ class Sensor(Plant):
         )
 
     def reset(self) -> None:
-        """Put the plant at rest, the time to zero and the noise to its beginning."""
+        """Put the plant at rest and restart the time and the noise sequence."""
         self.plant.reset()
         self._begin()

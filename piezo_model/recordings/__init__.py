@@ -1,7 +1,7 @@
 """Recordings of an actuator: files of any format, checked once and read in chunks.
 
-A voltage passes these modules on its way from a file to a weight, and none of them twice unless the recording is too
-long to be held in memory:
+The data pass through these modules on their way from a file to the weights, each module once unless the recording is
+too long to be held in memory:
 
     formats/*           ``batches``: text by Arrow, after `dialect` and `text_table`; binary formats by their libraries,
                         in a child process (`subprocess_reader`)

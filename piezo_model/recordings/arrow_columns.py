@@ -34,7 +34,7 @@ DOTTED_CLOCK = re.compile(r"^\s*(\d{1,2})\.([0-5]\d)\.([0-5]\d(?:\.\d+)?)\s*$")
 ORDERS = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y")
 HALVES = {"": -1, "AM": 0, "PM": 12}
 SECOND, DAY = 10**9, 86400 * 10**9
-"""In nanoseconds."""
+"""Durations in nanoseconds."""
 
 
 def column_of(field: pa.Field, rows: int | None = None) -> Column:

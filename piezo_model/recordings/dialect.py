@@ -15,7 +15,7 @@ from piezo_model.recordings.tables import Column, Kind
 from piezo_model.units import canonical
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
-"""In the order of preference; " " stands for any run of blanks and tabs."""
+"""Separators in the order of preference; " " means any run of blanks and tabs."""
 COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
 COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})

@@ -35,7 +35,7 @@ HELD = 5_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Origin of signals."""
+    """Origin of signals: a file or arrays."""
 
     name: str
     """Path of the file, or the name given to arrays."""

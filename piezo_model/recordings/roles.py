@@ -1,8 +1,8 @@
-"""Which column is time, input and output.
+"""Assignment of the columns of a table to the roles time, input, output and reference.
 
-Columns that the user names are taken. The others are guessed, and the guess is reported, by the most reliable clue:
-the words in a name (``input_voltage``), its unit, being the only column left, and at last the values
-(:mod:`piezo_model.recordings.profile`).
+The user names columns, and the others are guessed by the most reliable evidence available: the words in a name
+(``input_voltage``), its unit, being the only column left, and finally the values
+(:mod:`piezo_model.recordings.profile`). Guesses are reported.
 Every word votes for the drive (positive) or for the sensor (negative). Between two columns that fit equally well no
 guess is made: the user has to name one.
 """

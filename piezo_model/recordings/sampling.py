@@ -33,8 +33,8 @@ MOST_DECIMALS = 15
 FEW = 8
 """Fewest times whose decimals tell how they are printed."""
 SINGLE_GRID = 0.1
-"""Largest distance from a number in single precision, in steps of its grid, that printing explains; by chance it is up
-to 0.5."""
+"""Largest distance of a printed time from the nearest number in single precision, in steps of that grid; a random
+number lies up to 0.5 away."""
 
 RowName = Callable[[int], str]
 """Name of a row counted from 0."""

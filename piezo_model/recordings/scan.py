@@ -95,9 +95,9 @@ def scan(
     tolerance : float
         Allowed deviation of an interval, as a share of the sampling period.
     hold : int
-        Most rows of a table whose signals are kept in memory and not read again.
+        Largest number of rows that are kept in memory; a longer table is read again at every use.
     length : int
-        Most rows to read.
+        Largest number of rows to read.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def scan(
         clock, unit = None, options.sample_time or table.columns[signals[0]].sample_time or 1.0
     values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
     unread = [] if roles.unread is None else [roles.unread]
-    hold = 0 if (table.columns[signals[0]].rows or 0) > hold else hold  # nothing is held that will be dropped
+    hold = 0 if (table.columns[signals[0]].rows or 0) > hold else hold  # a longer table is not held at all
     first, last, held = np.inf, -np.inf, list[Matrix]()
     for chunk in rechunk(limited(table.chunks([*at, *unread]), length), CHUNK):
         for check, column in zip(values, chunk, strict=False):
@@ -131,14 +131,14 @@ def scan(
         held = [*held, chunk[time is not None : len(at)]] if values[0].count <= hold else []
     complete, rows = min(check.finish() for check in values), values[0].count
     if complete < rows:
-        found, dropped = scan(table, roles, options, tolerance, hold, complete), rows - complete
+        samples, dropped = scan(table, roles, options, tolerance, hold, complete), rows - complete
         incomplete = "row is incomplete and was" if dropped == 1 else f"{dropped} rows are incomplete and were"
-        return replace(found, remark=f", the last {incomplete} left out{found.remark}")
+        return replace(samples, remark=f", the last {incomplete} left out{samples.remark}")
     if clock is None and rows < 2:
         raise RecordingError(f"{table.path}: has {rows} data row{'' if rows == 1 else 's'}, and a recording needs two")
     for k in unread:
         _refuse_other_clock(table, k, last - first, (rows - 1) * unit, unit)
-    found = Scan(
+    samples = Scan(
         clock.sample_time() if clock else unit,
         clock.resolution * unit if clock else 0.0,
         rows,
@@ -146,7 +146,7 @@ def scan(
         partial(iter, (np.concatenate(held, axis=1),)) if held else partial(_streamed, table, signals, rows),
     )
     if options.resample is None or clock is None:
-        return found
+        return samples
     length = int(clock.duration_s / options.resample + 1e-9) + 1
     if not 2 <= length <= MOST_SAMPLES:
         raise RecordingError(
@@ -154,7 +154,7 @@ def scan(
             "another period"
         )
     return replace(
-        found,
+        samples,
         sample_time=options.resample,
         time_resolution=0.0,
         length=length,

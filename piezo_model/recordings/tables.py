@@ -2,8 +2,8 @@
 
 A table is a path, its columns and two methods: ``chunks(at)`` streams the columns at those positions as float64 arrays
 of shape (columns, rows) in memory that does not grow with the file, and ``where(row)`` names a row as the user counts
-it. A format defines only how its ``batches`` are read. A missing cell becomes NaN, which
-:mod:`piezo_model.recordings.scan` judges.
+rows. A format defines only how its ``batches`` are read. A missing cell becomes NaN, which
+:mod:`piezo_model.recordings.scan` checks.
 
 A format is a file in :mod:`piezo_model.recordings.formats`; that folder is the registry.
 """
@@ -30,7 +30,7 @@ HEAD_BYTES = 1 << 18
 BATCH_ROWS = 1 << 17
 Kind = Literal["number", "clock", "flag", "text", "empty"]
 KINDS_OF_ARRAYS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
-"""By NumPy's letter for a type."""
+"""Kind of a column by the kind code of its NumPy type."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ class Column:
     """One column of a table."""
 
     name: str
-    """As in the file; not necessarily unique."""
+    """Name in the file; not necessarily unique."""
     unit: str = ""
-    """In ASCII; "" if unknown."""
+    """Unit in ASCII; "" if unknown."""
     kind: Kind = "number"
     rows: int | None = None
     """Number of rows, if the format states it."""
@@ -128,7 +128,7 @@ class Table(ABC):
             )
 
     def where(self, row: int) -> str:
-        """Name of a row, counted from 0, as the user would look for it."""
+        """Name of a row, counted from 0, as the user counts rows."""
         return f"data row {row + 1}"
 
 
@@ -175,13 +175,14 @@ def in_memory(
     path: Path,
     form: str,
     arrays: Mapping[str, Any],
+    *,
     units: Mapping[str, str] | None = None,
     sample_time: float | Mapping[str, float | None] | None = None,
     nested: bool = True,
 ) -> ArrayTable:
     """Make a table of one- and two-dimensional arrays; a matrix becomes columns ``name/1``, ``name/2``, …
 
-    Units and sampling periods are given by name, or one period for all; ``nested`` tells whether names are paths.
+    Units and sampling periods are given by name, or one period for all; with ``nested`` the names are paths.
     """
     columns, kept = [], []
     for name, array in arrays.items():
@@ -209,7 +210,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def columns_of(name: str, array: Any) -> Iterator[tuple[str, Any]]:
-    """Names and columns of the numbers in an array; nothing for an array of something else."""
+    """Names and columns of the numbers in an array; none if it holds no numbers."""
     if array.dtype.names:
         for part in array.dtype.names:
             yield from columns_of(f"{name}/{part}" if name else part, array[part])

@@ -4,10 +4,10 @@
     push-pull            f(k) = ½ g(k Ts) (Γ₁[x](k) − Γ₂[2 x_c − x](k)),   x_c the bias, the centre of the drive
     lever and structure  z̈ + 2 ζ ω ż + ω² z = ω² ℓ f(k)   while f(k) is held,   p(k) = z(k Ts + Ts)
 
-With two equal actuators about the bias the sum is odd: an even part of Γ, which shifts or bends the loop, cancels. The
-gain g drifts with temperature and age (`sensor`), ℓ is the ratio of the lever, and a solid-state stage is a linear
-structure (the paper's introduction). Its response to a held input is solved exactly: with s = (z, ż/ω) the deviation
-from rest obeys ds/dt = ω A s, A = ((0, 1), (−1, −2ζ)), so that
+With two equal actuators the sum is an odd function about the bias: an even part of Γ, which shifts or bends the loop,
+cancels. The gain g drifts with temperature and age (`sensor`), ℓ is the ratio of the lever, and a solid-state stage is
+a linear structure (the paper's introduction). Its response to a held input is computed exactly: with s = (z, ż/ω) the
+deviation from rest obeys ds/dt = ω A s, A = ((0, 1), (−1, −2ζ)), so that
 
     s(k+1) − s∞ = e^(ω Ts A) (s(k) − s∞),   s∞ = (ℓ f(k), 0)
 
@@ -32,7 +32,7 @@ from piezo_model.plants.sensor import gain_from
 from solvers.arrays import Vector
 
 FOREVER_S = 1e12
-"""A sampling period in which every creep has settled; the states of an actuator do not depend on its own."""
+"""Sampling period after which all creep has settled; the states of an actuator do not depend on its sampling period."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -42,8 +42,8 @@ class Axis(Plant):
     Parameters
     ----------
     actuators : one or two Actuator
-        Two are driven in push-pull and must have the same ranges and sampling period. From then on driven through this
-        object only.
+        Two are driven in push-pull and must have the same ranges and sampling period. They must not be driven in any
+        other way afterwards.
     lever : float
         ℓ, displacement of the platform over that of the actuator.
     natural_frequency_Hz, damping_ratio : float

@@ -1,13 +1,14 @@
-"""The decoupling matrix of a two-axis stage from a recording in which both axes move.
+"""Estimation of the decoupling matrix of a two-axis stage from a recording in which both axes move.
 
-With y = C p the measured platform and p_i what axis i does, p_i depends on x_i alone. Hence there is exactly one number
-c₁₂ = C₁₂ / C₂₂ for which y₁ − c₁₂ y₂ depends on x₁ alone, and least squares finds it beside the weights of any
-operators Φ of x₁ that are rich enough:
+The measured displacement is y = C p, where the displacement p_i of axis i depends on the drive x_i alone. Hence
+y₁ − c₁₂ y₂ depends on x₁ alone for exactly one number, c₁₂ = C₁₂ / C₂₂. Least squares estimates it together with the
+weights a of sufficiently many operators Φ of x₁:
 
-    y₁(k) ≈ c₁₂ y₂(k) + Φ[x₁](k) a,   and with 1 and 2 exchanged c₂₁;   D = ((1, c₁₂), (c₂₁, 1))⁻¹
+    y₁(k) ≈ c₁₂ y₂(k) + Φ[x₁](k) a,   likewise c₂₁ with the axes exchanged;   D = ((1, c₁₂), (c₂₁, 1))⁻¹
 
-D C is diagonal. Its diagonal, the gains C₁₁ and C₂₂, is not known apart from those of the actuators and stays with
-them. Φ holds plays, creep, powers and derivatives; what they miss does not disturb c₁₂ unless it goes along with y₂.
+D C is diagonal. The diagonal, C₁₁ and C₂₂, cannot be separated from the gains of the actuators and remains part of
+them. Φ consists of plays, creep, powers and derivatives; an error of this approximation biases c₁₂ only if it is
+correlated with y₂.
 """
 
 import numpy as np
@@ -18,18 +19,18 @@ from solvers.arrays import Matrix, Vector
 
 PLAYS = 16
 RATES_PER_RECORDING = (1.0, 10.0, 100.0)
-"""Creep rates, over one in the whole recording."""
+"""Creep rates as multiples of the inverse duration of the recording."""
 ROWS = 10_000
 """Largest number of samples in the fit; the operators process all samples."""
 REMEDY = "drive the two axes independently"
-REGULAR = 100.0
-"""Largest condition number of a coupling that is accepted."""
-INDEPENDENT = 1e-3
-"""Smallest share of the variance of one output that the other drive must not explain."""
+LARGEST_CONDITION = 100.0
+"""Largest accepted condition number of the estimated coupling."""
+INDEPENDENT_SHARE = 1e-3
+"""Smallest accepted share of the variance of one output that the drive of the other axis leaves unexplained."""
 
 
 def estimate_decoupling(x: ArrayLike, y: ArrayLike) -> Matrix:
-    """Find D (2, 2), which makes D y a pair of outputs that each follow from one drive.
+    """Estimate D (2, 2) such that each of the two outputs D y depends on one drive.
 
     Parameters
     ----------
@@ -68,27 +69,27 @@ def estimate_decoupling(x: ArrayLike, y: ArrayLike) -> Matrix:
         if np.ptp(x[:, i]) == 0.0:
             raise ValueError(f"the drive of axis {i} does not move in the recording, so its coupling cannot be seen")
     C = np.array([[1.0, _crosstalk(x, y, 0)], [_crosstalk(x, y, 1), 1.0]])
-    if np.linalg.cond(C) > REGULAR:
+    if np.linalg.cond(C) > LARGEST_CONDITION:
         raise ValueError(f"the recording makes the two displacements nearly the same, coupling {C.tolist()}; {REMEDY}")
     D: Matrix = np.linalg.inv(C)
     return D
 
 
 def _crosstalk(x: Matrix, y: Matrix, axis: int) -> float:
-    """The c for which y_axis − c y_other depends on x_axis alone."""
-    chosen = slice(None, None, -(-len(x) // ROWS))
-    own, other = (values[chosen] - values[chosen].mean() for values in (y[:, axis], y[:, 1 - axis]))
-    basis = np.linalg.qr(_operators(x[:, axis])[chosen])[0]
-    open_part = other - basis @ (basis.T @ other)
-    if not open_part @ open_part > INDEPENDENT * (other @ other):
+    """The factor c for which y_axis − c y_other depends on x_axis alone."""
+    rows = slice(None, None, -(-len(x) // ROWS))
+    own, other = (values[rows] - values[rows].mean() for values in (y[:, axis], y[:, 1 - axis]))
+    basis = np.linalg.qr(_operators(x[:, axis])[rows])[0]
+    residual = other - basis @ (basis.T @ other)
+    if not residual @ residual > INDEPENDENT_SHARE * (other @ other):
         raise ValueError(
             f"the displacement {1 - axis} follows from the drive of axis {axis} in this recording; {REMEDY}"
         )
-    return float(open_part @ own / (open_part @ open_part))
+    return float(residual @ own / (residual @ residual))
 
 
 def _operators(x: Vector) -> Matrix:
-    """Columns (N, 6 + PLAYS + rates) of what one drive can do; speed and acceleration stand for lag and inertia."""
+    """Operators Φ[x] (N, 6 + PLAYS + rates) of one drive; speed and acceleration represent lag and inertia."""
     u = (2.0 * x - x.max() - x.min()) / np.ptp(x)
     thresholds = np.arange(1, PLAYS + 1) / (PLAYS + 1)
     plays = play(u, thresholds, np.full(PLAYS, u[0]))[0]

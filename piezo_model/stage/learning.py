@@ -1,9 +1,8 @@
-"""Self-learning compensation of a two-axis stage: one loop an axis behind the decoupling matrix.
+"""Self-learning compensation of a two-axis stage: one loop per axis behind the decoupling matrix.
 
     q_r = D y_r,   x_i = learner i (q_r,i, q_i),   q = D y
 
-In the coordinates q of the axes each output follows from one drive (`decoupling`), so the loops know nothing of each
-other.
+In the coordinates q each output depends on one drive (`decoupling`), so the two loops are independent.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,14 +16,14 @@ from solvers.arrays import Matrix
 
 
 class SelfLearningStage:
-    """The two loops of the module.
+    """Two self-learning compensators behind a decoupling matrix.
 
     Parameters
     ----------
     learners : two SelfLearningCompensator
-        Whose structures have the outputs q_i.
+        One per axis; q_i is the output of its structure.
     decoupling : array (2, 2)
-        D.
+        The matrix D.
 
     Examples
     --------
@@ -52,14 +51,15 @@ class SelfLearningStage:
             raise ValueError(f"the decoupling matrix must be 2 by 2 numbers, not {self.D.tolist()}")
 
     def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Matrix:
-        """One sample, as of :meth:`SelfLearningCompensator.step`: references, measured outputs and drives (2,)."""
-        wanted, measured = coupled(self.D, np.array([y_ref, y_measured_before], dtype=np.float64))
-        return np.array([learner.step(float(wanted[i]), float(measured[i])) for i, learner in enumerate(self.learners)])
+        """Process one sample like :meth:`SelfLearningCompensator.step`; references, outputs and drives are (2,)."""
+        q_ref, q = coupled(self.D, np.array([y_ref, y_measured_before], dtype=np.float64))
+        return np.array([learner.step(float(q_ref[i]), float(q[i])) for i, learner in enumerate(self.learners)])
 
     def run(self, y_ref: ArrayLike, stage: Callable[[Matrix], Matrix]) -> tuple[Matrix, Matrix]:
         """Close both loops over a stage, a function from drives (N, 2) to measured outputs (N, 2).
 
-        The same as ``step`` sample by sample, in chunks that end where the weights of either axis may change.
+        Returns the same bits as ``step`` sample by sample, in chunks that end where the weights of either axis may
+        change.
 
         Returns
         -------
@@ -69,17 +69,17 @@ class SelfLearningStage:
         y_ref = np.asarray(y_ref, dtype=np.float64)
         if y_ref.ndim != 2 or y_ref.shape[1] != 2:
             raise ValueError(f"the reference of a stage must be of shape (N, 2), not {y_ref.shape}")
-        wanted = coupled(self.D, y_ref)
-        x, y = np.empty_like(wanted), np.empty_like(wanted)
+        q_ref = coupled(self.D, y_ref)
+        x, y = np.empty_like(q_ref), np.empty_like(q_ref)
         done = 0
-        while done < len(wanted):
-            ahead = min(learner.samples_until_change() for learner in self.learners)
-            chunk = slice(done, min(done + ahead, len(wanted)))
+        while done < len(q_ref):
+            count = min(learner.samples_until_change() for learner in self.learners)
+            chunk = slice(done, min(done + count, len(q_ref)))
             for i, learner in enumerate(self.learners):
-                x[chunk, i] = learner.drive(wanted[chunk, i])
+                x[chunk, i] = learner.drive(q_ref[chunk, i])
             y[chunk] = stage(x[chunk])
-            measured = coupled(self.D, y[chunk])
+            q = coupled(self.D, y[chunk])
             for i, learner in enumerate(self.learners):
-                learner.observe(x[chunk, i], measured[:, i])
+                learner.observe(x[chunk, i], q[:, i])
             done = chunk.stop
         return x, y

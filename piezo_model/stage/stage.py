@@ -1,10 +1,11 @@
 """A two-axis parallel-kinematic positioning system: two axes that move one platform, and its sensors.
 
-    y(k) = Q( C p(k) + σ ν(k) ),   p_i = axis i of `stage_axis`
+    y(k) = Q( C p(k) + σ ν(k) ),   p_i the displacement of axis i (`axis`)
 
-The cross-coupling C (2 × 2) says how much either axis moves the platform in the direction of the other: joints are not
-at right angles, sensors not in line with the actuators. Therefore neither direction is a plant by itself; behind the
-decoupling matrix D = C⁻¹ both are, and `decoupling` finds D and closes one self-learning loop for each.
+The cross-coupling C (2 × 2) describes how much each axis moves the platform in the direction of the other: joints are
+not at right angles, sensors not aligned with the actuators. So neither direction of y depends on one drive alone, but
+both outputs of the decoupling matrix D = C⁻¹ do: `decoupling` estimates D, and `learning` closes one self-learning loop
+for each axis.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from solvers.arrays import Matrix
 
 
 def coupled(C: Matrix, p: Matrix) -> Matrix:
-    """C p(k) for p (N, 2); written out, since a matrix product may round one sample and many in different ways."""
+    """C p(k) for p (N, 2); written out, since a matrix product may round a single sample differently."""
     y: Matrix = C[:, 0] * p[:, :1] + C[:, 1] * p[:, 1:]
     return y
 
@@ -30,9 +31,9 @@ class Stage:
     Parameters
     ----------
     axes : two Axis
-        With the same sampling period; afterwards to be driven through this object only.
+        Two axes of the same sampling period, which must not be driven in any other way afterwards.
     coupling : array (2, 2)
-        C, regular.
+        The regular matrix C.
     noise_um, quantum_um : float
         σ and the step of the converter Q, µm; 0 means none.
     seed : int

@@ -1,5 +1,5 @@
-"""(1): H[x] = Σ w_Hi H_rHi[x] of plays, whose laws are those of Prandtl and Ishlinskii, and S over one-sided dead
-zones."""
+"""(1): H[x] = Σ w_Hi H_rHi[x], a sum of plays that obeys the laws of Prandtl and Ishlinskii, and S, a sum of one-sided
+dead zones."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ from piezo_model.operators import dead_zone, play
 
 
 def resampled(x: np.ndarray, seed: int) -> np.ndarray:
-    """The same path at another speed: every step in random smaller steps, with waits."""
+    """The same path at another speed: every step is split into random smaller steps and rests."""
     rng, path = np.random.default_rng(seed), [x[:1]]
     for a, b in pairwise(x):
         path.append(a + (b - a) * np.sort(np.append(rng.uniform(0, 1, rng.integers(0, 4)), 1.0)))

@@ -1,4 +1,4 @@
-"""(4): V(w) = ½ wᵀP w + qᵀw + c, the mean square of the error (5) over the samples, gathered as they come."""
+"""(4): V(w) = ½ wᵀP w + qᵀw + c, the mean square of the error (5) over the samples, accumulated as they arrive."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from random_models import Case, cases
 from piezo_model.data_basis import DataBasis
 
 BLOCK = 64
-"""Rows that are added at a time."""
+"""Number of rows per update."""
 
 
 @settings(max_examples=60)

@@ -1,5 +1,5 @@
-"""(6): the weights are those of the least cost among all that give an invertible model: a box in the slopes of S⁻¹, a
-cone in its weights."""
+"""(6): the weights minimise the cost among those of invertible models: a box in the slopes of S⁻¹, a cone in its
+weights."""
 
 from itertools import product
 from typing import get_args

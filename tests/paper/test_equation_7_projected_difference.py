@@ -18,12 +18,12 @@ def solver(problem, **settings_):
 
 
 def limit(P):
-    """The step below which the recursion converges for every q and every convex set, 2/λ_max(P)."""
+    """Stability limit 2/λ_max(P): below it the recursion converges for every q and every convex set."""
     return 2.0 / np.linalg.eigvalsh(P)[-1]
 
 
 def trajectory(problem, start, ratio, counts):
-    """The iterates after so many steps of ``ratio`` times the limit."""
+    """The iterates after each number of steps; the step is ``ratio`` times the limit."""
     return [
         solver(problem, steps=count, step_ratio=ratio, allow_divergence=True).solve(start).copy() for count in counts
     ]

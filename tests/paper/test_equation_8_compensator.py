@@ -1,5 +1,5 @@
-"""(8): x = H⁻¹[S⁻¹[y_r] − K[x]], with the inverses of H and S in closed form and K already advanced with the drive
-before."""
+"""(8): x = H⁻¹[S⁻¹[y_r] − K[x]], with the inverses of H and S in closed form and K already updated with the
+previous drive."""
 
 import numpy as np
 from plain_model import one_sided_dead_zones

@@ -1,5 +1,4 @@
-"""Fig. 1: after the data basis is built, the weights are learned from it while the compensator is at work, by any
-solver."""
+"""Fig. 1: after the data basis is built, any solver learns the weights from it while the compensator is running."""
 
 import math
 
@@ -17,7 +16,7 @@ from piezo_model.learning.solving import solved, step_ratio
 
 
 def learning(solver: str, learn_s: float = 20.0, **options: object) -> SelfLearningCompensator:
-    """A learner just after it began to learn."""
+    """A learner at the beginning of its learning phase."""
     plant = sensor()
     learner = learner_for(plant, "cyclic", solver, build_s=2.0, learn_s=learn_s, **options)
     learner.run(steps(plant, 2.1), plant.run)
@@ -26,8 +25,7 @@ def learning(solver: str, learn_s: float = 20.0, **options: object) -> SelfLearn
 
 
 def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
-    """Cost of the weights in use after so many more samples, on what they were learned from; the drive takes them a
-    block later."""
+    """Cost on the learned data of the weights in use after further samples; new weights take effect a block later."""
     learner.observe(np.zeros(samples), np.full(samples, math.nan))
     learner.run(np.zeros(2 * learner._block), lambda x: np.full_like(x, math.nan))
     problem = learner.problem

@@ -1,5 +1,5 @@
-"""Fig. 3: of the positioning system, each axis is driven by one actuator, which needs S, or by two in push-pull, which
-do not."""
+"""Fig. 3: an axis of the positioning system is driven by one actuator, which needs S, or by two in push-pull, which do
+not."""
 
 import re
 from pathlib import Path
@@ -17,10 +17,10 @@ def test_one_curved_actuator_needs_s_and_two_in_push_pull_do_not(tmp_path: Path)
     t = pd.read_csv(tmp_path / "figures" / "push_pull.csv").set_index(["kind", "n", "push_pull", "m"]).rms_percent
     assert t["curved", 10, False, 0] > 5.0 * t["curved", 10, False, 3]
     assert t["curved", 10, True, 0] <= 1.1 * t["curved", 10, True, 3]
-    said = re.search(
+    ratio = re.search(
         r"Curved actuators, n = 10: with one actuator .* is ([\d.]+) times .* without S is as good as "
         r"with it",
         output,
     )
-    assert said is not None
-    assert float(said[1]) == pytest.approx(t["curved", 10, False, 0] / t["curved", 10, False, 3], abs=0.06)
+    assert ratio is not None
+    assert float(ratio[1]) == pytest.approx(t["curved", 10, False, 0] / t["curved", 10, False, 3], abs=0.06)

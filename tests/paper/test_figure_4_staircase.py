@@ -1,4 +1,4 @@
-"""Fig. 4: a staircase without compensation and with the self-learning one, on a simulated stage."""
+"""Fig. 4: a staircase without compensation and with self-learning compensation, on a simulated stage."""
 
 import numpy as np
 import pytest

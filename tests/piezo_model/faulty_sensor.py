@@ -1,4 +1,4 @@
-"""A sensor with every fault that sensors have, and references that no controller should send."""
+"""A sensor with every kind of fault, and invalid references."""
 
 from collections.abc import Callable
 
@@ -15,8 +15,7 @@ REFERENCE_FAULTS = ("nan", "infinite", "huge", "far", "jumps")
 
 
 class FaultySensor:
-    """An actuator's sensor that fails in one of the ways of SENSOR_FAULTS, for a while each, as long as ``failing`` is
-    true."""
+    """An actuator's sensor; while ``failing`` is true, it has faults of random kinds and durations."""
 
     def __init__(
         self, plant: plants.Plant, seed: int, kinds: tuple[str, ...] = SENSOR_FAULTS, mean_length: int = 400
@@ -72,7 +71,7 @@ class FaultySensor:
 
 
 def spoiled(y_ref: Vector, low: float, high: float, seed: int, mean_length: int = 300) -> Vector:
-    """A reference of which about a third is NaN, infinite, huge, out of range or jumping."""
+    """The reference with about a third of its samples NaN, infinite, huge, out of range or jumping."""
     random, out, at = np.random.default_rng(seed), y_ref.copy(), 0
     while at < out.size:
         at += int(random.exponential(2 * mean_length))
@@ -102,7 +101,7 @@ def steps(plant: plants.Plant, seconds: float, hold_s: float = 0.1) -> Vector:
 
 
 def rms_percent(y: Vector, y_ref: Vector, plant: plants.Plant) -> float:
-    """RMS error as a share of the plant's range."""
+    """RMS error in percent of the plant's range."""
     return float(100.0 * np.sqrt(np.mean((y - y_ref) ** 2)) / (plant.y_range[1] - plant.y_range[0]))
 
 

@@ -1,4 +1,4 @@
-"""Recordings of a model that is known, which an identification has to find again."""
+"""Known models and drives, from which an identification has to recover the model."""
 
 import numpy as np
 
@@ -22,13 +22,13 @@ def structure(**changes: object) -> ModelStructure:
 
 
 def true_model(s: ModelStructure, bend: float = 0.2) -> HysteresisCreepModel:
-    """Slopes of S⁻¹ rise over its range by ``bend`` to both sides of 1."""
+    """A model whose slopes of S⁻¹ rise from 1 − ``bend`` to 1 + ``bend`` over its range."""
     v = np.full(s.d, 0.1)
     v[s.slices[1]] = np.linspace(1.0 - bend, 1.0 + bend, s.dead_zones)
     return HysteresisCreepModel.from_weights(s, s.slope_map @ v)
 
 
 def a_drive(size: int = 6000, fine: int = 1) -> np.ndarray:
-    """Volts over all of the range, ``fine`` samples a period."""
+    """Drive over the whole range, V, with ``fine`` samples per sampling period."""
     t = np.arange(size * fine) / fine
     return 50 + 30 * np.sin(t / 40) + 20 * np.sin(t / 131 + 1)

@@ -1,4 +1,4 @@
-"""Loops of a self-learning compensator round a simulated actuator at 1 kHz, small enough for tests."""
+"""Self-learning compensators of simulated actuators at 1 kHz, small enough for tests."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ Vector = NDArray[np.float64]
 
 T = 1e-3
 NOISE = 2e-4
-"""Of the range."""
+"""Standard deviation of the sensor's noise, as a share of the range."""
 MODES = ("cyclic", "continuous")
 WAYS = (("cyclic", "box_active_set"), ("cyclic", "projected_difference"), ("continuous", "box_active_set"))
 

@@ -1,5 +1,5 @@
-"""The model in plain NumPy, written from its equations alone to judge the compiled code by; nothing of ours is
-imported.
+"""The model in plain NumPy, written from its equations alone as a reference for the compiled code; it imports no other
+module of the project.
 
 A structure is the dictionary that a model file holds. Amplitudes are of unit size unless a name ends in ``_V`` or
 ``_um``.
@@ -46,7 +46,7 @@ def rows(s: dict[str, Any], x: Vector, y: Vector, z_H: Vector, z_K: Matrix) -> M
 
 
 def superposition(s: dict[str, Any], w_S_inverse: Vector, u: Vector) -> Vector:
-    """S[u], found as the piecewise linear function whose mirror image S⁻¹ is given by its weights."""
+    """S[u], the inverse of the piecewise linear function S⁻¹ given by its weights."""
     r = np.array(s["dead_zone_thresholds"])
     far = 1e4
     y = np.concatenate([[r[0] - far], r, [r[-1] + far]])
@@ -54,7 +54,7 @@ def superposition(s: dict[str, Any], w_S_inverse: Vector, u: Vector) -> Vector:
 
 
 def simulate_file(model: dict[str, Any], x_V: Vector) -> Vector:
-    """Output of a model file's model from the start that it holds, or from rest at the centre, in the file's units."""
+    """Output of a model file, in its units, from the initial state in the file or else from rest at the centre."""
     s = model["structure"]
     r = thresholds(s)
     z_H, z_K = np.zeros(r.size), np.zeros((len(s["creep_rates"]), r.size))

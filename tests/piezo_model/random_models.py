@@ -1,4 +1,4 @@
-"""Valid models, operator states and drives for property tests, all from one integer that Hypothesis draws and
+"""Valid models, operator states and drives for property tests, generated from one integer that Hypothesis draws and
 shrinks."""
 
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def a_state(r: Vector, x: float, seed: int) -> Vector:
-    """States of plays with thresholds r that an input may have left at x."""
+    """Possible states of plays with thresholds r at the input x."""
     return x + r * np.random.default_rng(seed).uniform(-1, 1, r.size)
 
 
 @dataclass
 class Case:
-    """A model with the states that its actuator is in."""
+    """A model with states of its operators."""
 
     model: HysteresisCreepModel
     state: OperatorState
@@ -39,7 +39,7 @@ class Case:
 
     @property
     def x_tolerance(self) -> float:
-        """1e-12 of the range, and what the floating-point numbers of its place on the axis can hold."""
+        """1e-12 of the range plus the spacing of floating-point numbers in the range."""
         return 1e-12 * self.structure.x_scale + 4 * float(
             np.spacing(abs(self.structure.x_centre) + self.structure.x_scale)
         )
@@ -57,7 +57,7 @@ class Case:
         return self.structure.x_centre + self.structure.x_scale * drive(self.rng, size)
 
     def recording(self, size: int) -> tuple[Vector, Vector]:
-        """Input and an output that reaches all of its range."""
+        """A drive and an output that covers its whole range."""
         return self.a_drive(size), self.structure.y_centre + self.structure.y_scale * 1.2 * drive(self.rng, size)
 
     def program(
@@ -74,7 +74,7 @@ class Case:
 
 
 def ascending(rng: Generator, count: int) -> Vector:
-    """Thresholds above zero, spread unevenly over the range."""
+    """Thresholds above zero, unevenly spaced over the range."""
     gaps = rng.uniform(0.2, 1.0, count)
     return np.cumsum(gaps) / max(gaps.sum(), 1.0) * rng.uniform(0.7, 1.2)
 
@@ -97,7 +97,7 @@ def structure_of(rng: Generator, n: int, below: int, above: int, rates: int, off
 
 
 def model_of(rng: Generator, s: ModelStructure) -> HysteresisCreepModel:
-    """Hysteresis and curvature up to several times what piezo ceramics show, creep up to half of the instant gain."""
+    """Hysteresis and curvature up to several times those of piezo ceramics, creep up to half the instantaneous gain."""
     w_H = np.concatenate([[rng.uniform(0.5, 2)], rng.uniform(0, 1, s.n) * rng.integers(0, 2, s.n) / max(s.n / 3, 1)])
     v = np.zeros(s.d)
     v[s.slices[1]] = rng.uniform(0.3, 2, s.dead_zones)
@@ -108,7 +108,7 @@ def model_of(rng: Generator, s: ModelStructure) -> HysteresisCreepModel:
 
 
 def state_of(rng: Generator, s: ModelStructure) -> OperatorState:
-    """States that some drive leaves behind: neighbouring plays differ by no more than their thresholds do."""
+    """Reachable states: neighbouring plays differ by no more than their thresholds do."""
     state = OperatorState.at_rest(s, rng.uniform(-1, 1))
     steps = rng.uniform(-1, 1, s.n) * np.diff((0.0, *s.play_thresholds))
     state.play[1 : s.n + 1] = state.play[0] + np.cumsum(steps)

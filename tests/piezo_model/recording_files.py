@@ -1,4 +1,4 @@
-"""Files for the tests of recordings, good and bad, and how a refusal must look."""
+"""Good and bad files for the tests of recordings, and the checks of every error message."""
 
 import os
 from collections.abc import Iterator
@@ -28,12 +28,12 @@ def text_file(folder: Path, *lines: str, name: str = "stage.csv") -> Path:
 
 
 def with_times(folder: Path, times: list[str] | np.ndarray, name: str = "stage.csv") -> Path:
-    """A file whose times are as written, with lively signals."""
+    """A file with the given times and with varying signals."""
     return text_file(folder, HEADER, *(f"{t},{k % 7},{k % 5}" for k, t in enumerate(times)), name=name)
 
 
 def waves(times: np.ndarray, header: str = HEADER) -> list[str]:
-    """The lines of a table of sines at these times."""
+    """The lines of a table of sines at the given times."""
     return [header, *(f"{t:.7g},{np.sin(40 * t):.9g},{np.sin(40 * t - 0.3):.9g}" for t in times.tolist())]
 
 
@@ -48,7 +48,7 @@ def refusal(path: Path, **options: Any) -> str:
 
 @contextmanager
 def without_privileges() -> Iterator[None]:
-    """As a user whom permissions stop."""
+    """Run as an ordinary user, for whom file permissions are effective."""
     superuser = os.geteuid() == 0
     if superuser:
         os.seteuid(65534)

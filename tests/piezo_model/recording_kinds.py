@@ -1,5 +1,4 @@
-"""Made-up recordings of kinds that the model class can describe and of kinds that it cannot, everything else random by
-seed."""
+"""Simulated recordings of kinds that the model class can and cannot describe; all other properties are random."""
 
 from collections.abc import Callable
 
@@ -40,7 +39,7 @@ def drive(rng: Generator, size: int = 6000, form: int | None = None) -> Vector:
 
 
 def loops(rng: Generator, u: Vector, share: float | None = None) -> Vector:
-    """Prandtl–Ishlinskii loops of a share of the range, in the making of which no code of the model has a part."""
+    """Prandtl–Ishlinskii loops of a given width, as a share of the range, computed without the code of the model."""
     share = rng.uniform(0.05, 0.3) if share is None else share
     r = np.linspace(0.05, 0.9, 12)
     w = np.exp(-r / rng.uniform(0.2, 0.6))
@@ -60,7 +59,7 @@ def creeping(rng: Generator, u: Vector) -> Vector:
 
 
 def resonant(u: Vector, frequency: float, damping: float, sample_time: float = SAMPLE_TIME) -> Vector:
-    """Output of a resonance, sampled exactly where its input is held."""
+    """Output of a resonance, exact for an input that is held between the samples."""
     w = 2.0 * np.pi * frequency * sample_time
     a, b = 2.0 * np.exp(-damping * w) * np.cos(w * np.sqrt(1.0 - damping**2)), -np.exp(-2.0 * damping * w)
     return np.asarray(lfilter([0.0, 1.0 - a - b], [1.0, -a, -b], u))
@@ -100,7 +99,7 @@ def _one_loop(rng: Generator) -> tuple[Vector, Vector]:
 
 
 def _slow_and_late(rng: Generator) -> tuple[Vector, Vector]:
-    """A swelling and shrinking sine and the same later in phase: of one cycle, 12 000 samples are a short arc."""
+    """A sine of varying amplitude and the same with a phase lag; 12 000 samples are only a short arc of one cycle."""
     k = np.arange(int(rng.integers(60_000, 120_000)))
     period, late = rng.uniform(0.05, 0.5) * k.size, rng.uniform(0.02, 0.9)
     size, phase = (
@@ -164,7 +163,7 @@ def _interleaved(rng: Generator) -> tuple[Vector, Vector]:
 
 
 def _aliased(rng: Generator) -> tuple[Vector, Vector]:
-    """So fast a drive that sampling meets its turns nowhere: two to four samples a period, or less than two."""
+    """A drive of two to four samples a period, or less than two, so that its turning points are not sampled."""
     fine, size = 200, 3000
     k = np.arange(size * fine) / fine
     u = np.sin(2 * np.pi * rng.choice([rng.uniform(0.26, 0.45), rng.uniform(0.55, 0.74)]) * k) * (

@@ -1,4 +1,4 @@
-"""Self-learning for very many samples in one go, as of a day: loops and a bank, their error, memory and counters."""
+"""Endurance runs of self-learning compensators and a bank: error, memory and counters over millions of samples."""
 
 import math
 from collections.abc import Iterator
@@ -21,9 +21,9 @@ from solvers.arrays import Matrix
 
 T = 125e-6
 PIECE = 80_000
-"""Samples after which every reference begins again, ten seconds."""
+"""Period of the references in samples, ten seconds."""
 DAY = 700_000_000
-"""Samples at 8 kHz."""
+"""Samples of a day at 8 kHz."""
 LOOPS = ("continuous", "cyclic", "bank")
 ACTUATORS = 16
 NOISE_UM = 0.008
@@ -34,22 +34,21 @@ def structure() -> ModelStructure:
 
 
 def references(count: int) -> Matrix:
-    """Sines of changing amplitude, another one for each, that begin again after a piece; (PIECE, count), µm."""
+    """One period (PIECE, count) of sines of changing amplitude, a different one for each actuator, µm."""
     t, number = 2.0 * np.pi * np.arange(PIECE)[:, None] / PIECE, np.arange(count)
     found: Matrix = 15.0 * np.sin((40 + 7 * number) * t) * (0.7 + 0.3 * np.sin((3 + number) * t))
     return found
 
 
 def resident_bytes() -> int:
-    """Memory of this process that is not on disk."""
+    """Resident memory of this process."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * 4096
 
 
 @dataclass
 class Soak:
-    """What was seen: squared error and samples a stretch, memory after each, and the integer counters at the end,
-    (value, bits)."""
+    """Results: RMS error of each stretch, memory after it, and the integer counters at the end as (value, bits)."""
 
     rms_um: list[float] = field(default_factory=list)
     resident: list[int] = field(default_factory=list)
@@ -57,7 +56,7 @@ class Soak:
 
 
 class Loop:
-    """A self-learning compensator round a plant that is not in its class."""
+    """A self-learning compensator of a plant that is not in the model class."""
 
     def __init__(self, mode: Literal["continuous", "cyclic"]) -> None:
         plant = plants.Sensor(plants.get("relay_preisach"), noise_um=NOISE_UM)
@@ -76,7 +75,7 @@ class Loop:
         self.y_ref = references(1)[:, 0]
 
     def piece(self) -> float:
-        """Mean squared error of one more piece."""
+        """Mean squared error of the next period."""
         _, y = self.learner.run(self.y_ref, self.plant.run)
         return float(np.mean((y - self.y_ref) ** 2))
 
@@ -87,14 +86,14 @@ class Loop:
 
 
 def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:
-    """Samples that each tile of a bank has counted."""
-    places, block = bank._core.places, bank._core.block
-    at, width = places["mailbox"][0] + 16, 8 * places["driver"][1]  # behind two sizes and the delay
+    """Sample counter of each tile of a bank."""
+    offsets, block = bank._core.offsets, bank._core.block
+    at, width = offsets["mailbox"][0] + 16, 8 * offsets["driver"][1]  # behind two sizes and the delay
     return np.array([block[at + tile * width :][:8].view(np.int64)[0] for tile in range(bank._tiles)])
 
 
 class Bank:
-    """A bank round models of more operators than it has, each with weights of its own."""
+    """A bank whose actuators have more operators than its models, and individual weights."""
 
     def __init__(self, count: int = ACTUATORS) -> None:
         self.bank, self.y_ref = CompensatorBank(structure(), count, hand_over_s=0.1), references(count)
@@ -117,10 +116,10 @@ class Bank:
         return y + self.random.normal(scale=NOISE_UM, size=y.shape)
 
     def chunks(self) -> Iterator[slice]:
-        """Parts of a piece in which no weights change, but for the first sample of each."""
+        """Parts of a period in which weights change at the first sample only."""
         done = 0
         while done < PIECE:
-            # weights are taken a block behind an interval
+            # weights change one block after the end of an interval
             late = (tile_samples(self.bank) - self.bank.block) % self.bank.interval
             end = min(done + max(1, self.bank.interval - 1 - int(late.max())), PIECE)
             yield slice(done, end)
@@ -137,7 +136,7 @@ class Bank:
             self.bank.restore(memory)
             again = self.bank.run(y_ref, np.vstack([self.before[None], y[:-1]]))
             if not np.array_equal(again, x):
-                raise AssertionError("the drive has changed where no weights may")
+                raise AssertionError("the drive depends on the outputs although no weights may change")
             self.before = y[-1].copy()
             squares += float(np.sum((y - y_ref) ** 2))
         return squares / self.y_ref.size
@@ -148,7 +147,7 @@ class Bank:
 
 
 def soak(kind: str, samples: int, stretch: int) -> Soak:
-    """Run so many samples, in stretches of so many (whole pieces), after ten pieces of learning."""
+    """Run a number of samples in stretches of whole periods, after ten periods of learning."""
     loop = Bank() if kind == "bank" else Loop("continuous" if kind == "continuous" else "cyclic")
     found, pieces = Soak(), stretch // PIECE
     for _ in range(10):

@@ -1,4 +1,4 @@
-"""A bank of compensators: what it drives and learns beside single compensators, single programs and plain NumPy."""
+"""A bank of compensators, compared with single compensators, single programs and plain NumPy."""
 
 import json
 import os
@@ -34,7 +34,7 @@ MIN_SLOPE, PROXIMAL, BELIEF = 0.1, 1e-8, 1e-6
 
 
 class Actuators:
-    """Actuators in whole-array operations: four plays of weights of their own, a curved output, a sensor's noise."""
+    """Vectorised actuators: four plays of individual weights, a curved output, and sensor noise."""
 
     def __init__(self, count: int, seed: int = 1) -> None:
         self.random = np.random.default_rng(seed)
@@ -49,7 +49,7 @@ class Actuators:
 
 
 def references(samples: int, count: int, seed: int = 0) -> Matrix:
-    """Slow sines of changing amplitude, another one for each actuator."""
+    """Slow sines of changing amplitude, a different one for each actuator."""
     random, k = np.random.default_rng(seed), np.arange(samples)[:, None]
     rate, phase = random.uniform(0.02, 0.05, count), random.uniform(0.0, 6.0, count)
     references: Matrix = 15.0 * np.sin(rate * k + phase) * (0.7 + 0.3 * np.sin(0.11 * rate * k))
@@ -77,7 +77,7 @@ def optimum(gram: Matrix, before: Vector) -> Vector:
 
 
 def oracle(x: Vector, y: Vector) -> list[Vector]:
-    """Unknowns in use after each interval, as bank.h describes learning where nothing fails, in plain NumPy."""
+    """Unknowns in use after each interval, by the algorithm of bank.h without faults, in plain NumPy."""
     s, d = STRUCTURE.to_dict(), STRUCTURE.d
     x, y = (x - 75.0) / 75.0, y / 20.0
     r = plain_model.thresholds(s)
@@ -137,7 +137,7 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
     x, y, weights = np.empty(1600), np.empty(1600), []
     for k in range(1600):
         x[k] = bank.step(y_ref[k], before)[0]
-        if k > INTERVAL and k % INTERVAL == BLOCK:  # weights of the interval that ended a block ago
+        if k > INTERVAL and k % INTERVAL == BLOCK:  # weights of the interval that ended one block earlier
             weights.append(bank.weights[0, 1:-1])
         y[k] = plant(x[k : k + 1])[0]
         before = y[k : k + 1].copy()
@@ -174,7 +174,7 @@ def test_a_truncated_bank_file_is_refused(tmp_path: Path) -> None:
 
 
 def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
-    """What puts a value in the place of a setting in a bank's file."""
+    """A function that sets one setting of a bank's file to a value."""
 
     def changing(parts: dict[str, Any]) -> None:
         about = part = json.loads(str(parts["about"]))
@@ -216,7 +216,7 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
         ),
     ],
 )
-def test_a_bank_file_whose_numbers_cannot_be_is_refused_in_one_sentence(
+def test_a_bank_file_with_invalid_numbers_is_refused_in_one_sentence(
     changing: Callable[[dict[str, Any]], None], sentence: str, tmp_path: Path
 ) -> None:
     CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.npz")
@@ -228,7 +228,7 @@ def test_a_bank_file_whose_numbers_cannot_be_is_refused_in_one_sentence(
         CompensatorBank.load(tmp_path / "bank.npz")
 
 
-def test_actuators_come_and_go_and_the_others_notice_nothing() -> None:
+def test_actuators_are_added_and_removed_without_any_effect_on_the_others() -> None:
     y_ref = references(900, 30)
     x, y = close_loop(CompensatorBank(STRUCTURE, 30), Actuators(30), y_ref)
     before = np.vstack([np.full(30, np.nan), y[:-1]])
@@ -272,7 +272,7 @@ print(hashlib.sha256(x.tobytes()).hexdigest())
 @pytest.mark.skipif(len(instruction_sets()) == 1, reason="this kind of machine has one instruction set")
 def test_every_instruction_set_gives_the_same_bits() -> None:
     here = [each for each in instruction_sets() if int(each[1:]) <= bindings.processor_level()]
-    said = [
+    digests = [
         subprocess.run(
             [sys.executable, "-c", SCRIPT, str(Path(__file__).parent)],
             env={**os.environ, "PIEZOBENCH_ISA": each},
@@ -282,4 +282,4 @@ def test_every_instruction_set_gives_the_same_bits() -> None:
         ).stdout
         for each in here[:: max(1, len(here) - 1)]  # the least and the largest; test_core compares all
     ]
-    assert len(set(said)) == 1
+    assert len(set(digests)) == 1

@@ -1,4 +1,4 @@
-"""Continuous operation: drift, rest, faults and what is remembered over them."""
+"""Continuous operation: drift, rest, and faults, over which the learned weights are kept."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from piezo_model.learning.events import Phase
 
 
 def learned(share: float = 1.0) -> tuple[plants.Sensor, SelfLearningCompensator, np.ndarray, float]:
-    """A plant, a learner that has followed a reference on it, the reference, and the error that was left."""
+    """A plant, its learner after one reference, the reference, and the remaining error."""
     plant = sensor()
     learner, y_ref = learner_for(plant, "continuous"), share * steps(plant, 20.0)
     return plant, learner, y_ref, error_of(learner, y_ref, plant.run, plant, slice(-5000, None))
@@ -27,7 +27,7 @@ def test_it_follows_a_drift_of_the_gain_better_than_cycles_and_within_twice_the_
 
 
 @pytest.mark.slow
-def test_hours_at_rest_do_not_wind_it_up() -> None:
+def test_hours_at_rest_cause_no_wind_up() -> None:
     plant, learner, y_ref, before = learned()
     rest = np.full(600_000, 5.0)
     assert error_of(learner, rest, plant.run, plant, slice(-5000, None)) < before
@@ -40,7 +40,7 @@ def test_hours_at_rest_do_not_wind_it_up() -> None:
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
 
 
-def test_a_hand_over_drops_no_sample_and_the_log_holds_what_matters() -> None:
+def test_a_hand_over_drops_no_sample_and_the_log_has_the_first_one_only() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant, "continuous"), steps(plant, 30.0)
     learner.run(y_ref, plant.run)
@@ -50,7 +50,7 @@ def test_a_hand_over_drops_no_sample_and_the_log_holds_what_matters() -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.001, 0.05, 3.0])
-def test_after_a_drop_out_it_goes_on_with_what_it_had_learned(seconds: float) -> None:
+def test_after_a_drop_out_the_learned_weights_are_kept(seconds: float) -> None:
     plant, learner, y_ref, before = learned()
 
     def dropped(x: np.ndarray) -> np.ndarray:
@@ -76,21 +76,21 @@ def test_a_sensor_that_was_zeroed_anew_is_learned_anew() -> None:
     assert any("learning begins anew" in event.message for event in learner.log)
 
 
-def test_a_piece_that_is_wrong_and_out_of_reach_is_reached_again() -> None:
+def test_a_wrong_slope_outside_the_driven_range_is_corrected() -> None:
     plant, learner, y_ref, before = learned()
     model = learner.model
     structure, w = model.structure, model.weights
     v = structure.inverse_slope_map @ w
-    v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope, as flat as it may be
+    v[structure.n + structure.dead_zones - 1] = 0.1  # the outermost slope at its lower bound
     learner._core["candidate"][:] = v
     learner._memory["revert"] = 1.0  # whatever it predicts
     learner.run(y_ref[:20], plant.run)
     assert error_of(learner, y_ref, plant.run, plant, slice(-5000, None)) < 1.1 * before
 
 
-def test_another_solver_is_asked_at_each_interval_and_does_as_well() -> None:
+def test_another_solver_is_called_at_each_interval_and_does_as_well() -> None:
     errors = []
-    # the last is the default, which means the exact one
+    # the last one is the default, which selects the exact solver
     for solver in ("box_active_set", "daqp", "projected_difference"):
         plant = sensor()
         learner, y_ref = learner_for(plant, "continuous", solver, hand_over_s=0.05), 0.7 * steps(plant, 10.0)

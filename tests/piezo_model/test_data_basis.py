@@ -10,7 +10,7 @@ from piezo_model.data_basis import DataBasis
 from piezo_model.structure import ModelStructure
 
 BLOCK = 64
-"""Rows that are added at a time."""
+"""Number of rows per update."""
 
 
 @settings(max_examples=60)
@@ -27,7 +27,7 @@ def test_any_chunking_gives_the_same_bits_also_with_samples_that_are_not_counted
     for a, b, count in zip(np.split(x, cuts), np.split(y, cuts), np.split(counted, cuts), strict=True):
         parts.update(a, b, count=bool(count.all()) if count.size else False)
         if parts.samples:
-            parts.problem()  # looking at the basis midway changes nothing
+            parts.problem()  # reading the basis midway changes nothing
     for name in ("P", "q", "c", "samples", "excitation"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
     np.testing.assert_array_equal(parts.state.play, whole.state.play)
@@ -50,7 +50,7 @@ def test_memory_does_not_grow_with_the_recording(offset: bool) -> None:
             basis.update(x, x)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] - peaks[0] < 0.1 * 95 * 2 * x.nbytes  # a tenth of the samples that the longer one had more
+    assert peaks[1] - peaks[0] < 0.1 * 95 * 2 * x.nbytes  # a tenth of the additional samples
     assert basis.samples == 106 * 2000
 
 

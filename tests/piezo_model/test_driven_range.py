@@ -1,5 +1,4 @@
-"""Thresholds that follow the driven range: the model carried over, the states, and a loop whose ranges were given
-wrong."""
+"""Thresholds that follow the driven range: conversion of model and states, and loops with wrong initial ranges."""
 
 from dataclasses import replace
 
@@ -22,7 +21,7 @@ def wide_enough(m: int = 0) -> ModelStructure:
 
 @settings(max_examples=30)
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.5, 2.0), st.integers(0, 99))
-def test_a_model_straight_between_the_new_thresholds_does_in_other_ranges_what_it_did(
+def test_a_model_straight_between_the_new_thresholds_is_unchanged_in_other_ranges(
     h: float, k: float, y: float, seed: int
 ) -> None:
     old = wide_enough()
@@ -38,31 +37,31 @@ def test_a_model_straight_between_the_new_thresholds_does_in_other_ranges_what_i
 
 def test_a_range_grows_at_once_and_shrinks_with_patience_and_an_axis_at_a_time() -> None:
     s, driven = wide_enough(), DrivenRange()
-    grown = driven.look((-1.5, 0.9, -1.0, 1.0), s)
+    grown = driven.observe((-1.5, 0.9, -1.0, 1.0), s)
     assert grown is not None
     assert grown.x_centre - grown.x_scale < 5.0 - 1.5 * 5.0
     assert grown.x_centre + grown.x_scale > 10.0
     assert (grown.y_centre, grown.y_scale) == (s.y_centre, s.y_scale)
-    looks = [driven.look((0.1, 0.5, -0.9, 0.9), s) for _ in range(min(UNDER))]
-    assert looks[:-1] == [None] * (min(UNDER) - 1)
-    shrunk = looks[-1]
+    observations = [driven.observe((0.1, 0.5, -0.9, 0.9), s) for _ in range(min(UNDER))]
+    assert observations[:-1] == [None] * (min(UNDER) - 1)
+    shrunk = observations[-1]
     assert shrunk is not None
     assert shrunk.x_scale == pytest.approx(1.1)
     assert shrunk.x_centre == pytest.approx(6.5)
     assert shrunk.y_scale == s.y_scale
-    # where a quarter is not used it takes the whole memory
+    # if only a quarter of the range is unused, the whole memory is required
     driven = DrivenRange()
-    patient = [driven.look((-0.7, 0.7, -0.9, 0.9), s) for _ in range(MEMORY)]
-    assert [look is None for look in patient] == [True] * (MEMORY - 1) + [False]
+    patient = [driven.observe((-0.7, 0.7, -0.9, 0.9), s) for _ in range(MEMORY)]
+    assert [structure is None for structure in patient] == [True] * (MEMORY - 1) + [False]
     assert patient[-1].x_scale == pytest.approx(5.0 * 0.7 * 1.1)
 
 
 def test_an_output_beyond_its_range_counts_in_a_piece_without_a_fault_only() -> None:
-    driven = DrivenRange(looks=2)
-    assert [driven.look((-1.0, 1.0, -3.0, 1.0), wide_enough()), driven.interrupt()] == [None, None]
-    assert [driven.look((-1.0, 1.0, -1.0, 1.0), wide_enough()) for _ in range(4)] == [None] * 4
-    assert driven.look((-1.0, 1.0, -3.0, 1.0), wide_enough()) is None
-    assert driven.look((-1.0, 1.0, -1.0, 1.0), wide_enough()) is not None
+    driven = DrivenRange(per_piece=2)
+    assert [driven.observe((-1.0, 1.0, -3.0, 1.0), wide_enough()), driven.interrupt()] == [None, None]
+    assert [driven.observe((-1.0, 1.0, -1.0, 1.0), wide_enough()) for _ in range(4)] == [None] * 4
+    assert driven.observe((-1.0, 1.0, -3.0, 1.0), wide_enough()) is None
+    assert driven.observe((-1.0, 1.0, -1.0, 1.0), wide_enough()) is not None
 
 
 @pytest.mark.sample(2)

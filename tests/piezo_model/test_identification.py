@@ -72,8 +72,8 @@ def test_a_whole_and_a_fractional_lag_are_identified_and_reported(tenths: int, c
     assert found["samples"] == pytest.approx(tenths / fine, abs=0.03)
     assert found["removed"] == (choice == "remove")
     assert found["error_without_lag_percent"] < 0.2 * found["error_percent"]
-    (said,) = sentences(model, f"{found['samples']:.2f} samples")  # and the number not once more in the advice
-    assert ("it was removed before the fit" in said) == (choice == "remove")
+    (sentence,) = sentences(model, f"{found['samples']:.2f} samples")  # the advice does not repeat the number
+    assert ("it was removed before the fit" in sentence) == (choice == "remove")
     assert any("--lag remove" in advice for advice in model.report["advice"]) == (choice == "estimate")
     if choice == "remove":
         with_lag = identify(x[fine * 20 :: fine], y, s, lag="ignore")

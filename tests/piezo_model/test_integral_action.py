@@ -1,4 +1,4 @@
-"""Integral action beside the compensator: what it does to a disturbance, at a limit, and with a sensor that fails."""
+"""Integral action beside the compensator: response to a disturbance, at the limits, and without valid samples."""
 
 from dataclasses import replace
 
@@ -19,8 +19,8 @@ LIMITS = (0.0, 150.0)
 
 
 def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Drives and errors (N,) of the loop over an actuator that the model describes exactly, with something added to its
-    output."""
+    """Drives and errors (N,) of the closed loop with an actuator that the model describes exactly and a disturbance
+    ``added`` to its output."""
     model = replace(MODEL, structure=STRUCTURE.turned()) if turned else MODEL
     compensator = Compensator(model, LIMITS, integral_gain=gain / T)
     state, x, error = OperatorState.at_rest(model.structure), np.empty(y_ref.size), np.empty(y_ref.size)
@@ -45,7 +45,7 @@ def test_the_fastest_disturbance_is_amplified_by_no_more_than_the_stated_peak() 
     assert np.abs(error[100:]).max() == pytest.approx(0.1 * 2.0 / (2.0 - GAIN), rel=1e-6)
 
 
-def test_what_the_limits_hold_back_is_not_added_up() -> None:
+def test_the_integral_stops_while_the_limits_hold_the_drive() -> None:
     y_ref = np.concatenate([np.full(300, 60.0), np.full(20, 1.0), np.full(300, -60.0), np.full(20, 1.0)])
     x, error = closed(y_ref, np.zeros(y_ref.size), GAIN)
     assert (x.min(), x.max()) == LIMITS
@@ -53,16 +53,16 @@ def test_what_the_limits_hold_back_is_not_added_up() -> None:
     np.testing.assert_allclose(error[620:], 0.0, atol=1e-10)
 
 
-def test_without_a_reference_or_an_output_nothing_is_added_up() -> None:
+def test_the_integral_ignores_samples_without_a_reference_or_an_output() -> None:
     compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
-    compensator.correct(5.0)  # nothing was driven yet
+    compensator.correct(5.0)  # before the first drive
     for y_ref, y in ((1.0, np.nan), (np.nan, 5.0), (np.inf, 5.0)):
         compensator.step(y_ref)
         compensator.correct(y)
     assert compensator.drive[CORRECTION] == 0.0
 
 
-def test_another_model_comes_in_without_a_bump_of_the_drive() -> None:
+def test_a_change_of_model_leaves_no_bump_in_the_drive() -> None:
     compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
     before = [compensator.step(2.0) for _ in range(50) if compensator.correct(1.8) is None][-1]
     compensator.change_model(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), fade_s=1.0)
@@ -70,7 +70,7 @@ def test_another_model_comes_in_without_a_bump_of_the_drive() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_learner_suppresses_what_its_model_does_not_know_and_replays_to_the_last_bit(mode: str) -> None:
+def test_a_learner_suppresses_an_unmodelled_disturbance_and_replays_to_the_last_bit(mode: str) -> None:
     y_ref = steps(sensor(), 20.0)
     added = 0.3 * np.sin(np.arange(y_ref.size) * 2.0 * np.pi * T)
     errors = []

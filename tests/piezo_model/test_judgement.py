@@ -61,9 +61,9 @@ def test_few_counted_samples_and_a_single_branch_are_reported() -> None:
     rng = np.random.default_rng(0)
     y = noisy(rng, creeping(rng, u), 0.001)
     model = identify(Recording.from_arrays(u, y, SAMPLE_TIME), skip=2000)
-    said = " ".join(model.report["findings"])
-    assert "Only 1000 of 3000 samples are counted" in said
-    assert "almost a single branch" in said
+    findings = " ".join(model.report["findings"])
+    assert "Only 1000 of 3000 samples are counted" in findings
+    assert "almost a single branch" in findings
 
 
 # Only the data decide.
@@ -98,11 +98,11 @@ def test_sign_offset_and_unit_change_the_model_by_scale_alone(
     np.testing.assert_allclose(other.report["fit"]["rms_percent"], one.report["fit"]["rms_percent"], rtol=1e-9)
 
 
-# Of sixteen such recordings three do not pass where the model goes on from its own start, offset included, in place of
-# finding the start of the next loop: 2.2, 2.6 and 3.3 times the fit. One loop hardly tells creep of its own length from
-# the offset and the level at which creep had rested. Creep rates of at least three over the length left one of sixteen
-# (2.4 times), no creep none, with fits of creeping actuators 1.15 to 1.4 times as large; a long recording needs its
-# slow rates, so the rates are as they were.
+# Of sixteen such recordings three fail if the model starts from its own initial state, offset included, instead of an
+# estimate for the next loop: 2.2, 2.6 and 3.3 times the fit. A single loop hardly distinguishes creep as slow as itself
+# from the offset and the level at which creep had rested. With creep rates of at least three over the length one of the
+# sixteen fails (2.4 times), without creep none, but the fits of creeping actuators are 1.15 to 1.4 times as large; a
+# long recording needs its slow rates, so the rates are unchanged.
 @settings(max_examples=4)
 @given(seed=SEEDS)
 def test_one_loop_predicts_the_next_within_twice_the_fit_of_the_whole(seed: int) -> None:
@@ -200,7 +200,7 @@ def test_a_recording_with_another_period_or_unit_than_the_model_is_refused(
 
 
 def switched_on(period: float, size: float, length: int) -> Recording:
-    """A good stage whose first samples are the transient of an amplifier, ``size`` ranges high."""
+    """A stage whose recording begins with an amplifier's transient of ``size`` times the range."""
     rng, k = np.random.default_rng(4), np.arange(3000)
     u = np.sin(2 * np.pi * k / period) * (0.7 + 0.3 * np.sin(2 * np.pi * k / 700))
     y = noisy(rng, loops(rng, u, 0.2), 0.001)
@@ -238,7 +238,7 @@ def test_a_refusal_for_a_transient_names_it_and_the_option_that_helps() -> None:
     assert identify(recording, skip=skip).report["fit"]["rms_percent"] < 1.0
 
 
-def test_a_refusal_names_the_order_with_which_there_is_a_model() -> None:
+def test_a_refusal_names_an_order_that_gives_a_model() -> None:
     rng, k = np.random.default_rng(1), np.arange(3000)
     u = np.sin(2 * np.pi * k / 91) * (0.7 + 0.3 * np.sin(2 * np.pi * k / 700))
     y = noisy(rng, loops(rng, u, 0.2), 0.001)
@@ -251,7 +251,7 @@ def test_a_refusal_names_the_order_with_which_there_is_a_model() -> None:
 
 
 def excited(rate: int, highest: float, damping: float) -> Recording:
-    """A sweep up to a frequency, or a random drive, through a resonance at 919 Hz."""
+    """Response of a resonance at 919 Hz to a sweep up to a frequency, or to a random drive."""
     rng, t = np.random.default_rng(0), np.arange(20_000) / rate
     u = (
         np.sin(np.pi * highest * t**2 / t[-1])

@@ -34,7 +34,7 @@ MODULES = {"vl-convert-python": "vl_convert"}
 
 
 def absent() -> set[str]:
-    """Modules that come with the extras and not with the library."""
+    """Modules of the packages that only the extra ``bench`` requires."""
     needed = [Requirement(text) for text in requires("piezobench") or []]
     base = {requirement.name for requirement in needed if requirement.marker is None}
     extra = {
@@ -51,12 +51,12 @@ def test_arrays_are_identified_and_compensated_without_the_packages_of_the_comma
     script.write_text(REFUSE.format(absent=absent()) + IDENTIFY)
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert done.stderr == ""
-    said, refused = done.stdout.splitlines()
-    assert "with this model" in said
-    assert refused == f"{script}: reading a file needs the package pyarrow: install piezobench[bench]"
+    fit, message = done.stdout.splitlines()
+    assert "with this model" in fit
+    assert message == f"{script}: reading a file needs the package pyarrow: install piezobench[bench]"
 
 
-def test_the_command_says_what_to_install_where_its_packages_are_absent() -> None:
+def test_the_command_says_what_to_install_if_its_packages_are_absent() -> None:
     done = subprocess.run(
         [sys.executable, "-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()"],
         capture_output=True,

@@ -1,5 +1,4 @@
-"""Whatever stands in a saved learner or bank: it is refused, or the drive stays inside its limits; nothing
-crashes."""
+"""A damaged memory of a learner or bank is refused, or the drive stays inside its limits; nothing crashes."""
 
 import os
 import subprocess
@@ -23,7 +22,7 @@ HOSTILE = [np.array([value]).view(np.uint8) for value in (-1, 2**31 - 1, 2**62, 
 
 
 def of_kind(kind: str) -> tuple[SelfLearningCompensator | CompensatorBank, tuple[float, float]]:
-    """One that has learned for a while."""
+    """A learner or bank that has learned for a while, and the limits of its drive."""
     plant = sensor()
     structure = structure_for(plant, n=3, m=1, offset=False)
     y_ref = np.linspace(*plant.y_range, 1500)[np.abs(np.arange(3000) % 400 - 200) * 7]
@@ -47,7 +46,7 @@ def of_kind(kind: str) -> tuple[SelfLearningCompensator | CompensatorBank, tuple
 
 
 def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
-    """How many of a few hundred damaged memories were refused, and how many ran on inside the limits."""
+    """Numbers of damaged memories that were refused and that ran inside the limits, of 300."""
     random, refused, ran = np.random.default_rng(seed), 0, 0
     one, (low, high) = of_kind(kind)
     good, y_ref = one.memory(), np.linspace(low, high, 150)
@@ -91,20 +90,20 @@ def test_a_damaged_memory_is_refused_or_drives_inside_the_limits(kind: str) -> N
 
 
 def test_a_second_thread_is_refused_while_the_first_is_at_work() -> None:
-    basis, x, said = DataBasis(structure_for(sensor(), n=30, m=9)), np.sin(np.arange(300_000) / 50.0), []
+    basis, x, errors = DataBasis(structure_for(sensor(), n=30, m=9)), np.sin(np.arange(300_000) / 50.0), []
 
     def update() -> None:
         try:
             for _ in range(5):
                 basis.update(x, x)
         except RuntimeError as error:
-            said.append(str(error))
+            errors.append(str(error))
 
     threads = [threading.Thread(target=update) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert 1 <= len(said) <= 2
-    assert set(said) == {"it is in use by another thread; give each thread one of its own"}
+    assert 1 <= len(errors) <= 2
+    assert set(errors) == {"it is in use by another thread; give each thread one of its own"}
     assert basis.samples >= 5 * x.size

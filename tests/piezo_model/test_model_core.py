@@ -1,4 +1,4 @@
-"""The C of model, data basis and compensator: what it may call, its warnings, its bits on every compiler, its
+"""The C code of model, data basis and compensator: external calls, warnings, identical bits from every compiler, and
 copies."""
 
 import copy
@@ -18,7 +18,7 @@ from solvers.core import compile_core
 PACKAGE = Path(core.__file__).parents[1]
 FOLDERS = compile_core.folders(PACKAGE)
 ALGORITHMS = [PACKAGE / "core" / name for name in ("model.c", "data_basis.c", "compensator.c")]
-"""What an exported folder may hold."""
+"""Files of an exported folder."""
 INCLUDES = [f"-I{folder}" for folder in FOLDERS]
 STRUCTURE = ModelStructure.equidistant(
     n=9, m=3, x_range=(0, 150), y_range=(-20, 20), creep_rates=(100, 10, 1), sample_time=1e-3, offset=True

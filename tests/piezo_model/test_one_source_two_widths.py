@@ -1,4 +1,4 @@
-"""A lane of a bank is the single self-learning compensator: the same text, compiled for two widths."""
+"""A lane of a bank equals the single self-learning compensator: the same source, compiled for two widths."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from piezo_model import CompensatorBank, ModelStructure, OperatorState, SelfLear
 Vector = NDArray[np.float64]
 T = 1e-3
 SAMPLES, COUNT = 12_000, 8
-"""One tile, which begins at the same sample as a single learner."""
+"""One tile, which starts at the same sample as a single learner."""
 
 
 def structure_for(plant: plants.Plant, n: int = 5, m: int = 3, offset: bool = False) -> ModelStructure:
@@ -20,7 +20,7 @@ def structure_for(plant: plants.Plant, n: int = 5, m: int = 3, offset: bool = Fa
 
 
 def recorded(plant: plants.Plant, faulty: bool) -> tuple[Vector, Vector]:
-    """References of eight actuators and outputs that their sensors gave, some of them failing."""
+    """References and measured outputs of eight actuators, some with failing sensors."""
     t, number = np.arange(SAMPLES)[:, None] * T, np.arange(COUNT)
     y_range = np.array(plant.y_range)
     y_ref = y_range.mean() + 0.45 * np.ptp(y_range) * np.sin(2 * np.pi * (1.3 + 0.2 * number) * t) * np.cos(

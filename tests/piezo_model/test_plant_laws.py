@@ -1,4 +1,4 @@
-"""Laws that each simulated hysteresis keeps or breaks, and that its truth is not in the class of the model."""
+"""Laws that each simulated hysteresis obeys or violates, and its distance from the model class."""
 
 import numpy as np
 from driven_plants import NAMES, TS, every_plant, ramp, walk
@@ -15,7 +15,7 @@ def test_preisach_equals_a_plane_of_single_relays():
     x = ramp(0.0, 120.0, 30.0, 100.0, 60.0, 150.0, 20.0, 90.0, per_ramp=40)
     y = plant.run(x)
 
-    # Relay by relay, without plays: half widths r, places s, and the density as the slope of the line's distribution.
+    # Relay by relay, without plays: half widths r, centres s, and the density as the slope of the line's distribution.
     r = (np.arange(12)[:, None] + 0.5) / 12
     s = np.linspace(-1.0, 1.0, 8001)[None, :] * (1.0 - r)
     t = (s - (0.15 - 0.5 * r)) / (1.1 - 0.6 * r)
@@ -60,7 +60,7 @@ def test_a_minor_loop_of_bouc_wen_does_not_close_and_those_of_the_others_do():
     assert gaps["dense_prandtl_ishlinskii"] < 1e-10
 
 
-# The truth is not in the class of the model
+# The plants are not in the model class
 
 
 def voltage_width_of_minor_loop(name, low):
@@ -83,7 +83,7 @@ def test_the_width_of_a_minor_loop_changes_with_its_bias_for_preisach_as_it_cann
 
 
 def residual_of_the_model_class(x, y, n, m):
-    """Relative RMS of the best least-squares fit of the paper's equation (5), free of any constraint."""
+    """Relative RMS of the unconstrained least-squares fit of the paper's equation (5)."""
     u, v = x / 75.0 - 1.0, y / 20.0
     r = np.arange(n + 1) / (n + 1)
     H, _ = play(u, r, -(1.0 - r))

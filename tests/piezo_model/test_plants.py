@@ -42,7 +42,7 @@ def test_the_folder_is_the_registry():
     assert NAMES == ["bouc_wen", "dense_prandtl_ishlinskii", "duhem", "maxwell_slip", "relay_preisach"]
 
 
-def test_an_unknown_plant_is_refused_with_what_is_known():
+def test_an_unknown_plant_is_refused_with_the_known_ones():
     with pytest.raises(KeyError, match="known are bouc_wen"):
         plants.get("stack")
 
@@ -103,7 +103,7 @@ COMMON = [
     ("creep_rates_per_s", ()),
     ("creep_rates_per_s", (1.0, -1.0)),
 ]
-"""Options of all, and values that none of them takes."""
+"""Common options with invalid values."""
 
 
 @pytest.mark.parametrize(

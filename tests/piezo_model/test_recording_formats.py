@@ -1,4 +1,4 @@
-"""The clean table in every format that engineers store, read to the last bit; damaged and foreign files are refused."""
+"""One table in every supported format, read to the last bit; damaged and foreign files are refused."""
 
 import gc
 import os
@@ -49,7 +49,7 @@ def gcs_tabs(path: Path) -> None:
 
 
 def hdf5(values: dict[str, Any], units: dict[str, str] | None = None, **attributes: float) -> Callable[[Path], None]:
-    """A file of these datasets, some with units, and attributes of the whole."""
+    """Writer of a file of datasets, some with units, and attributes of the file."""
 
     def write(path: Path) -> None:
         with h5py.File(path, "w") as file:
@@ -242,7 +242,7 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
 
 
 def made(folder: Path, name: str) -> Path:
-    """A file of the format under a name that says nothing; only MAT 4, which has no signature, needs its suffix."""
+    """A file of the format with a neutral suffix; only MAT 4, which has no signature, needs its own."""
     path = folder / ("stage.mat" if name == "MAT 4" else "stage.rec")
     FORMATS[name][0](path)
     return path
@@ -277,7 +277,7 @@ def test_a_damaged_file_of_any_format_is_refused(tmp_path: Path, name: str) -> N
         recording = Recording.open(path)
     except ValueError:
         refusal(path)
-    else:  # what is left may be whole, as the segments of a TDMS file are
+    else:  # the remaining part may be a valid file, e.g. of whole TDMS segments
         assert recording.length < N
         np.testing.assert_array_equal(recording.arrays()[0], X[: recording.length])
     gc.collect()
@@ -325,12 +325,12 @@ def test_a_missing_library_is_a_sentence_that_says_what_to_install(tmp_path: Pat
     absent.mkdir()
     (absent / f"{package}.py").write_text(f"raise ModuleNotFoundError('there is none', name={package!r})")
     program = f"from piezo_model import Recording; Recording.open({str(path)!r})"
-    said = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(absent)}, capture_output=True, text=True
     )
-    assert said.returncode == 1
-    assert f"{path}: is " in said.stderr
-    assert f"reading it needs the package {package}: install piezobench[formats]" in said.stderr
+    assert done.returncode == 1
+    assert f"{path}: is " in done.stderr
+    assert f"reading it needs the package {package}: install piezobench[formats]" in done.stderr
 
 
 def test_a_format_is_added_by_adding_a_file(tmp_path: Path) -> None:
@@ -347,7 +347,7 @@ def test_a_format_is_added_by_adding_a_file(tmp_path: Path) -> None:
         '    return in_memory(path, "doubles", {"u": data[:, 0], "y": data[:, 1]}, sample_time=0.01)\n'
     )
     (tmp_path / "stage.bin").write_bytes(b"DBL1\0\0\0\0" + np.stack([X, Y], 1).tobytes())
-    said = subprocess.run(
+    done = subprocess.run(
         [
             sys.executable,
             "-c",
@@ -358,7 +358,7 @@ def test_a_format_is_added_by_adding_a_file(tmp_path: Path) -> None:
         text=True,
         check=True,
     ).stdout
-    assert "doubles; 2500 samples over 24.99 s, one every 10 ms" in said
+    assert "doubles; 2500 samples over 24.99 s, one every 10 ms" in done
 
 
 def test_two_channels_of_one_name_are_two_columns(tmp_path: Path) -> None:
@@ -380,7 +380,7 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, -1e-3, np.nan])
-def test_a_sampling_period_that_cannot_be_is_refused(tmp_path: Path, period: float) -> None:
+def test_an_invalid_sampling_period_is_refused(tmp_path: Path, period: float) -> None:
     with pytest.raises(RecordingError, match="the sampling period must be from"):
         in_memory(tmp_path / "stage.rec", "a format", {"u": X, "y": Y}, sample_time=period)
 

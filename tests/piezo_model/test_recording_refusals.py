@@ -16,22 +16,22 @@ TENTHS = [f"2024-01-31 12:00:00.{k:07d}" for k in range(3000)]
 
 
 def timed(times: Any, form: str = "{}") -> list[str]:
-    """A table whose times are as written, with lively signals."""
+    """A table with the given times and with varying signals."""
     return [HEADER, *(f"{form.format(t)},{k % 7},{k % 5}" for k, t in enumerate(times))]
 
 
 def late(row: int, by: float, times: np.ndarray = EVEN) -> list[float]:
-    """Times that are later from a row on, counted from 1."""
+    """Times with an offset from a row on, counted from 1."""
     return (times + by * (np.arange(times.size) >= row - 1)).tolist()
 
 
 def moved(row: int, by: float) -> list[float]:
-    """Times of which that of one row is another."""
+    """Times with the time of one row replaced."""
     return (EVEN + by * (np.arange(50) == row - 1)).tolist()
 
 
 def spoiled(row: int, column: int, cell: str, rows: int = 50) -> list[str]:
-    """A good table but for one cell."""
+    """A valid table with one cell replaced."""
     lines = [line.split(",") for line in timed(f"{0.005 * k:.3f}" for k in range(rows))]
     lines[row][column] = cell
     return [",".join(cells) for cells in lines]
@@ -53,7 +53,7 @@ UNLIKE = [
     (("12:00:01", "12:00:02", "3.5"), 4),
 ]
 REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
-    # what is no table
+    # files without a table
     (["", ""], {}, "holds no table"),
     (["# nothing"], {}, "holds no table"),
     ([HEADER], {}, " data rows"),

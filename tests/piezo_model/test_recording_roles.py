@@ -1,4 +1,4 @@
-"""Roles that names do not tell: by elimination and by the values."""
+"""Roles that names do not determine: by elimination and by the values."""
 
 from pathlib import Path
 
@@ -102,7 +102,7 @@ def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: 
 
 
 def two_columns(folder: Path, first: np.ndarray, second: np.ndarray) -> Path:
-    """A file without clock and header, as a converter leaves it."""
+    """A file without clock and header, as some converters write it."""
     path = folder / "stage.txt"
     np.savetxt(path, np.column_stack([first, second]), "%.9g", "\t")
     return path

@@ -1,4 +1,4 @@
-"""One clean table written in every form of plain text; each file must give the clean arrays to the last bit."""
+"""One table written in every form of plain text; each file must give the same arrays to the last bit."""
 
 import csv
 import io
@@ -24,7 +24,7 @@ Y = np.round(5 * np.sin(6 * T - 0.2) + np.random.default_rng(0).normal(0, 0.01, 
 
 
 def rows(line: str, end: str = "\n", decimal: str = ".", times: Sequence[str] | None = None) -> str:
-    """Every sample in a line; {t}, {x} and {y} are printed with the decimal mark, {i} is the index."""
+    """One line per sample; {t}, {x} and {y} are printed with the decimal mark, {i} is the index."""
     times = times or [f"{t:.7f}" for t in T]
     return (
         end.join(
@@ -189,7 +189,7 @@ def test_comments_headers_and_blank_lines_among_rows_do_not_shift_the_named_row(
 
 
 def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
-    """Points in time as text: {Y}, {M}, {D}, {h}, {m}, {s} and {n}, the nanoseconds."""
+    """Times as text: {Y}, {M}, {D}, {h}, {m}, {s} and {n}, the nanoseconds."""
     times = np.datetime64(start, "ns") + period_ns * np.arange(count).astype("m8[ns]")
     parts = np.char.split(np.char.translate(times.astype(str), str.maketrans("-T:.", "    ")))
     return [form.format(**dict(zip("YMDhmsn", part, strict=True))) for part in parts.tolist()]

@@ -64,7 +64,7 @@ def test_a_file_cut_short_after_it_was_opened_is_noticed(tmp_path: Path) -> None
 
 @pytest.fixture
 def arrow_pool() -> Iterator[pa.MemoryPool]:
-    """A pool that counts what Arrow holds from here on."""
+    """A memory pool that counts all further allocations of Arrow."""
     usual = pa.default_memory_pool()
     pool = pa.proxy_memory_pool(usual)
     pa.set_memory_pool(pool)
@@ -81,7 +81,7 @@ def test_memory_does_not_grow_with_the_length_of_the_file(
         path = tmp_path / f"stage{rows}{suffix}"
         if suffix == ".csv":
             write_table(path, signals(rows))
-        else:  # one row group over the whole file, the worst that a writer can do
+        else:  # one row group over the whole file, the worst case of a writer
             pq.write_table(pa.table(signals(rows)), path, row_group_size=rows, use_dictionary=False)
         pa.set_memory_pool(pool := pa.proxy_memory_pool(arrow_pool))
         tracemalloc.start()
@@ -91,7 +91,7 @@ def test_memory_does_not_grow_with_the_length_of_the_file(
         finally:
             tracemalloc.stop()
     assert peaks[1] < 1.25 * peaks[0]
-    assert peaks[1] < 3 * 8 * 1_500_000  # what the three columns would take
+    assert peaks[1] < 3 * 8 * 1_500_000  # the size of the three columns
 
 
 def test_the_real_recording_is_read_as_its_authors_describe_it() -> None:

@@ -1,4 +1,4 @@
-"""What cannot be is refused in one sentence: stage, decoupling, compensator, learner, bank, data basis and plants."""
+"""Invalid arguments are refused in one sentence: stage, decoupling, compensator, learner, bank, data basis, plants."""
 
 import math
 from collections.abc import Callable
@@ -139,7 +139,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_what_cannot_be_is_refused_in_one_sentence(what: str) -> None:
+def test_invalid_arguments_are_refused_in_one_sentence(what: str) -> None:
     call, sentence = REFUSED[what]
     with pytest.raises(ValueError, match=sentence) as refused:
         call()

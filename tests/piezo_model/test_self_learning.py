@@ -1,4 +1,4 @@
-"""The self-learning compensator as a whole, in both modes where they share what they promise."""
+"""The self-learning compensator as a whole; behaviour common to both modes is tested in both."""
 
 import json
 import math
@@ -29,7 +29,7 @@ RATE_LIMIT = 2e4
 
 
 def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray]:
-    """References and the outputs measured before them of a session with a gap and a jump."""
+    """References, and the outputs measured before them, of a session with a gap and a jump."""
     plant = sensor()
     y_ref = steps(plant, seconds)
     y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200).run(
@@ -45,11 +45,11 @@ def fresh(mode: str, solver: str) -> SelfLearningCompensator:
     return learner_for(sensor(), mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200)
 
 
-# One sample after the other
+# Sample by sample and in runs
 
 
 def narrow(mode: str) -> SelfLearningCompensator:
-    """A learner whose ranges are half of the true ones, so that it changes them."""
+    """A learner whose ranges are half of the true ones, so that it widens them."""
     one = sensor()
     true = structure_for(one)
     half = replace(true, x_scale=0.5 * true.x_scale, y_scale=0.5 * true.y_scale)
@@ -85,11 +85,11 @@ def test_a_replay_of_faults_equals_single_steps_bit_for_bit(mode: str, solver: s
     assert [event.message for event in replayed.log] == [event.message for event in stepped.log]
 
 
-def test_learners_made_alike_are_the_same_bytes_whatever_was_computed_before() -> None:
+def test_equal_learners_have_the_same_bytes_regardless_of_earlier_computations() -> None:
     plant = sensor("bouc_wen")
     states = set()
     for size in range(1, 40, 3):
-        rng = np.random.default_rng(size)  # leaves other numbers on the stack each time
+        rng = np.random.default_rng(size)  # leaves different numbers on the stack each time
         np.linalg.svd(rng.normal(size=(size, size)))
         learner = SelfLearningCompensator(structure_for(plant, n=3, m=1), build_s=0.5, learn_s=0.1)
         states.add(pickle.dumps(learner.memory()))
@@ -136,7 +136,7 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(m
         SelfLearningCompensator.load(tmp_path / "nowhere.json")
 
 
-def test_a_file_of_an_older_version_is_refused_with_the_way_to_take_its_model_which_works(tmp_path: Path) -> None:
+def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(tmp_path: Path) -> None:
     path, learner = tmp_path / "learner.json", fresh("continuous", "box_active_set")
     learner.save(path)
     content = json.loads(path.read_text())
@@ -252,11 +252,11 @@ def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_pat
 
 def test_a_saved_file_takes_no_other_options(tmp_path: Path) -> None:
     fresh("cyclic", "box_active_set").save(tmp_path / "learner.json")
-    with pytest.raises(ValueError, match="goes on with the settings that it was saved with, so mode must not be given"):
+    with pytest.raises(ValueError, match="resumes with the settings it was saved with, so mode must not be given"):
         SelfLearningCompensator.load(tmp_path / "learner.json", mode="continuous")
 
 
-# What it is for
+# Accuracy
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -383,7 +383,7 @@ def test_a_solver_without_an_answer_or_with_an_error_changes_nothing(monkeypatch
 
 
 class Eager(BoxActiveSet):
-    """Works when it is set up, slowly, and answers at once."""
+    """A solver that computes its answer in the setup."""
 
     def setup(self, problem: Problem) -> None:
         super().setup(problem)
@@ -416,7 +416,7 @@ def test_weights_that_explain_their_own_data_worse_than_the_old_ones_are_refused
     np.testing.assert_array_equal(learner.model.weights, weights)
 
 
-def test_a_cycle_that_lied_is_forgotten_in_the_next_but_one() -> None:
+def test_a_wrong_cycle_is_forgotten_in_the_next_but_one() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant), steps(plant, 36.8)
     before = error_of(learner, y_ref, plant.run, plant, slice(-4000, None))
@@ -425,7 +425,7 @@ def test_a_cycle_that_lied_is_forgotten_in_the_next_but_one() -> None:
     assert error_of(learner, y_ref, plant.run, plant, slice(9400, 13000)) < 1.2 * before
 
 
-def test_a_narrow_cycle_does_not_lead_astray_what_a_wide_one_taught() -> None:
+def test_a_narrow_cycle_does_not_spoil_the_weights_learned_in_a_wide_one() -> None:
     plant = sensor()
     learner, wide = learner_for(plant), steps(plant, 12.0)
     learner.run(wide, plant.run)

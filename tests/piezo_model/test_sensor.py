@@ -1,4 +1,4 @@
-"""The sensor around a plant: what it adds, in which size, and that it adds the same again."""
+"""The sensor of a plant: the size of each of its errors, and their repeatability."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from piezo_model import plants
 
 
 def added(size=50_000, **options):
-    """What a sensor adds to a plant that stands still."""
+    """Error of the sensor of a plant at rest."""
     still = plants.get("bouc_wen", sample_time=TS, creep_share=0.0).run(np.zeros(size))
     return plants.Sensor(plants.get("bouc_wen", sample_time=TS, creep_share=0.0), **options).run(0.0 * still) - still
 
@@ -84,6 +84,6 @@ def test_the_lag_is_one_of_first_order_and_gaps_come_at_their_time():
     y, m = still.run(x), lagging.run(x)
     t = np.arange(300) * TS
     away = (y[begin : begin + 300] - m[begin : begin + 300]) / (y[begin] - y[0])
-    np.testing.assert_allclose(away, np.exp(-(t + TS) / tau), atol=0.02)  # creep goes on meanwhile
+    np.testing.assert_allclose(away, np.exp(-(t + TS) / tau), atol=0.02)  # the creep continues
     m = plants.Sensor(bare("duhem"), gap_samples=3, gap_period_samples=50).run(x)
     assert np.flatnonzero(np.isnan(m)).tolist() == [k for k in range(1000) if k % 50 >= 47]

@@ -37,7 +37,7 @@ TREMBLING = 0.3 + 0.4 * FROZEN_DRIVE * np.sign(np.sin(np.arange(5000)))
 
 
 def gap(value: float, y: np.ndarray = RAMP, begin: int = 50, end: int = 60) -> np.ndarray:
-    """A signal with one value in place of a part."""
+    """The signal with a part replaced by one value."""
     k = np.arange(y.size)
     return np.where((k >= begin) & (k < end), value, y)
 
@@ -68,7 +68,7 @@ def gap(value: float, y: np.ndarray = RAMP, begin: int = 50, end: int = 60) -> n
         "the way of the drive in a gap explains that of the output",
     ],
 )
-def test_samples_are_judged_bad_for_what_they_are_and_no_others(
+def test_every_kind_of_bad_sample_is_rejected_and_no_good_one(
     x: np.ndarray, y: np.ndarray, bad: dict[int, Verdict]
 ) -> None:
     assert {k: v for k, v in enumerate(judged(x, y)) if v is not Verdict.GOOD} == bad

@@ -5,7 +5,7 @@ from piezo_model.identification.sensor_lag import HALF_WIDTH, minimise_over_lag,
 
 
 def displacement(k: np.ndarray) -> np.ndarray:
-    """A signal known between the samples as well, up to a third of the highest frequency that sampling holds."""
+    """A signal that is known between the samples, too, with frequencies up to a third of the Nyquist frequency."""
     return 20 * np.sin(0.03 * k) + 3 * np.cos(0.4 * k + 1) + 0.5 * np.sin(1.0 * k) - 96
 
 

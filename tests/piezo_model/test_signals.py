@@ -1,4 +1,4 @@
-"""Drive and reference signals: limits, repeatability, and the shape that each one promises."""
+"""Drive and reference signals: limits, repeatability, and the documented shape of each one."""
 
 import inspect
 
@@ -52,7 +52,7 @@ COMMON = [
     ("high", np.nan),
     ("duration_s", 1e-4),
 ]
-"""Options of all, and values that none of them takes."""
+"""Common options with invalid values."""
 
 
 @pytest.mark.parametrize(

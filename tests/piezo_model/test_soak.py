@@ -1,4 +1,4 @@
-"""Millions of samples in one go."""
+"""Endurance over millions of samples."""
 
 import pytest
 from soak import DAY, LOOPS, PIECE, soak

@@ -39,7 +39,7 @@ def wander(seconds=1.0, seed=0):
 # Structure
 
 
-def test_the_structure_rings_at_its_damped_frequency_and_decays_as_its_damping_says():
+def test_the_structure_rings_at_its_damped_frequency_and_decays_with_its_damping():
     ringing = axis(options={"creep_share": 0.0}, natural_frequency_Hz=20.0, damping_ratio=0.05)
     ringing.run(np.full(10, 0.0))
     p = ringing.run(np.full(2000, 150.0))
@@ -76,7 +76,7 @@ def test_a_stage_at_rest_stays_where_it_is(actuators):
     assert np.ptp(p) < 1e-6
 
 
-def test_drift_changes_the_stroke_by_as_much_as_it_says():
+def test_drift_changes_the_stroke_by_the_stated_amount():
     ends = np.repeat(np.tile([0.0, 150.0], 10), 100)
     steady, drifting = (axis(options={"creep_share": 0.0}, gain_drift_per_s=drift).run(ends) for drift in (0.0, 0.1))
     at = np.arange(99, ends.size, 100)
@@ -86,7 +86,7 @@ def test_drift_changes_the_stroke_by_as_much_as_it_says():
 # Push-pull
 
 
-def test_push_pull_makes_the_loop_point_symmetric_where_one_actuator_does_not():
+def test_push_pull_makes_the_loop_point_symmetric_unlike_one_actuator():
     swing = 75.0 + 75.0 * np.sin(2.0 * np.pi * np.arange(4000) * TS / 0.5)
 
     def asymmetry(actuators):
@@ -133,7 +133,7 @@ def test_the_decoupling_is_found_from_a_recording_of_a_real_hysteretic_stage():
     assert np.abs(COUPLING - np.diag(np.diag(COUPLING))).max() > 0.03
 
 
-# The loops behind it
+# Learning behind the decoupling matrix
 
 
 def loops(one):

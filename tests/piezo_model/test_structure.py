@@ -57,7 +57,7 @@ def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:
         ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
     ],
 )
-def test_a_structure_that_cannot_be_is_refused_by_the_name_of_its_field(changes: dict[str, Any], sentence: str) -> None:
+def test_an_invalid_structure_is_refused_by_the_name_of_its_field(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(StructureError, match=sentence):
         equidistant(**changes)
 

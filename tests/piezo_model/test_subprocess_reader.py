@@ -1,4 +1,4 @@
-"""A file that crashes, hangs or exhausts its parser affects a child process alone."""
+"""A file that makes its parser crash, hang or run out of memory affects a child process only."""
 
 import os
 import signal
@@ -71,8 +71,8 @@ def test_a_script_without_a_guard_reads_such_files_and_leaves_no_process(tmp_pat
         "import os\nfrom piezo_model import Recording\nfrom piezo_model.recordings import subprocess_reader\n"
         "print(Recording.open('stage.mat').length, subprocess_reader._child(os.getpid())._process.pid)\n"
     )
-    said = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    length, child = map(int, said.stdout.split())
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    length, child = map(int, done.stdout.split())
     assert length == 1000
     assert not Path(f"/proc/{child}").exists()
 

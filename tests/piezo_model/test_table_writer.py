@@ -53,7 +53,7 @@ def test_a_table_that_cannot_be_written_is_refused_and_leaves_nothing(
 def test_a_write_that_fails_halfway_leaves_the_old_file_untouched(old: Path) -> None:
     before, (soft, hard) = old.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
     columns = {name: np.random.default_rng(3).normal(size=100_000) for name in HEADER.split(",")}
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))  # the disk is full after so many bytes
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))  # like a full disk
     try:
         with pytest.raises(RecordingError, match=r"stage.*cannot be written: File too large"):
             write_table(old, columns)

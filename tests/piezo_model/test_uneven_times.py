@@ -1,4 +1,4 @@
-"""Clocks that are not even, periods that contradict a clock, and units that the file does not say."""
+"""Uneven times, periods that contradict the times, and units that the file does not state."""
 
 from pathlib import Path
 

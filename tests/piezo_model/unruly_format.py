@@ -1,4 +1,4 @@
-"""A format whose files say what happens to the process that reads them."""
+"""A format whose files contain the failure of the process that reads them."""
 
 import os
 import signal

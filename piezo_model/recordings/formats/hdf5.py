@@ -17,7 +17,7 @@ from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, pa
 NAME = "an HDF5 file"
 SUBPROCESS = True
 UNITS = ("Unit", "Units", "unit", "units")
-"""Attributes with a unit; the last one found counts."""
+"""Names of the attribute with the unit; the last one present is used."""
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
@@ -67,7 +67,7 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
             else item[()]
             for name, item in columns.items()
         }
-    return in_memory(path, "HDF5", arrays, units, stated)
+    return in_memory(path, "HDF5", arrays, units=units, sample_time=stated)
 
 
 def _stated(holders: list[Any], datasets: list[Any]) -> float | None:

@@ -22,7 +22,7 @@ NAMES, VALUES, UNITS = ("name", "label", "title"), ("data", "values", "value", "
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether the file starts with MATLAB's text; version 4 has none but a suffix and a first number."""
+    """Whether the file starts with MATLAB's text; version 4 is recognised by its suffix and first number."""
     version_4 = path.suffix.lower() == ".mat" and head[:4] in (b"\0\0\0\0", b"\x0a\0\0\0", b"\0\0\x03\xe8")
     return head.startswith(b"MATLAB ") or version_4
 
@@ -40,13 +40,13 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     with parsed(path, "MATLAB"):
         variables = read(str(path))
     units: dict[str, str] = {}
-    found = {name: array for name, array in _arrays("", variables, units) if name is not None}
+    arrays = {name: array for name, array in _arrays("", variables, units) if name is not None}
     return in_memory(
         path,
         "MATLAB 7.3" if modern else "MATLAB",
-        {name: array for name, array in found.items() if array.size > 1},
-        units,
-        sample_time_in_scalars(found),
+        {name: array for name, array in arrays.items() if array.size > 1},
+        units=units,
+        sample_time=sample_time_in_scalars(arrays),
     )
 
 

@@ -31,6 +31,6 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
         path,
         "MDF",
         {name: signal.samples for name, signal in signals.items()},
-        {name: signal.unit for name, signal in signals.items()},
+        units={name: signal.unit for name, signal in signals.items()},
         nested=len(groups) > 1,
     )

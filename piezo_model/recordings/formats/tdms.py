@@ -37,7 +37,7 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     for name, channel in channels.items():
         units[name] = next((str(channel.properties[key]) for key in UNITS if channel.properties.get(key)), "")
         periods[name] = float(channel.properties.get("wf_increment", 0.0)) or None
-    return in_memory(path, "TDMS", arrays, units, periods, nested=len(groups) > 1)
+    return in_memory(path, "TDMS", arrays, units=units, sample_time=periods, nested=len(groups) > 1)
 
 
 def _exact(values: Any) -> NDArray:
