@@ -11,8 +11,7 @@ from test_library_alone import REFUSE
 
 ROOT = Path(__file__).parent.parent
 NEEDING = {
-    "chromium": "tests/bench/test_identify_page.py"
-    "::test_a_skipped_transient_does_not_flatten_the_error_of_the_rest",
+    "chromium": "tests/bench/test_identify_page.py::test_a_skipped_transient_does_not_flatten_the_error_of_the_rest",
     "cmake": "tests/bench/test_export_c.py::test_cmake_builds_it_too",
     "gcc": "tests/solvers/test_core.py"
     "::test_the_algorithms_call_nothing_of_the_libraries_but_a_few_functions[files0-called0]",
