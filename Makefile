@@ -1,5 +1,4 @@
-# Everything installs into .venv of this folder; nothing else of the machine is touched.
-# A fresh machine needs Python 3.11 or later and make.
+# Everything is installed into .venv of this folder and nowhere else. Required: make and Python 3.11 or later.
 
 PYTHON ?= python3
 VENV   := .venv
@@ -12,7 +11,7 @@ RUN    ?= results/reference
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
 
-# One stamp a set of extras: it is made again when the metadata or the pinned versions change.
+# A stamp file for each set of extras, which is installed again when the metadata or the pinned versions change.
 $(VENV)/.field: EXTRAS := bench,field,copyleft,live
 $(VENV)/.test:  EXTRAS := bench,field,copyleft,live,formats,test
 $(VENV)/.dev:   EXTRAS := bench,field,copyleft,live,formats,test,heavy,commercial,codegen,dask,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
@@ -29,24 +28,24 @@ $(VENV)/.field $(VENV)/.test $(VENV)/.dev $(VENV)/.docs: pyproject.toml constrai
 	fi
 	@touch $@
 
-# The libraries follow their sources; where there is no C compiler, the install above has built them with one of its own.
-core: $(VENV)/$(if $(ALL)$(wildcard $(VENV)/.dev),.dev,.test) ## compile the C cores again where their sources have changed
+# Without a C compiler, the installation has built the libraries with a compiler that it downloads.
+core: $(VENV)/$(if $(ALL)$(wildcard $(VENV)/.dev),.dev,.test) ## compile the C cores whose sources have changed
 	$(BIN)/python solvers/core/compile_core.py
 
-# Not those of other people's libraries, which the sanitizers would find fault with, too.
-OF_CORES := $(wildcard $(patsubst %,tests/solvers/test_%.py,core batch box_* our_solvers recursive_active_set accelerated_projection random_box_programs) \
+# Tests of the cores; not those of other libraries, in which the sanitizers find errors, too.
+CORE_TESTS := $(wildcard $(patsubst %,tests/solvers/test_%.py,core batch box_* our_solvers recursive_active_set accelerated_projection random_box_programs) \
   $(patsubst %,tests/paper/test_%.py,equation_7* figure_1*) \
   $(patsubst %,tests/piezo_model/test_%.py,bank model_core sensor_guard self_learning continuous_learning one_source_two_widths memory_from_outside data_basis))
-debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run the tests of them
+debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run their tests
 	$(BIN)/python solvers/core/compile_core.py --debug
 	LD_PRELOAD="$$($${CC:-cc} -print-file-name=libasan.so)" ASAN_OPTIONS=detect_leaks=0:alloc_dealloc_mismatch=0 \
-	  $(BIN)/python -m pytest -q -p no:cacheprovider $(OF_CORES); status=$$?; \
+	  $(BIN)/python -m pytest -q -p no:cacheprovider $(CORE_TESTS); status=$$?; \
 	  $(BIN)/python solvers/core/compile_core.py --fresh; exit $$status
 
-bench: $(VENV)/.field ## set up, then race the default field, or on RECORDING=stage.csv of your own
+bench: $(VENV)/.field ## set up, then race the default field; RECORDING=stage.csv: on your own data
 	$(BIN)/piezobench race $(if $(RECORDING),--recording "$(RECORDING)") $(OPTIONS)
 
-# What a test that hangs was at is printed, and the run ends.
+# A test that hangs ends the run, with a traceback.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 test: core            ## set up, then run the tests; ALL=1: with all libraries, the slow tests too, and none skipped
 	$(if $(ALL),PIEZOBENCH_ALL_TESTS=1) $(PYTEST) $(if $(ALL),-m 'not nightly')
@@ -54,7 +53,7 @@ test: core            ## set up, then run the tests; ALL=1: with all libraries, 
 nightly: $(VENV)/.dev core ## run the tests that take minutes
 	$(PYTEST) -m nightly -o faulthandler_timeout=0
 
-fuzz: $(VENV)/.dev core ## hostile input for a quarter of an hour, or for FUZZ_SECONDS
+fuzz: $(VENV)/.dev core ## try hostile input for a quarter of an hour, or for FUZZ_SECONDS
 	PYTHONPATH=.:tests/piezo_model $(BIN)/python tests/bench/fuzz.py
 
 lint: $(VENV)/.dev    ## style and types
@@ -74,10 +73,10 @@ report: $(VENV)/.field ## write the report of RUN=results/<run> again
 	$(BIN)/piezobench report $(RUN)
 
 compare: $(VENV)/.field ## compare the runs A=results/<run> and B=results/<run>
-	@test -n "$(A)" -a -n "$(B)" || { echo "say which runs: make compare A=results/<run> B=results/<run>" >&2; exit 2; }
+	@test -n "$(A)" -a -n "$(B)" || { echo "name two runs: make compare A=results/<run> B=results/<run>" >&2; exit 2; }
 	$(BIN)/piezobench compare $(A) $(B) $(if $(OUT),--out $(OUT))
 
-settings: $(VENV)/.field ## ship the settings of the one-shot race RUN=results/<run> for streams and loops
+settings: $(VENV)/.field ## use the settings of the one-shot race RUN=results/<run> for streams and loops
 	$(BIN)/python -m bench.races.chosen_settings $(RUN)
 
 experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with figures

@@ -1,4 +1,4 @@
-"""What comes from outside, where it is shown: units of a recording's header, names of files, messages of solvers.
+"""Safe rendering of text from outside: units in a recording's header, names of files, messages of solvers.
 
 Each target has one function that makes such text harmless there or refuses it, and one place that applies it: the
 console, and an environment of templates for HTML, XML, Markdown and C. HTML, XML and Markdown are escaped wherever a
@@ -37,13 +37,13 @@ def c_string(text: str) -> Markup:
 
 def _character(byte: int) -> str:
     sign = chr(byte)
-    if sign in '"\\?':  # the question mark ends what could be a trigraph
+    if sign in '"\\?':  # the question mark could be part of a trigraph
         return "\\" + sign
     return sign if " " <= sign <= "~" else f"\\{byte:03o}"
 
 
 def xml(text: Any) -> Markup:
-    """Text of an element or attribute; what XML 1.0 cannot hold becomes U+FFFD.
+    """Text of an element or attribute; characters that XML 1.0 does not allow become U+FFFD.
 
     Examples
     --------

@@ -88,7 +88,7 @@ class Machine(TypedDict):
 
 
 class Notes(TypedDict):
-    """Notes on a finished part of a race: where it ran and what disturbed it."""
+    """Notes on a finished part of a race: its host and the disturbances."""
 
     host: str
     core: int

@@ -7,7 +7,7 @@ import warnings
 
 import lazy_loader
 
-# qpsolvers warns at import where it has no solver of its own; those here need none.
+# qpsolvers warns at import if it finds none of its solvers; those here do not need them.
 warnings.filterwarnings("ignore", message="no QP solver found", category=UserWarning, module="qpsolvers")
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -36,7 +36,7 @@ __all__ = [
 
 
 class Answer(NamedTuple):
-    """What a library reports on its last solve."""
+    """Report of a library on its last solve."""
 
     x: Vector
     w: Vector
@@ -104,7 +104,7 @@ class LibrarySolver(Solver):
         """Make the library's object of the program and its rows."""
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
-        """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for what stays."""
+        """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for unchanged data."""
 
     @abstractmethod
     def run(self, warm_start: Vector | None) -> Vector | None:
@@ -126,7 +126,7 @@ class LibrarySolver(Solver):
         """Read the library's report on its last solve; x and w are used only if it found an answer."""
 
     def iterate(self) -> Vector | None:
-        """Return x if the status says that the iteration limit ended the solve."""
+        """Return x if the status is that of a solve ended by the iteration limit."""
         x, _, status, *_ = self.answer()
         return np.array(x) if status.startswith(self.at_limit) else None
 

@@ -12,7 +12,7 @@ The data are doubles, hence rationals, and everything here is computed in ration
 4. feasibility: x* breaks no constraint.
 5. signs: no inequality has a negative multiplier. With 2 to 4 these are the KKT conditions, and any KKT point of a
    convex program is optimal (Boyd, Vandenberghe, *Convex Optimization*, 2004, section 5.5.3).
-6. value: V(x*) equals the stored rational. It is the only optimal value even where x* is not the only optimum.
+6. value: V(x*) equals the stored rational. It is the only optimal value even if x* is not the only optimum.
 7. answer: the stored doubles are x* and V(x*) rounded, and the stored statement on uniqueness is right.
 """
 

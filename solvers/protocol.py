@@ -80,13 +80,13 @@ class Status(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     """The process was stopped at its memory limit."""
     LAZY = "lazy"
-    """It returns an object that is evaluated later, not an array."""
+    """The solver returned an object that is evaluated later, not an array."""
     STALE = "stale"
     """A timed answer belongs to other data."""
     ERRATIC = "erratic"
     """The first answer is right, but most timed answers are wrong."""
     CACHED = "cached"
-    """It answers data that it has seen before much faster."""
+    """The solver answers repeated data much faster."""
     MISTIMED = "mistimed"
     """Its reported times are impossible: zero, or inconsistent with the clocks of the parent process."""
     PEEKED = "peeked"
@@ -238,7 +238,7 @@ class Solver(Entrant):
         updates, solves : array (m,)
             Nanoseconds of each of the m ≤ n calls; a solve includes the copy of its answer.
         answers : array (m, d)
-            NaN where a library found no answer.
+            NaN if a library found no answer.
         """
         raise Unsupported(f"{self.name} has no compiled loop to time")
 
@@ -256,7 +256,7 @@ def dense(problem: Problem) -> tuple[Matrix, Vector]:
 
 
 def box(problem: Problem) -> tuple[Vector, Vector]:
-    """Bounds lb, ub of a problem, shape (d,), infinite where a variable has none."""
+    """Bounds lb, ub of a problem, shape (d,), infinite for a variable without one."""
     d = problem.q.shape[0]
     lb = np.full(d, -np.inf) if problem.lb is None else np.array(problem.lb, dtype=np.float64)
     ub = np.full(d, np.inf) if problem.ub is None else np.array(problem.ub, dtype=np.float64)

@@ -6,7 +6,7 @@ Source: S. Caron and others, the package qpsolvers, whose residuals and signs of
 
 Timed: ``setup`` and ``update`` copy, and make P sparse for solvers that take sparse matrices only; ``solve`` is one
 call, which converts the problem, sets the solver up and solves. qpsolvers gets our copies of the data, a starting point
-only for solvers that use one (others warn), and no bounds of a side where all are infinite, since ECOS and CVXOPT fail
+only for solvers that use one (others warn), and no bounds of a side if all are infinite, since ECOS and CVXOPT fail
 on infinite bounds.
 """
 
@@ -47,7 +47,7 @@ WARM_STARTABLE = frozenset({"daqp", "osqp", "proxqp", "scs"})
 HANDED_TO_SCIPY = frozenset({"clarabel", "qtqp", "scs"})
 """For these, qpsolvers passes problems without constraints to SciPy instead."""
 FAILS_WITHOUT_ROWS = frozenset({"highs"})
-"""These get the row 0ᵀx ≤ ∞ for a problem without rows (see :mod:`solvers.direct.highspy`)."""
+"""Solvers that get the row 0ᵀx ≤ ∞ for a problem without rows (see :mod:`solvers.direct.highspy`)."""
 BREAKS_ON_INFINITY = frozenset({"cvxopt", "ecos"})
 SPARSE_ONLY = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
 INSTALLED = tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
@@ -103,7 +103,7 @@ class QpsolversSolver(LibrarySolver):
 
 
 def _first_of(extras: Mapping[str, Any], *names: str) -> Any:
-    """The first of these entries in the extras of a solution or in their object ``info``; None if there is none."""
+    """The first of these entries in the extras of a solution or in their object ``info``, or None."""
     info = extras.get("info", {})
     inside = info if isinstance(info, Mapping) else {name: getattr(info, name, None) for name in names}
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)

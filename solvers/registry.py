@@ -161,8 +161,8 @@ def entries() -> Iterator[Entry]:
         entry = _registered(registered)
         if (entry.name, entry.lane) in taken:
             raise RegistrationError(
-                f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, where "
-                f"there is one already"
+                f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, which "
+                f"has one already"
             )
         taken.add((entry.name, entry.lane))
         yield entry
@@ -239,8 +239,8 @@ def find(name: str, lane: Lane | str | None = None) -> Entry:
             fallback = entry
     if fallback is not None:
         return fallback
-    where = "" if lane is None else f" in the lane {Lane(lane).value!r}"
-    raise KeyError(f"there is no solver {name!r}{where}; known are {', '.join(sorted({e.name for e in entries()}))}")
+    place = "" if lane is None else f" in the lane {Lane(lane).value!r}"
+    raise KeyError(f"there is no solver {name!r}{place}; known are {', '.join(sorted({e.name for e in entries()}))}")
 
 
 def get(name: str, lane: Lane | str | None = None, **settings: Any) -> Solver:

@@ -8,7 +8,7 @@ import numpy as np
 from solvers.arrays import Matrix, Nanoseconds, Vector
 
 Timings = tuple[Nanoseconds, Nanoseconds, Matrix]
-"""Nanoseconds of updates and of solves, (n,) each, and answers (n, d), NaN where a library found none."""
+"""Nanoseconds of updates and of solves, (n,) each, and answers (n, d), NaN if a library found none."""
 LONGEST_NS = 2**62
 
 

@@ -36,7 +36,7 @@ def program(name: str) -> str:
 
 def lacking(name: str, package: str) -> NoReturn:
     """Skip the test, which needs a package of Debian."""
-    pytest.skip(f"{name} is not installed: apt-get install {package} brings it on Debian")
+    pytest.skip(f"{name} is not installed; on Debian, apt-get install {package}")
 
 
 def real_recording() -> Path:

@@ -132,7 +132,7 @@ def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
         if entry.lane in (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN):
             try:
                 cls = entry.load()
-            except ImportError:  # a library that is not installed here; its own tests say so
+            except ImportError:  # a library that is not installed; its own tests report it
                 continue
             assert cls.name == entry.name
 
@@ -166,7 +166,7 @@ print(json.dumps([name for name in new if "site-packages" in (getattr(sys.module
     assert found <= {"numpy", "lazy_loader", "msgspec", "typing_extensions"}  # the last comes with msgspec
 
 
-def test_every_file_that_contributing_names_is_there_with_the_functions_named_beside_it():
+def test_every_file_that_contributing_names_exists_with_the_functions_named_beside_it():
     text = (ROOT / "CONTRIBUTING.md").read_text()
     beside = re.findall(r"`([\w/]+\.(?:py|c|h))`((?:,? `\w+`)+)", text)
     assert len(beside) > 15

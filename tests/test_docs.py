@@ -45,13 +45,13 @@ def included(found: re.Match[str]) -> str:
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.stem)
-def test_links_lead_to_files_that_are_there(page: Path) -> None:
+def test_links_lead_to_existing_files(page: Path) -> None:
     text = re.sub(r'--8<-- "([^":]+):?(\w*)"', included, page.read_text(encoding="utf-8"))
     for link in re.findall(r"\]\(([^)#:]+\.\w+)(?:#\S*)?\)", text):
         assert (page.parent / link).exists(), link
 
 
-def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_headings_that_are_there() -> None:
+def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_existing_headings() -> None:
     for word in (*Status, *Lane, *Tier):
         assert f"`{word}`" in READING, word
     for heading in ("lane", "tier", "worst cost gap", "right", "periods"):
@@ -102,7 +102,7 @@ def cyclic(**options: object) -> SelfLearningCompensator:
     )
 
 
-def test_the_machine_on_the_page_is_the_one_that_runs() -> None:
+def test_the_state_machine_on_the_page_is_that_of_the_learner() -> None:
     steps = taken(cyclic(), honest) | taken(cyclic(solver="scipy_nnls"), honest)
     for phase in Phase:
         learner = cyclic()
@@ -115,6 +115,6 @@ def test_the_machine_on_the_page_is_the_one_that_runs() -> None:
     assert table == [str(phase) for phase in Phase]
 
 
-def test_the_machine_on_the_page_of_continuous_operation_is_the_one_that_runs() -> None:
+def test_the_state_machine_on_the_page_of_continuous_operation_is_that_of_the_learner() -> None:
     learner = SelfLearningCompensator(STRUCTURE, reset_s=0.02, mode="continuous")
     assert taken(learner, failing(learner, Phase.LEARN)) == documented(1)

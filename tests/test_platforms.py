@@ -1,4 +1,4 @@
-"""With the features of Linux hidden, the library works, and functions that need Linux say so."""
+"""With the features of Linux hidden, the library works, and functions that need Linux refuse with the reason."""
 
 import subprocess
 import sys
@@ -75,14 +75,14 @@ def elsewhere(program: str, folder: Path, *words: str) -> subprocess.CompletedPr
     )
 
 
-def test_the_library_identifies_compensates_learns_and_solves_where_nothing_of_linux_is_there(tmp_path: Path) -> None:
+def test_the_library_identifies_compensates_learns_and_solves_without_linux(tmp_path: Path) -> None:
     done = elsewhere(LIBRARY, tmp_path)
     assert done.stderr == ""
     assert done.stdout.endswith("in a process of its own, Linux only; text and Parquet are read everywhere\n")
 
 
 @pytest.mark.parametrize("words", [("race",), ("live", "model.json", "--simulate", "relay_preisach")], ids=str)
-def test_the_command_says_in_one_sentence_that_it_is_for_linux_only(tmp_path: Path, words: tuple[str, ...]) -> None:
+def test_the_command_refuses_other_systems_in_one_sentence(tmp_path: Path, words: tuple[str, ...]) -> None:
     done = elsewhere("from bench.cli import main; main()", tmp_path, *words)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "piezobench: Linux only; on this system the library works from Python: piezo_model\n"

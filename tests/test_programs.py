@@ -11,8 +11,7 @@ from test_library_alone import REFUSE
 
 ROOT = Path(__file__).parent.parent
 NEEDING = {
-    "chromium": "tests/bench/test_identify_page.py"
-    "::test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest",
+    "chromium": "tests/bench/test_identify_page.py::test_a_skipped_transient_does_not_flatten_the_error_of_the_rest",
     "cmake": "tests/bench/test_export_c.py::test_cmake_builds_it_too",
     "gcc": "tests/solvers/test_core.py"
     "::test_the_algorithms_call_nothing_of_the_libraries_but_a_few_functions[files0-called0]",
@@ -36,16 +35,16 @@ def reasons(done: subprocess.CompletedProcess[str]) -> list[str]:
 
 
 def sentence(name: str) -> str:
-    return f"{name} is not installed: apt-get install {name} brings it on Debian"
+    return f"{name} is not installed; on Debian, apt-get install {name}"
 
 
-def test_what_needs_a_program_that_is_not_installed_is_skipped_with_one_line_that_names_it(tmp_path: Path) -> None:
+def test_tests_that_need_a_missing_program_are_skipped_with_one_line_that_names_it(tmp_path: Path) -> None:
     done = on_a_bare_machine(tmp_path)
     assert done.returncode == 0, done.stdout
     assert reasons(done) == [f"1 skipped: {sentence(name)}" for name in NEEDING]
 
 
-def test_the_run_fails_where_nothing_may_be_skipped(tmp_path: Path) -> None:
+def test_the_run_fails_if_nothing_may_be_skipped(tmp_path: Path) -> None:
     done = on_a_bare_machine(tmp_path, PIEZOBENCH_ALL_TESTS="1")
     assert done.returncode == 1
     assert reasons(done) == [f"ERROR: 1 skipped: {sentence(name)}" for name in NEEDING]

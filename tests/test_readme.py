@@ -45,13 +45,13 @@ def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.needs("cc")
-def test_the_commands_from_a_recording_to_a_controller_work_as_they_stand(stage: Path, piezobench: CommandLine) -> None:
+def test_the_commands_from_a_recording_to_a_controller_work_as_printed(stage: Path, piezobench: CommandLine) -> None:
     shutil.copytree(ROOT / "results" / "reference", stage / "results" / "reference")
     (block,) = [text for text in blocks("sh") if "deploy" in text]
     for words in documents.commands(block):
         if words[1] not in ("realtime", "experiment", "live"):  # half a minute each, and run by tests of their own
-            said = documents.call(words, stage, piezobench)
-            assert words[1] != "deploy" or "Model: from model.json." in said
+            output = documents.call(words, stage, piezobench)
+            assert words[1] != "deploy" or "Model: from model.json." in output
     assert (stage / "stage.html").is_file()
     assert (stage / "drive.csv").read_text().startswith("time_s,drive_V")
     assert (stage / "controller" / "Makefile").is_file()
@@ -88,7 +88,7 @@ def test_make_help_lists_every_target() -> None:
     assert {line.split()[0] for line in made("help").stdout.splitlines()} == targets
 
 
-def test_make_compare_compares_two_runs_and_says_what_is_missing(tmp_path: Path) -> None:
+def test_make_compare_compares_two_runs_and_refuses_a_missing_one(tmp_path: Path) -> None:
     done = made("compare", "A=results/reference", "B=results/reference", f"OUT={tmp_path}")
     assert done.returncode == 0, done.stderr
     assert "no difference" in done.stdout

@@ -43,7 +43,7 @@ VERBS = {
 AGAIN_S = 3.0
 """Seconds after which a KeyboardInterrupt without effect is raised again."""
 _received: list[int] = []
-"""Signals that asked the program to end."""
+"""Signals received that end the program."""
 
 
 def command_line(imported: Collection[str] = tuple(VERBS)) -> typer.Typer:
@@ -80,7 +80,7 @@ def load(verb: str) -> Callable[..., Any]:
 
 
 def run(words: list[str]) -> int:
-    """Run the command that the words say; returns the exit status.
+    """Run a command given as a list of words; returns the exit status.
 
     SIGINT, SIGTERM and SIGHUP end it by an exception, so that its child processes and temporary files are removed.
     """

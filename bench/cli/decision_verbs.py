@@ -120,7 +120,7 @@ def deploy_verb(
     identifying the recording of the race. SelfLearningCompensator.load starts from the written file.
     """
     if model is not None:
-        refuse(context, ("problem", "simulated"), "says which model of the run is taken, and --model gives another")
+        refuse(context, ("problem", "simulated"), "selects a model of the run, and --model gives another")
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target)

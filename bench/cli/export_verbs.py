@@ -119,9 +119,9 @@ def realtime_verb(
         print_json(result.to_dict())
         return
     step, null = result.step, result.null
-    for what, said in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
+    for what, capability in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
         if step.allowed.get(what) != "yes":
-            console.print(f"Without {said}: {step.allowed.get(what, 'not asked for')}.")
+            console.print(f"Without {capability}: {step.allowed.get(what, 'not asked for')}.")
     print_table(
         ("µs", *(Percentile(q).name for q in QUANTILES), "max"),
         [(name, *tail_cells(us, digits=2)) for name, us in result.times_us.items()],
@@ -171,7 +171,7 @@ def _opened(
 
 
 def _exported_solver(deployed: Deployment, path: Path) -> LoopSolver:
-    """The exported solver that stands for the deployed one."""
+    """The exported solver that corresponds to the deployed one."""
     if deployed.mode == "continuous":
         return "recursive_active_set"
     if deployed.solver == "recursive_active_set":

@@ -67,7 +67,7 @@ def live_verb(
     """
     if (simulate is None) == (device is None):
         raise typer.BadParameter(
-            "say either a simulated actuator or a stage's file", param_hint="--simulate KIND | --device STAGE.py"
+            "give either a simulated actuator or the file of a stage", param_hint="--simulate KIND | --device STAGE.py"
         )
     shapes = {"--reference": reference, "--sine": sine_words, "--staircase": staircase_words, "--set-point": set_point}
     if len(given := [name for name, value in shapes.items() if value is not None]) > 1:

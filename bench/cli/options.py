@@ -101,7 +101,7 @@ READING_OPTIONS: dict[str, Any] = {
     "sample_time": Annotated[float | None, typer.Option(help="Sampling period in s, for a file without times.")],
     "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, instead of --sample-time.")],
     "header_row": Annotated[
-        int | None, typer.Option(help="Row with the column names, counted from 1; 0 if there is none.")
+        int | None, typer.Option(help="Row with the column names, counted from 1; 0 for no header.")
     ],
     "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; detected by default.")],
     "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")],
@@ -146,7 +146,7 @@ def reads_a_recording(verb: Verb) -> Verb:
         rate = reading.pop("sample_rate")
         if rate is not None:
             if reading["sample_time"] is not None or not rate > 0.0:
-                raise typer.BadParameter("say either a positive rate or --sample-time", param_hint="--sample-rate")
+                raise typer.BadParameter("give either a positive rate or --sample-time", param_hint="--sample-rate")
             reading["sample_time"] = 1.0 / rate
         verb(reading=reading, **given)
 

@@ -156,7 +156,7 @@ def _problems(
 
 
 def _failures(problem: RaceProblem) -> dict[str, str]:
-    """What is wrong with the proofs of a problem, by scaling."""
+    """Errors in the proofs of a problem, by scaling."""
     wrong = {}
     for scaling, form in problem.forms.items():
         try:

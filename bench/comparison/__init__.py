@@ -1,1 +1,1 @@
-"""Runs side by side: matched rows, paired ratios, what differs."""
+"""Comparison of runs: matched rows, paired ratios, differences."""

@@ -64,7 +64,7 @@ def report(comparisons: Sequence[Comparison]) -> Report:
         )
         for title, shown in (
             ("Solver lanes", rows),
-            ("Solver lanes that differ, or of which it cannot be told", changed),
+            ("Solver lanes that differ or cannot be told", changed),
         )
     ]
     runs = [comparisons[0].a, *(comparison.b for comparison in comparisons)]
@@ -91,7 +91,7 @@ def write(comparisons: Sequence[Comparison], report: Report, folder: Path) -> Pa
 
 
 def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
-    """The comparisons as a JSON document; null stands for an unknown number."""
+    """The comparisons as a JSON document; null is an unknown number."""
     return plain_json(
         {
             "format": FORMAT,

@@ -5,7 +5,7 @@
 3. Of the remaining candidates, the one with the lowest p99.9 of the answer's time (in a stream: of the response time)
    is chosen. If one of them has too few calls for that, p99 decides, or the median.
 
-A deadline that the machine itself misses more often than not is refused, because the run says nothing about it.
+A deadline that the machine itself misses more often than not is refused, because the run is no evidence for it.
 """
 
 from dataclasses import dataclass

@@ -53,8 +53,8 @@ def tainted(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def measured(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows without those that were not run but measured in another repeat: a ladder is cut short by the time limit,
-    which says nothing about the answer."""
+    """The rows without those that were not run but measured in another repeat: that a time limit cut a ladder short is
+    no evidence about the answer."""
     skipped = rows.status == Status.NOT_RUN
     measured_once = (~skipped).groupby([rows[name] for name in (*MEASURED, "setting", "start")]).transform("any")
     return rows[~(skipped & measured_once)]

@@ -3,8 +3,8 @@
     gap of a solver lane within k on a problem = smallest cost gap of its settings and iteration limits that take at
     most k periods of 125 µs,
 
-infinite if there is none. Tables show the median and the largest gap over the problems, in the first scaling and from a
-cold start. The paper's method appears twice: with as many steps as fit into the time, and at its own pace of one step
+infinite without an answer. Tables show the median and the largest gap over the problems, in the first scaling and from
+a cold start. The paper's method appears twice: with as many steps as fit into the time, and at its own pace of one step
 per period, whatever a step costs.
 """
 

@@ -1,7 +1,7 @@
 """The setting of a solver at each tier.
 
 It is one setting for all problems: the loosest that meets the tier with margin ten on every problem, else with margin
-three, else with margin one. If there is none, the tier is not reached. The margin allows for data that were not
+three, else with margin one. Without such a setting, the tier is not reached. The margin allows for data that were not
 measured: on fresh data, answers with margins from 1 to 3 change between right and wrong in a quarter of the cases, and
 above ten in one of 140.
 
@@ -22,7 +22,7 @@ from solvers import Tier
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
 MARGINS = (10.0, 3.0, 1.0)
 FEWEST = 3
-"""Smallest number of problems of which one can be left out."""
+"""Smallest number of problems for leave-one-out validation."""
 LANE = ["scaling", "solver", "lane"]
 PROBLEM = ["problem_set", "problem"]
 

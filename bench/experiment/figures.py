@@ -22,7 +22,7 @@ REFERENCE, STRAIGHT, HINDSIGHT, LEARNED, ONCE = (
 BLUE, RED, GREEN, PURPLE = PALETTE[:4]
 COLOURS = {REFERENCE: INK, STRAIGHT: RED, HINDSIGHT: GREEN, LEARNED: BLUE, ONCE: PURPLE}
 THINNING = 16
-"""One sample in THINNING is drawn: 500 Hz."""
+"""Ratio of samples to drawn points, which gives 500 Hz."""
 BINS = 64
 """Intervals of the reference in which the opening of a loop is measured."""
 

@@ -16,10 +16,10 @@ COMPILERS = ("cc", "gcc", "clang")
 
 
 def compile_c(folder: Path, words: Sequence[str], what: str) -> None:
-    """Run the C compiler in a folder; ExportError if there is none, or with its first error on ``what``."""
+    """Run the C compiler in a folder; ExportError without a compiler, or with its first error on ``what``."""
     compiler = next(filter(shutil.which, COMPILERS), None)
     if compiler is None:
-        raise ExportError("there is no C compiler on this machine; apt-get install gcc brings one on Debian")
+        raise ExportError("there is no C compiler on this machine; on Debian, apt-get install gcc")
     scratch = {**os.environ, "TMPDIR": str(folder.resolve())}  # a killed compiler leaves its files in the folder
     done = subprocess.run([compiler, *words], cwd=folder, env=scratch, capture_output=True, text=True, check=False)
     if done.returncode != 0:

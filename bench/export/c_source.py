@@ -54,7 +54,7 @@ LEARNER = (
     *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "optimum")),
     "learner.h",
 )
-"""Files of the core: always, and with a learner; preprocessor conditions select what the kind of learning needs."""
+"""Files of the core: always, and with a learner; preprocessor conditions select the code for the kind of learning."""
 FLOAT_BOUND = 1e-5
 """Largest difference between the drives of the float and double versions over a million samples, unit amplitudes."""
 

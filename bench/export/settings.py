@@ -21,7 +21,7 @@ LARGEST, SMALLEST = 3.4028234e38, 1.1754944e-38
 Part = Literal["compensator", "learning"]
 LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
 SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
-"""Exportable solvers; the last one stands for the continuous mode."""
+"""Exportable solvers; the last one is the continuous mode."""
 LEARNS = (
     "one projected step a sample, in cycles",
     "accelerated projected steps at the end of each building phase",

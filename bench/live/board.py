@@ -22,13 +22,13 @@ EVENTS, TEXT_BYTES = 64, 240
 BINS, BINS_PER_DECADE, FIRST_NS = 160, 20, 100
 """Histogram of service times: number and width of its bins, upper edge of the first."""
 FOLLOW = math.inf
-"""Set point that stands for the reference."""
+"""Set point that selects the reference."""
 FRAME = ("x_centre", "x_scale", "y_centre", "y_scale", "offset")
 """Fields of a model's structure that learning may change."""
 
 
 class State(IntEnum):
-    """What the loop is doing."""
+    """State of the loop."""
 
     STARTING = 0
     FOLLOWING = 1
@@ -41,7 +41,7 @@ INTEGERS = (
     "state",
     "beat_ns",  # time of the last sample
     "missed",  # deadlines
-    "null_missed",  # deadlines that the null loop missed, of so many samples
+    "null_missed",  # deadlines that the null loop missed, among null_samples
     "null_samples",
     "events",
     "hand_overs",

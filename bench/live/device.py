@@ -2,10 +2,10 @@
 
     class Stage:
         input_unit, output_unit = "V", "um"
-        x_limits, y_range = (0.0, 150.0), (-20.0, 20.0)      # of the drive, and what the output can reach
-        rate_limit, rest = 5000.0, 0.0                       # largest change of the drive per second; where it rests
+        x_limits, y_range = (0.0, 150.0), (-20.0, 20.0)      # limits of the drive; range of plausible outputs
+        rate_limit, rest = 5000.0, 0.0                       # largest change of the drive per second; drive at rest
         def open(self): ...
-        def exchange(self, x): ...                           # write the drive, return what was measured
+        def exchange(self, x): ...                           # write the drive, return the measured output
         def close(self): ...
 
 Optional are ``timeout_s``, the longest exchange before the stage counts as lost (0.5 s), and ``reopens``, whether a
@@ -48,7 +48,7 @@ class Device(Protocol):
         """Connect to the hardware, whose drive is at rest."""
 
     def exchange(self, x: float) -> float:
-        """Write the drive (input unit) and return the measured output (output unit), NaN if there is none."""
+        """Write the drive (input unit) and return the measured output (output unit), NaN if missing."""
 
     def close(self) -> None:
         """Release the hardware."""

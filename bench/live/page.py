@@ -185,7 +185,7 @@ def controls(task: Task, board: Board) -> list[Any]:
 
 
 def status(task: Task, board: Board, rms: tuple[float, float]) -> str:
-    """What the loop is doing and how well, as HTML."""
+    """State and performance of the loop, as HTML."""
     measured, line = (escape(quantity(value, task.declared.output_unit, 3)) for value in rms)
     learning = f", learning{'' if board.learning else ' paused'}, {board.hand_overs} hand-overs"
     return (

@@ -39,7 +39,7 @@ def check(path: Path) -> None:
 
 
 def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
-    """Record until the loop ends, and return a sentence that says where; a full disk stops the run."""
+    """Record until the loop ends, and return a sentence with the file; a full disk stops the run."""
     stream, schema = stream_beside(path), pa.schema([(name, pa.float64()) for name in names])
     try:
         with stream.open("wb", buffering=0) as file:

@@ -2,7 +2,7 @@
 
 The loop writes the time of every sample. If it is silent longer than the stage allows, or dies, its process is killed
 and another one opens the stage and ramps it to rest; a stage that cannot be opened twice is left as it is, and the
-outcome says so.
+outcome states it.
 """
 
 import math

@@ -56,7 +56,7 @@ def schema(columns: Sequence[str], more: Mapping[str, pa.DataType] = MappingProx
 
 
 def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:
-    """The wanted columns of a Parquet file, of which ``key`` identify a row; TableError if they do not fit."""
+    """The wanted columns of a Parquet file; ``key`` are those that identify a row. TableError if they do not fit."""
     try:
         with parquet.ParquetFile(path) as file:
             if missing := [column for column in wanted.names if column not in file.schema_arrow.names]:

@@ -41,7 +41,7 @@ class Setting:
     is_default: bool = True
     """Whether these are the solver's defaults."""
     rung_text: str = ""
-    """Of an iteration limit: the setting that it is added to; the limit itself is in `Task.more`."""
+    """The setting to which an iteration limit is added; the limit itself is in `Task.more`."""
 
 
 NO_SETTING = Setting(setting_text({}))
@@ -194,5 +194,5 @@ def attempt(work: Callable[[], Outcome]) -> Outcome:
         return Outcome("unsupported", str(error))
     except MemoryError as error:
         return Outcome("out_of_memory", f"the memory limit was reached: {error}")
-    except Exception as error:  # a library may raise anything; it is recorded, and the race goes on
+    except Exception as error:  # a library may raise anything; it is recorded, and the race continues
         return Outcome("adapter_failed", f"{type(error).__name__}: {error}".strip().replace("\n", " ")[:500])

@@ -37,7 +37,7 @@ FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 
 
 def field(arrays, name):
-    """A vector or a matrix, dense or in compressed columns; None where the problem has none."""
+    """A vector or a matrix, dense or in compressed columns; None if the problem lacks it."""
     if f"{name}/data" in arrays:
         parts = tuple(arrays[f"{name}/{part}"] for part in ("data", "indices", "indptr"))
         return csc_matrix(parts, shape=tuple(arrays[f"{name}/shape"]))

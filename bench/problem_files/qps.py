@@ -129,7 +129,7 @@ class _Reader:
         counts, kind = FIELDS.get(self.section, (3, 5)), words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
         if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # some files give one
             words = [*words[: 2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
-        require(len(words) in counts, f"has {len(words)} fields where {' or '.join(map(str, counts))} are needed")
+        require(len(words) in counts, f"has {len(words)} fields instead of {' or '.join(map(str, counts))}")
         head = words.pop(0) if len(words) % 2 else ""
         return kind, head, list(zip(words[::2], words[1::2], strict=True))
 

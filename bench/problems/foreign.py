@@ -74,7 +74,7 @@ class ForeignPrograms(ProblemSet):
                     yield problem
 
     def _made(self, child: ForkedChild, source: tuple[str, Source]) -> RaceProblem | str:
-        """The problem, or the reason why there is none."""
+        """The problem, or the reason why it is left out."""
         name, read = source
         try:
             with READING:

@@ -24,7 +24,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class CachedProof:
-    """Content of a file: the proofs in JSON, or the reason why there is none."""
+    """Content of a file: the proofs in JSON, or the reason for a missing proof."""
 
     proofs: list[str]
     refusal: str

@@ -43,7 +43,7 @@ class Experiment:
     drift_per_s: float = 0.0
     """Relative change of the actuator's gain per second."""
     proximal: float = 1e-10
-    """As in ``IdentificationProblem``."""
+    """Proximal term, see ``IdentificationProblem``."""
     seed: int = 0
 
     def measured(self, duration_s: float, forgetting: float = 1.0) -> tuple[plants.Sensor, Vector, Vector, DataBasis]:

@@ -45,7 +45,7 @@ R = TypeVar("R")
 
 
 class Backend(StrEnum):
-    """Where the workers run."""
+    """Location of the workers."""
 
     LOCAL = "local"
     DASK = "dask"
@@ -68,7 +68,7 @@ class Workers:
         if self.backend is Backend.DASK and not self.scheduler:
             raise RaceError("the backend dask needs the address of a scheduler, --scheduler tcp://host:8786")
         if self.backend is Backend.DASK and self.count > 1:
-            raise RaceError("--workers counts those of this machine; a Dask cluster says itself how many it has")
+            raise RaceError("--workers is for this machine; a Dask cluster has its own number of workers")
         if self.backend is Backend.LOCAL and self.scheduler:
             raise RaceError("a scheduler goes with --backend dask")
         if self.backend is Backend.LOCAL and self.count > len(cores.usable()):

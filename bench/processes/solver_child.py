@@ -78,7 +78,7 @@ class SolverChild(ForkedChild):
             return Outcome("adapter_failed", absent)
         if self.has_spoken:
             self.kill()
-            return Outcome("tampered", "its process answered before it was asked")
+            return Outcome("tampered", "its process answered before a request")
         try:
             outcome = self.call(self.time_limit_s, worker.answer, request)
         except LateError as error:

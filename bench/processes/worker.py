@@ -1,4 +1,4 @@
-"""What runs in the process of a solver; the parent's side is in `solver_child`.
+"""Code that runs in the process of a solver; the parent's side is in `solver_child`.
 
 The process loads one solver in one lane, is pinned to a core, and answers requests. It judges nothing: it returns the
 answer with its duals, the raw times, and what the solver did that it must not.

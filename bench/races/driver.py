@@ -3,7 +3,7 @@ machine.
 
 A kind of race is a :class:`Race`: its requests to solvers, and the rows made of their answers. Its tasks are grouped in
 parts, each run by one worker in one go. Every finished task is saved before the next one starts; the notes of a part
-(where it ran, what disturbed it, the sentinel's samples) come last and mark it as done. Parts are grouped in phases:
+(its host, disturbances, the sentinel's samples) come last and mark it as done. Parts are grouped in phases:
 the parts of a phase may be done in any order, and the next phase follows from the rows of the earlier ones.
 """
 
@@ -90,7 +90,7 @@ class Race(ABC, Generic[S]):
     spreads: ClassVar[bool] = False
     """Whether several workers may do its parts."""
     warnings: Sequence[str] = ()
-    """Sentences about what makes its times less certain."""
+    """Sentences about disturbances that make its times less certain."""
 
     def __init__(self, run: Run, settings: S, progress: Progress) -> None:
         self.run, self.settings, self.progress = run, settings, progress

@@ -49,7 +49,7 @@ def chosen(
         taken.add((entry.name, entry.lane))
         selected.append(entry)
     if not selected:
-        raise RaceError(f"no {what} of those asked for is in the lane {' or '.join(settings.lanes)}")
+        raise RaceError(f"no selected {what} is in the lane {' or '.join(settings.lanes)}")
     return selected
 
 
@@ -64,7 +64,7 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
 
 
 def field_of(run: Run, pool: SolverPool) -> list[Described]:
-    """The solvers that run here, noted in the run; RaceError if there is none, or one selected by name runs in no
+    """The solvers that run here, noted in the run; RaceError if no solver runs, or one selected by name runs in no
     lane."""
     described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
     field = [solver for solver in described if not solver.absent]
@@ -75,7 +75,7 @@ def field_of(run: Run, pool: SolverPool) -> list[Described]:
     present = {solver.name for solver in field}
     for solver in described:
         if solver.name in run.settings["settings"]["solvers"] and solver.name not in present:
-            raise RaceError(f"the solver {solver.name} that was asked for is absent: {solver.absent}")
+            raise RaceError(f"the selected solver {solver.name} is absent: {solver.absent}")
     if not field:
-        raise RaceError(f"none of the solvers asked for runs here; {described[0].name}: {described[0].absent}")
+        raise RaceError(f"no selected solver runs here; {described[0].name}: {described[0].absent}")
     return field

@@ -34,7 +34,7 @@ class Kind:
     title: str
     """Title of its reports."""
     summary: str
-    """Few words about what it races."""
+    """Short description."""
     settings: type[RaceSettings]
     """Its settings; those made with :func:`bench.races.settings.option` are options of the command line."""
     race: type[Race[Any]]

@@ -129,7 +129,7 @@ def print_report(
 
 
 def print_json(value: Any) -> None:
-    """Print a JSON document; null stands for an unknown number."""
+    """Print a JSON document; null is an unknown number."""
     print(json.dumps(plain_json(value), indent=1, allow_nan=False))
 
 

@@ -110,7 +110,7 @@ def first_view(table: pd.DataFrame) -> str:
 
 
 def together(parts: list[pd.DataFrame]) -> pd.DataFrame:
-    """Concatenate tables, of which the first gives the columns if all are empty."""
+    """Concatenate tables; if all are empty, the first one gives the columns."""
     filled = [part for part in parts if len(part)]
     return pd.concat(filled, ignore_index=True) if filled else parts[0]
 

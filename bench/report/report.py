@@ -39,7 +39,7 @@ class Table:
 
 
 def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
-    """These columns of the rows with a message, one row for each combination of values in the columns ``once``."""
+    """The given columns of the rows with a message, one row for each combination of values in the columns ``once``."""
     wrong = rows[rows.message != ""].drop_duplicates([*once])[[*columns]]
     return Table(
         "What went wrong",
@@ -57,7 +57,7 @@ class Figure:
     """File name of the data and of the picture."""
     title: str
     definition: str
-    """Definition of what is drawn, in sentences."""
+    """Definition of the plotted quantities, in sentences."""
     data: pd.DataFrame
     """The table of the plots."""
     plots: Sequence[Plot]

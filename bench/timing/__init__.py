@@ -1,1 +1,1 @@
-"""Timing microseconds: the clock, percentiles, and what the machine does meanwhile."""
+"""Timing of microseconds: the clock, percentiles, and disturbances by the machine."""

@@ -34,7 +34,7 @@ class Percentile:
     """A percentile with its interval, or the reason for its refusal."""
 
     q: float
-    """As a share of one."""
+    """Fraction between 0 and 1."""
     value: float | None = None
     low: float | None = None
     high: float | None = None

@@ -22,7 +22,7 @@ KERNEL = HERE.parent / "kernel"
 
 _found = shutil.which("gcc") or shutil.which("clang")
 if _found is None:
-    raise ImportError("there is no C compiler on this machine; apt-get install gcc brings one on Debian")
+    raise ImportError("there is no C compiler on this machine; on Debian, apt-get install gcc")
 COMPILER = _found
 FLAGS = ("-O3", "-march=native", "-ffp-contract=fast")
 """The flags that authors of generators recommend, with all instructions of this processor."""
@@ -34,7 +34,7 @@ class BuildError(RuntimeError):
 
 
 class Sources(NamedTuple):
-    """What a generator wrote: C files, and the options -I and -D that they need."""
+    """Output of a generator: C files, and the options -I and -D that they need."""
 
     files: tuple[Path, ...]
     options: tuple[str, ...] = ()
@@ -75,8 +75,8 @@ def run(command: Iterable[str | Path], folder: Path) -> None:
     words = [str(word) for word in command]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        said = done.stderr.strip() or done.stdout.strip()
-        first = next((line for line in said.splitlines() if "error" in line.lower()), said[:200])
+        output = done.stderr.strip() or done.stdout.strip()
+        first = next((line for line in output.splitlines() if "error" in line.lower()), output[:200])
         raise BuildError(f"{Path(words[0]).name} does not build the embedded solver: {first}")
 
 

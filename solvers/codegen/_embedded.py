@@ -72,7 +72,7 @@ class Embedded(CompiledLibrary):
     bounds_only = True
     refuses_crossing = True
     parameters: ClassVar[Mapping[str, float]] = MappingProxyType({"tolerance": -1.0})
-    """The settings in the order of the C function, with their defaults; a negative tolerance stands for the library's
+    """The settings in the order of the C function, with their defaults; a negative tolerance means the library's
     default."""
     compiled_in: ClassVar[tuple[str, ...]] = ()
     """The settings that ``generate`` writes into the C."""
@@ -111,14 +111,14 @@ class Embedded(CompiledLibrary):
         return Answer(self.x, self._z, status, int(self._library.embedded_iterations()))
 
     def _key(self, shape: Shape) -> list[bytes]:
-        """What the built library depends on: the version of the generator and all sources that may be part of it."""
+        """Dependencies of the built library: the version of the generator and all sources that may be part of it."""
         files = [*HERE.glob("*.py"), *HERE.glob("*.[ch]"), *CORE.glob("*.[ch]"), KERNEL / "library.h"]
         settings = {name: self.settings.get(name) for name in self.compiled_in}
         words = self.name, importlib.metadata.version(self.distribution), repr(shape), repr(settings)
         return [*(word.encode() for word in words), *(path.read_bytes() for path in sorted(files))]
 
     def sources(self, shape: Shape, folder: Path) -> Sources:
-        """All C of this solver for problems of this shape; what is generated is written into ``folder``."""
+        """All C of this solver for problems of this shape; generated files are written to ``folder``."""
         (folder / "problem.h").write_text(shape.header(), encoding="utf-8")
         written = self.generate(shape, folder)
         files = (HERE / name for name in (f"{self.name}.c", *self.glue))

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-/* S with S'S = P, upper triangular; its row is zero where the pivot of P is zero to rounding. */
+/* S with S'S = P, upper triangular; its row is zero if the pivot of P is zero to rounding. */
 static void square_root(const double *P, double S[D][D])
 {
     for (int i = 0; i < D; ++i) {

@@ -2,8 +2,8 @@
  *
  *     minimise 1/2 x'P x + q'x   subject to   lb <= x <= ub
  *
- * problem.h is written for each shape of problem: D variables, of which those in `below` (BELOW of them) have a finite
- * lower bound and those in `above` (ABOVE) a finite upper one; `bounded` (BOUNDED) lists those with either.
+ * problem.h is written for each shape of problem: D variables; `below` lists the BELOW variables with a finite
+ * lower bound, `above` the ABOVE ones with a finite upper bound, and `bounded` the BOUNDED ones with either.
  */
 #ifndef EMBEDDED_H
 #define EMBEDDED_H

@@ -16,7 +16,7 @@
  * A size is a number or a letter, dd a product, d+1 a sum. The first array with a letter determines its value; a state
  * of a kind sets those of `measure_state`, and NEED_SIZE checks sizes that depend on other data. The first argument
  * that does not fit sets Python's error. The call refers to the arguments by number, from 0, and returns WHOLE_RESULT,
- * NUMBER_RESULT or the Python object OBJECT_RESULT; 0 if it sets none. If the expression `lasts` is not 0, other
+ * NUMBER_RESULT or the Python object OBJECT_RESULT; without one, 0. If the expression `lasts` is not 0, other
  * threads of the interpreter may run meanwhile: for calls that take longer than some microseconds.
  */
 #ifndef CORE_BINDINGS_H

@@ -100,6 +100,6 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
       WHOLE_RESULT = FOLLOWED_BY(1, (&(TimedSolver){BOX, SIZE(d), update, solve_warm}), NULL))                         \
     F(absorb, "P[d,d]=, q[d]=, c[1]=, rows[n,d+1], forgetting", "take rows into P, q and c.", LENGTH(n) > 10,          \
       absorb_rows(REALS(0), REALS(1), REALS(2), SIZE(d), LENGTH(n), REALS(3), NUMBER(4)))                              \
-    F(time_nothing, "lasting#0:, nanoseconds[n]q=", "time steps that wait so many nanoseconds and do nothing else.",   \
-      1, time_nothing(WHOLE(0), LENGTH(n), WHOLES(1)))
+    F(time_nothing, "lasting#0:, nanoseconds[n]q=", "time steps that wait the given time and do nothing else.", 1,     \
+      time_nothing(WHOLE(0), LENGTH(n), WHOLES(1)))
 MAKE_BINDINGS(box)

@@ -36,7 +36,7 @@ static int solve(void *solver, const double *start, double *x)
     return OK;
 }
 
-/* Where the parts that Python reads begin. */
+/* Offsets of the parts that Python reads. */
 static void places(Arguments *a, const ProjectedGradient *s)
 {
     const Part parts[] = {{"answer", s->answer, s->d},

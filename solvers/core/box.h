@@ -1,6 +1,6 @@
 /* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
  *
- * box_data.c takes the data, scaled: x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2). That is
+ * box_data.c scales the data: x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2). That is
  * exact, so lb, ub and the answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling
  * within a factor of two of unit diagonal is within a factor of two (and d) of the best condition number a diagonal can
  * give (van der Sluis, Numer. Math. 14 (1969) 14). box_inverse.c inverts the scaled P, box_dual.c is the dual active
@@ -36,12 +36,12 @@ typedef struct {
      */
     real *basic, *low, *high, *held, *is_free, *unit, *diagonal, *weight, *gain;
     real *multiplier;       /* on the way to the next dual feasible set */
-    real *factor, *share;   /* 2 ld numbers, one an exchange: 1/p, and the part of a column in a product */
+    real *factor, *share;   /* 2 ld numbers, one per exchange: 1/p, and the part of a column in a product */
     real *residual, *step;  /* g_F and P_FF^-1 g_F of a refinement */
     real *inverse_diagonal; /* of M */
     real *linear, *centre;  /* q - delta c and c of box_proximal.c */
     real *zero, *v, *w;     /* zeros; two irregular vectors, by which symmetry is checked */
-    real *pair;             /* 5 rows of a pass of sweeps */
+    real *pair;             /* 5 rows of scratch memory for a sweep on two variables */
     int32_t *side;
     real *P, *M, *U; /* S P S by rows; -P^-1, or P swept on some; 2 ld columns of exchanged variables */
 } Box;
@@ -49,15 +49,15 @@ typedef struct {
 CORE_API int64_t box_bytes(int d);
 CORE_API Box box_at(void *memory);
 
-/* Make a block of box_bytes(d) bytes a state of d variables with the bounds lb, ub (d); OK, NOT_FINITE or CROSSED. */
+/* Initialise a block of box_bytes(d) bytes for d variables with the bounds lb, ub (d); OK, NOT_FINITE or CROSSED. */
 CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
-/* Set P (d, d) and q (d), NULL for what stays; OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
+/* Set P (d, d) and q (d), NULL to keep one; OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
 CORE_API int box_set_data(Box *s, const real *P, const real *q);
 /* Begin a warm solve at x (d): variables that touch a bound are held there; OK or NOT_FINITE. */
 CORE_API int box_start(Box *s, const real *x);
 /* Solve into s->answer: cold from "all free", warm from the last sides or those of box_start. */
 CORE_API int box_solve(Box *s, int warm);
-/* Make a block a state and solve one program, warm from x (d). */
+/* Initialise a block and solve one program, warm from x (d). */
 CORE_API int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub,
                             const real *x);
 /* Solve another program cold; the answer does not depend on the program before. */
@@ -65,7 +65,7 @@ CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb
 
 /* Functions that the files of this solver share. */
 
-/* Coefficient of the proximal term where P is singular, relative to a diagonal of P of about one. */
+/* Coefficient of the proximal term if P is singular, relative to a diagonal of P of about one. */
 #define BOX_PROXIMAL ((real)1e-11)
 /* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not finite, not symmetric to
  * rounding or not safely positive definite. */

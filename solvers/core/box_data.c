@@ -140,7 +140,7 @@ static int set_linear(const Box *s, const real *q)
     memcpy(s->raw_q, q, (size_t)s->d * sizeof(real));
     for (int j = 0; j < s->ld; j += LANES) {
         const vec8 raw = load(s->raw_q + j);
-        nothing = add(nothing, sub(raw, raw)); /* NaN where q is not finite */
+        nothing = add(nothing, sub(raw, raw)); /* NaN if q is not finite */
         store(s->q + j, mul(raw, load(s->scale + j)));
     }
     return sum8(nothing) == 0 ? OK : NOT_FINITE;

@@ -1,38 +1,38 @@
 /* The dual active set method on P^-1, for bounds.
  *
- * Of each variable j one of x_j and its gradient g_j is given and the other is basic: with F free and A at a bound,
+ * For each variable j one of x_j and its gradient g_j is given and the other is basic: with F free and A at a bound,
  * g_F = 0 and x_A are given, and `basic` holds -x_F and g_A. It is feasible in an interval [low, high]: -x_j in
- * [-hi, -lo], g_j in [0, inf) at a lower bound, in (-inf, 0] at an upper one, anywhere where both are the same.
+ * [-hi, -lo], g_j in [0, inf) at a lower bound, in (-inf, 0] at an upper one, anywhere if both bounds are equal.
  *
- * Every g_A is feasible from the start, where A is empty. One by one the free variable whose bound is broken goes to
- * it,
+ * Initially A is empty, so every g_A is feasible. The free variables that violate a bound are moved to it one by one,
  *
- *     choose j in F      the one that gains most, violation^2/|W_jj|
+ *     choose j in F      with the largest gain, violation^2/|W_jj|
  *     hold j             A <- A + j; done if every multiplier g_A is feasible
- *     let i in A go      the first that vanishes on the straight way from the multipliers before to g_A; A <- A - i,
- *                        and again until g_A is feasible
+ *     release i in A     whose multiplier vanishes first on the segment from the previous multipliers to g_A;
+ *                        A <- A - i, repeated until g_A is feasible
  *
- * until no bound is broken. The dual objective rises with each j, so no set returns. The first d exchanges are greedy:
- * whichever variable gains most, one that breaks its bound or one whose multiplier is infeasible, is exchanged. From
- * "all free" that mostly ends at the optimum after hardly more exchanges than bounds hold there, where keeping every
- * multiplier feasible takes up to half as many again; where it does not end, all that is infeasible is freed first.
+ * until no bound is violated. The dual objective rises with each j, so no set returns. The first d exchanges are
+ * greedy: the variable with the largest gain, whether it violates its bound or has an infeasible multiplier, is
+ * exchanged. From "all free" that mostly ends at the optimum after hardly more exchanges than bounds are active there,
+ * while keeping every multiplier feasible takes up to half as many again; if it does not end, all infeasible variables
+ * are freed first.
  *
  * With W the matrix P swept on F (box_inverse.c), p = W_jj and t the change of the given x_j or g_j, an exchange of
  * variable j is
  *
  *     basic <- basic + t W_j  off j,    W <- W - W_j W_j'/p  off row and column j,    W_j <- W_j/|p|,    W_jj <- -1/p.
  *
- * W is not rewritten: its column j is made when it is needed, from M = -P^-1 and the columns U of the exchanges before.
- * To that end a multiplier is measured in a unit, the |p| with which its variable got to the bound, in which its row
- * and column stay as they were: the one column u of an exchange then says it all,
+ * W is not stored: its column j is computed when needed, from M = -P^-1 and the columns U of the previous exchanges. To
+ * that end a multiplier is measured in units of the |p| with which its variable was moved to the bound, so that its row
+ * and column do not change. Then one column u describes an exchange,
  *
- *     W = M - sum over the exchanges of u u'/p,    u = W_j  but for  u_j = 0, or p - unit where j is freed again,
+ *     W = M - sum over the exchanges of u u'/p,    u = W_j  but for  u_j = 0, or p - unit if j is freed again,
  *
- * except for the diagonal, which stands in a vector of its own.
+ * except for the diagonal, which is stored in a separate vector.
  *
  * Whether x is the minimiser is judged after a step of iterative refinement, x_F <- x_F - P_FF^-1 g_F, by g = q + P x
- * itself. The conditions hold to rounding: |g_F| <= (d + 4) eps s/2 and a multiplier not beyond 4 d eps s on its wrong
- * side, with s = max(|q|, |x|), and no bound broken by so much that an exchange would gain more than (eps s)^2; the
+ * itself. The conditions hold to rounding: |g_F| <= (d + 4) eps s/2 and no multiplier beyond 4 d eps s on its wrong
+ * side, with s = max(|q|, |x|), and no bound violated so far that an exchange would gain more than (eps s)^2; the
  * answer itself is inside its bounds to the last bit.
  *
  * Source: D. Goldfarb, A. Idnani, "A numerically stable dual method for solving strictly convex quadratic programs",
@@ -54,7 +54,7 @@ enum { MOST_ROUNDS = 12 };  /* limit of rounds of exchanges and a refinement */
 #define SPLITTER 134217729.0
 #endif
 
-/* Store the gain of an exchange of each of eight variables, zero if it is in its interval. */
+/* Store the gains of an exchange of eight variables; zero for one in its interval. */
 CORE_INLINE void keep_gains(const Box *s, int b, vec8 basic, vec8 weight, vec8 *broken, vec8 *wrong)
 {
     const vec8 above = sub(basic, load(s->high + b)), below = sub(load(s->low + b), basic);
@@ -135,7 +135,7 @@ typedef struct {
     real basic, diagonal, entry; /* of j afterwards, and u_j */
 } Exchange;
 
-/* Take a free variable to a bound. */
+/* Move a free variable to a bound. */
 static Exchange hold(const Box *s, int j, int side, real slack)
 {
     const real p = s->diagonal[j], weight = s->weight[j];
@@ -234,8 +234,8 @@ void box_begin(const Box *s, Search *search, int warm)
     search->exchanges = exchanges;
 }
 
-/* The bound whose multiplier vanishes first on the way from `multiplier` to its present value, and in `length` the part
- * of the way. */
+/* The variable whose multiplier vanishes first on the segment from `multiplier` to its present value; `length` is the
+ * fraction of the segment. */
 static int first_to_vanish(const Box *s, const Search *search, real *length)
 {
     int first = -1;
@@ -370,7 +370,7 @@ static int refine(const Box *s, Search *search)
            && precise >= search->precise;
 }
 
-/* Whether a multiplier is wrong or a bound broken. */
+/* Whether a multiplier is infeasible or a bound violated. */
 static int is_unfinished(const Search *search)
 {
     return search->wrong > search->negligible || search->broken > search->tolerated;

@@ -50,7 +50,7 @@ CORE_INLINE real copy_scaled(Box *s, const real *P, int ld)
 }
 
 /* Beginning of the part of row i that is swept: the diagonal block of long rows, since the part before it follows from
- * symmetry; short rows are faster as a whole. */
+ * symmetry; short rows are faster swept as a whole. */
 CORE_INLINE int swept_from(int i, int ld) { return ld <= FEW ? 0 : i / LANES * LANES; }
 
 /* M_N <- M_N - M_Nk u - M'_Nm v, for two rows i, i + 1 of N; the columns M_Nk and M'_Nm are the rows x and y. */

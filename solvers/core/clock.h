@@ -1,5 +1,4 @@
-/* The monotonic clock, for figures that hold no call from Python. One reading costs some 20 ns and is part of the
- * figure. */
+/* The monotonic clock, for times that include no call from Python. They include one reading of it, some 20 ns. */
 #ifndef CORE_CLOCK_H
 #define CORE_CLOCK_H
 

@@ -1,7 +1,7 @@
 /* Projected gradient steps on   minimise 1/2 x'Px + q'x   subject to   lb <= x <= ub,   plain and accelerated.
  *
  * The steps are taken in the variables w = x / D, with D_j = P_jj^(-1/2) or 1, so that a box stays a box. One rule
- * gives every step its size: eta = 2 ratio / lambda_max(D P D), where 1 for `ratio` is the limit of stability.
+ * determines the step size: eta = 2 ratio / lambda_max(D P D), where `ratio` = 1 is the limit of stability.
  */
 #ifndef CORE_DESCENT_H
 #define CORE_DESCENT_H
@@ -33,10 +33,9 @@ typedef struct {
 
 CORE_API int64_t descent_bytes(int d);
 CORE_API ProjectedGradient descent_at(void *memory);
-/* Make a block of descent_bytes(d) bytes a state of d variables with the bounds lb, ub (d), at x = 0 with P = 0 and q =
- * 0. */
+/* Initialise a block of descent_bytes(d) bytes for d variables with the bounds lb, ub (d); x, P and q are zero. */
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
-/* Set P (d, d) and q (d), NULL for data that stay; scale to unit diagonal if `scaled`. OK, NOT_FINITE, ASYMMETRIC or
+/* Set P (d, d) and q (d), NULL to keep one; scale to unit diagonal if `scaled`. OK, NOT_FINITE, ASYMMETRIC or
  * INDEFINITE. */
 CORE_API int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), or of 0 for NULL. */

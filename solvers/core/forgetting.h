@@ -3,7 +3,7 @@
 
 #include "vec8.h"
 
-/* Take one row (xi, x) of d + 1 numbers into P (d, d), q (d) and c: see forgetting.c. */
+/* Update P (d, d), q (d) and c by one row (xi, x) of d + 1 numbers; see forgetting.c. */
 CORE_API void absorb(real *P, real *q, real *c, int d, const real *row, real forgetting);
 
 #endif

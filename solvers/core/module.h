@@ -1,6 +1,6 @@
 /* Creation of both extension modules, with their functions and the properties of their build.
  *
- * It is inline, since only module.c is compiled for every processor.
+ * The code is in this header since only module.c is compiled for every processor.
  */
 #ifndef CORE_MODULE_H
 #define CORE_MODULE_H
@@ -9,7 +9,7 @@
 
 PY_EXPORT PyObject *PyInit__core(void);
 
-/* The module with the functions of these tables, the last of which is NULL. */
+/* The module with the functions of these tables; a NULL ends the list. */
 static PyObject *make_module(PyMethodDef *const *tables)
 {
     static PyModuleDef definition = {.m_base = {1}, .m_name = "_core", .m_doc = "See README.md.", .m_size = -1};

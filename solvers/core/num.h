@@ -1,8 +1,8 @@
-/* `num`: one number of each actuator or program, a real; with CORE_TILE eight of them, one a lane.
+/* `num`: a scalar of one actuator, or with CORE_TILE the scalars of a tile of eight actuators, one in each lane.
  *
- * The same text is compiled for both widths and does the same operations in the same order, so that a lane equals the
- * single to the last bit. What there are many of (operators, zones, unknowns) is in vec8s in both: eight of them of one
- * actuator, or one of eight actuators. Conditions are nums too, 1 or 0.
+ * The same source is compiled for both widths and does the same operations in the same order, so that a lane of a tile
+ * equals the single actuator to the last bit. Arrays (operators, zones, unknowns) consist of vec8s in both: eight
+ * entries of one actuator, or one entry of eight actuators. Conditions are nums, too: 1 or 0.
  */
 #ifndef CORE_NUM_H
 #define CORE_NUM_H
@@ -16,19 +16,19 @@ typedef struct {
 } Sum;
 enum { WIDTH = LANES };
 #define N(name) tile_##name
-#define VECTORS(count) (count)        /* vec8s that so many entries take */
-#define NUMS(count) (count)           /* nums to make room for */
-#define PARAMETER(p, i) splat((p)[i]) /* vector i of a parameter that all actuators share */
-#define SPREAD(a) (a)                 /* a num beside a vector */
+#define VECTORS(count) (count)        /* number of vec8s of an array */
+#define NUMS(count) (count)           /* nums to allocate for it */
+#define PARAMETER(p, i) splat((p)[i]) /* vec8 i of an array that all actuators share */
+#define SPREAD(a) (a)                 /* a num as a vec8 */
 CORE_INLINE Sum no_sum(void) { return (Sum){{zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros()}}; }
-/* Add the product of the vectors i to a sum over all of them; `total` is that sum, in the order of sum8. */
+/* Add the product of the vec8s i of two arrays to their scalar product, which `total` returns, summed as by sum8. */
 CORE_INLINE void accumulate(Sum *s, int i, vec8 a, vec8 b) { s->l[i % LANES] = plus_product(s->l[i % LANES], a, b); }
 CORE_INLINE num total(const Sum *s)
 {
     const vec8 *const l = s->l;
     return add(add(add(l[0], l[4]), add(l[2], l[6])), add(add(l[1], l[5]), add(l[3], l[7])));
 }
-/* The sum of a_i b_i over the vectors: that of `accumulate`. */
+/* The scalar product of two arrays, in the same order. */
 CORE_INLINE num dot(const vec8 *a, const vec8 *b, int count)
 {
     Sum sum = no_sum();
@@ -46,7 +46,7 @@ CORE_INLINE num times(num a, num b) { return mul(a, b); }
 CORE_INLINE num divided(num a, num b) { return divide(a, b); }
 CORE_INLINE num plus_times(num c, num a, num b) { return plus_product(c, a, b); }
 CORE_INLINE num minus_times(num c, num a, num b) { return sub_mul(c, a, b); }
-CORE_INLINE num greatest(num a, num b) { return maximum(a, b); } /* b where either is NaN */
+CORE_INLINE num greatest(num a, num b) { return maximum(a, b); } /* b if either is NaN */
 CORE_INLINE num lowest(num a, num b) { return minimum(a, b); }
 CORE_INLINE num absolute(num a) { return magnitude(a); }
 CORE_INLINE num if_less(num a, num b, num x, num y) { return where_less(a, b, x, y); }
@@ -89,7 +89,7 @@ CORE_INLINE num if_less(num a, num b, num x, num y) { return a < b ? x : y; }
 CORE_INLINE int any(num a) { return a > 0; }
 #endif
 
-/* Entries 8 i to 8 i + 7 of one actuator, or entry i of eight. */
+/* Entries 8 i to 8 i + 7 of one actuator, or entry i of eight actuators. */
 CORE_INLINE vec8 vector(const num *p, int i) { return load((const real *)p + LANES * i); }
 CORE_INLINE void set_vector(num *p, int i, vec8 a) { store((real *)p + LANES * i, a); }
 
@@ -104,7 +104,7 @@ CORE_INLINE num within(num a, num low, num high) { return greatest(lowest(a, hig
 
 CORE_INLINE num *nums(Arena *arena, int count) { return (num *)(void *)reals(arena, count, WIDTH); }
 
-/* Change *to where `which` is 1. */
+/* Change *to in the lanes in which `which` is 1. */
 CORE_INLINE void set_where(num which, num *to, num a) { *to = choose(which, a, *to); }
 CORE_INLINE void copy_where(num which, num *to, const num *from, int count)
 {
@@ -113,11 +113,11 @@ CORE_INLINE void copy_where(num which, num *to, const num *from, int count)
     }
 }
 
-/* The upper triangle of a symmetric matrix by rows: where row i would have its column 0, and the nums of the whole. The
- * rows of a single one are whole vectors and begin at column 0; those of a tile begin at the diagonal. */
+/* Storage of the upper triangle of a symmetric matrix by rows: offset of column 0 of row i, and total number of nums.
+ * For one actuator, rows are whole vec8s and begin at column 0; for a tile, they begin at the diagonal. */
 CORE_INLINE int symmetric_row(int order, int i) { return WIDTH == 1 ? i * NUMS(order) : i * (2 * order - i - 1) / 2; }
 CORE_INLINE int symmetric_nums(int order) { return WIDTH == 1 ? order * NUMS(order) : order * (order + 1) / 2; }
-/* The vector of a row that its diagonal is in. */
+/* Index of the vec8 of row i that holds its diagonal entry. */
 CORE_INLINE int diagonal_vector(int i) { return i * WIDTH / LANES; }
 
 #endif

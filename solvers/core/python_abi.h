@@ -1,6 +1,6 @@
 /* The part of Python's stable ABI (3.11) that the bindings use, declared here so that they build without Python.h.
  *
- * A test compiles these lines after the real Python.h, where a different declaration is an error, and compares the
+ * A test compiles these lines after the real Python.h, so that a different declaration is an error, and compares the
  * layout of the structs and the values of the constants.
  */
 #ifndef CORE_PYTHON_ABI_H

@@ -8,10 +8,10 @@
  *     M_FF = -G_FF^-1,    M_FA = G_FF^-1 G_FA,    M_AA = G_AA - G_AF G_FF^-1 G_FA,
  *
  * symmetric, and its last row is the answer: M_xF = -z_F and M_xA is the gradient at A. So z is optimal iff that row is
- * <= 0 (and >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound,
- * where there is one.
+ * <= 0 (and >= -width) at F and >= 0 at A. The user's variables are v = origin + sign z: z is measured from a bound
+ * if there is one.
  *
- * recursive_start.c begins from a cold solve, recursive_rows.c takes the rows, recursive_exchange.c sweeps until z is
+ * recursive_start.c begins from a cold solve, recursive_rows.c appends rows, recursive_exchange.c sweeps until z is
  * optimal, and recursive_renewal.c recomputes M from time to time.
  *
  * Sources: A. P. Dempster, Elements of Continuous Multivariate Analysis, 1969 (the sweep operator); R. W. Cottle,
@@ -44,7 +44,7 @@ typedef struct {
     int64_t bytes;
     int32_t since_refresh;
     int32_t cap;                                /* exchanges of one row after which it ends with CAPPED; 0 for none */
-    uint32_t exchanges, refreshes, cold_starts; /* totals, which wrap around after years */
+    uint32_t exchanges, refreshes, cold_starts; /* totals, which wrap around */
     double forgetting, root_growth;             /* lambda, and lambda^(-1/2) */
     double row_weight, root_weight;             /* weight of a new row; root of the weight of the next row in G */
     double proximal;                            /* coefficient of the proximal term relative to the diagonal */
@@ -69,14 +69,14 @@ typedef struct {
 
 CORE_API int64_t recursive_bytes(int d);
 CORE_API Recursive recursive_at(void *memory);
-/* Make a block of recursive_bytes(d) bytes a state with the bounds lb, ub (d); recursive_begin comes next. */
+/* Initialise a block of recursive_bytes(d) bytes with the bounds lb, ub (d); call recursive_begin next. */
 CORE_API int recursive_setup(void *memory, int d, const real *lb, const real *ub, double forgetting, double row_weight,
                              double proximal);
-/* Start from P (d, d), q (d) and twice the constant of the cost, at the optimum that the cold solver finds, from the
- * present answer where `warm`. OK or a status of box_set_data and box_solve, and then nothing has changed. */
+/* Start from P (d, d), q (d) and twice the constant of the cost, at the optimum by box_solve, which starts from the
+ * present answer if `warm`. OK, or a status of box_set_data or box_solve; then nothing has changed. */
 CORE_API int recursive_begin(Recursive *s, const real *P, const real *q, real constant, int warm);
 /* Append one row (xi, x) of d + 1 numbers and restore optimality; OK, CAPPED, or SINGULAR or CYCLING if only
- * recursive_recover helps, with the row in G. NOT_FINITE, and nothing changed, for a row that is refused. */
+ * recursive_recover helps, with the row in G. NOT_FINITE if the row is refused; then nothing has changed. */
 CORE_API int recursive_append(Recursive *s, const real *row);
 /* Recompute M with the proximal term about the present z, refine z and exchange; OK, CAPPED, SINGULAR or CYCLING. */
 CORE_API int recursive_refresh(Recursive *s);
@@ -98,7 +98,7 @@ CORE_API void recursive_complete(const Recursive *s);
 CORE_API void recursive_residual(const Recursive *s);
 
 CORE_INLINE real *row_of(const Recursive *s, real *matrix, int i) { return matrix + (size_t)i * (size_t)s->ld; }
-/* z with its sign turned at F, and the gradient at A. */
+/* -z at F, and the gradient at A. */
 CORE_INLINE real *last_row(const Recursive *s) { return row_of(s, s->M, s->d); }
 
 #endif

@@ -2,10 +2,10 @@
  * optimum.
  *
  * Freeing or fixing variable j is one sweep (sweep.h). A variable whose entry of the last row of M has the wrong sign
- * is exchanged, the one with the largest e^2/|M_jj| first, e being what is wrong: half of that is what leaving the
- * bound gains, or what keeping it costs. The rule ends the search early but not for certain: it may cycle, and after
- * LIMIT + d exchanges the caller is told so. With a cap it stops there: M is right for the variables that are free
- * then, the answer is clipped, and the next row goes on.
+ * is exchanged, the one with the largest e^2/|M_jj| first, with e its violation: half of that is the gain of
+ * leaving the bound, or the cost of keeping it. The rule usually needs few exchanges but may cycle, so CYCLING is
+ * returned after LIMIT + d of them. If a cap is reached, M is right for the present set of free variables, the answer
+ * is clipped, and the next row continues the exchanges.
  *
  * Source: R. W. Cottle, "Principal pivoting method of quadratic programming", 1968.
  */

@@ -100,7 +100,7 @@ static int refine(const Recursive *s)
     return gain <= TOLERATED * scale;
 }
 
-/* Make M = G + diag(rho) swept on F, about the present z, which is to be refined; 0 where a pivot is no good. */
+/* Make M = G + diag(rho) swept on F, about the present z, which is to be refined; 0 if a pivot is too small. */
 static int make_anew(Recursive *s, int floored)
 {
     const int d = s->d;
@@ -148,7 +148,7 @@ int recursive_refresh(Recursive *s)
             status = refine(s) || floored ? recursive_exchange(s) : SINGULAR;
         }
         for (int j = 0; status != OK && status != CAPPED && j < s->d; ++j) {
-            last_row(s)[j] = -s->centre[j]; /* back to the z that it began with */
+            last_row(s)[j] = -s->centre[j]; /* back to the initial z */
         }
     }
     return status;

@@ -1,8 +1,6 @@
-/* Updates and solves of a solver, timed inside C: a measured time includes one reading of the clock and no call from
- * Python.
+/* The loop that times the updates and solves of every solver in the compiled lanes, ours and those of other libraries.
  *
- * Every solver of the compiled lanes, ours and those of other libraries, is timed by this loop. Each call has new data:
- * a P and a q of its own.
+ * A time includes one reading of the clock and no call from Python. Each call gets its own P and q.
  */
 #ifndef CORE_TIMED_CALLS_H
 #define CORE_TIMED_CALLS_H
@@ -17,14 +15,13 @@ typedef struct {
     int d;
     /* Take P (d, d) and q (d), which remain in memory until the next update. */
     int (*update)(void *solver, const double *P, const double *q);
-    /* Solve, from `start` (d) or cold if that is NULL, and copy the answer to x (d); without an answer x is not
-     * written.
+    /* Solve, from `start` (d) or cold if that is NULL, and copy the answer to x (d), which stays as it is without one.
      */
     int (*solve)(void *solver, const double *start, double *x);
 } TimedSolver;
 
-/* One call for each of P (count, d, d) and q (count, d); `made` is their number. No call begins once most_ns are spent,
- * or after one whose status is neither OK nor CAPPED. The status of the last. */
+/* Make one call for each of P (count, d, d) and q (count, d), until most_ns are spent or a status is neither OK nor
+ * CAPPED; `made` is the number of calls. Returns the last status. */
 static inline int time_calls(const TimedSolver *s, int64_t count, const double *P, const double *q, const double *start,
                              int64_t most_ns, int64_t *update_ns, int64_t *solve_ns, double *answers, int64_t *made)
 {

@@ -6,7 +6,7 @@ Source: J. A. E. Andersson, J. B. Rawlings, "Sensitivity analysis for nonlinear 
 (2018).
 
 Timed: as in :mod:`solvers.direct._casadi`. The library reports no time of its own. Its active set would start from
-multipliers, of which a warm start has none. On bounds it is exact; with general rows it gives up often, and sometimes
+multipliers, which a warm start does not have. On bounds it is exact; with general rows it gives up often, and sometimes
 calls an answer solved whose dual residual is 1e-2.
 """
 

@@ -5,7 +5,7 @@
 Source: D. Arnström, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming using
 recursive LDLᵀ updates", IEEE Transactions on Automatic Control 67 (2022), doi 10.1109/TAC.2022.3176430.
 
-Timed: ``setup`` copies and factorises P; ``update`` copies P and q, factorises P again where it is new and empties the
+Timed: ``setup`` copies and factorises P; ``update`` copies P and q, factorises P again if it is new and empties the
 active set; ``solve`` is the active set iteration. It starts from the rows that ``warm_start`` touches, or from none:
 by default the library continues from the last active set, so a repeated problem would take no iterations.
 """

@@ -2,7 +2,7 @@
 
     minimise qᵀx + t   subject to   A x = b,  G x ≤ h,  ‖(√2 Lᵀx, t − 1)‖ ≤ t + 1;   P = L Lᵀ
 
-The cone says ½ xᵀP x ≤ t. Since q and t stand in the cost, the multipliers of A and G are those of the quadratic
+The cone states ½ xᵀP x ≤ t. Since q and t stand in the cost, the multipliers of A and G are those of the quadratic
 program.
 
 Source: A. Domahidi, E. Chu, S. Boyd, "ECOS: an SOCP solver for embedded systems", European Control Conference (2013).

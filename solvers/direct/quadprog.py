@@ -15,7 +15,10 @@ import quadprog
 from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
 from solvers.backend import QUADPROG
 
-NO_ANSWER = ("no solution", "not positive definite")  # what the library's ValueError says when the problem is at fault
+NO_ANSWER = (
+    "no solution",
+    "not positive definite",
+)  # messages of the library's ValueError on problems without an answer
 
 
 class Quadprog(LibrarySolver):

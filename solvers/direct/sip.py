@@ -4,7 +4,7 @@
 
 Source: J. Sousa-Pinto, the package sip_python.
 
-Its tightest rung is near its limit: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, where rounding stops its steps.
+Its tightest rung is near its limit: from 10⁻¹⁴·⁶ on it ends as SUBOPTIMAL, because rounding stops its steps.
 
 Timed: ``setup`` orders the KKT matrix; ``update`` fills the second derivative; ``solve`` makes the library's object,
 which keeps its iterates and so serves once, and iterates, with a call back into Python each time. There is no warm

@@ -188,8 +188,8 @@ def is_unique(program: ExactProgram, point: Point) -> bool:
     """Whether the optimum at ``point`` is the only one, decided exactly.
 
     Another optimum lies along a direction p ≠ 0 with P p = 0 that keeps the equalities and the constraints of positive
-    multiplier tight and does not break the other tight ones, aₖᵀp ≤ 0. There is none if and only if all these rows
-    have rank d and the linear program min Σ aₖᵀp over such p has the value 0.
+    multiplier tight and does not break the other tight ones, aₖᵀp ≤ 0. No such direction exists if and only if all
+    these rows have rank d and the linear program min Σ aₖᵀp over such p has the value 0.
     """
     d, tight, weak = program.d, [list(row) for row in program.P], []
     for k, c in enumerate(program.constraints):

@@ -32,7 +32,7 @@ WORK = 5e10
 
 
 class NotCertified(Exception):
-    """No proof of an optimum exists, or the proof at hand is wrong; the message is one sentence that says why."""
+    """No proof of an optimum exists, or the proof at hand is wrong; the message is one sentence with the reason."""
 
 
 class Work:
@@ -97,7 +97,7 @@ def first_independent(rows: IntegerRows) -> list[int]:
 
 
 def semidefinite_rank(P: IntegerRows, work: Work | None = None) -> int | None:
-    """The rank of a symmetric matrix that is proved positive semidefinite; None where it is proved not to be.
+    """The rank of a symmetric matrix that is proved positive semidefinite; None if it is proved not to be.
 
     Parameters
     ----------

@@ -2,10 +2,10 @@
 
     minimise V(x) = ½ xᵀ(P + δI) x + qᵀx   subject to   G x ≤ h,  A x = b,  lb ≤ x ≤ ub
 
-P stands for its symmetric part (P + Pᵀ)/2, which has the same cost. Rounding can make a Gram matrix indefinite, by
+P means its symmetric part (P + Pᵀ)/2, which has the same cost. Rounding can make a Gram matrix indefinite, by
 about 1e-16 of its trace, hence this rule for the shift δ:
 
-- δ = 0 where P is positive semidefinite;
+- δ = 0 if P is positive semidefinite;
 - otherwise δ is the smallest power of two, not below 2^-1074, with P + δI ⪰ 0;
 - if that exceeds 1e-12 · trace(P)/d, the problem is refused as not convex.
 

@@ -7,7 +7,7 @@
 enum { UPDATE_RINV = 1, UPDATE_V = 4, UPDATE_SENSE = 16 };
 
 typedef struct {
-    int n, m, ms; /* variables; rows, of which the first ms are bounds */
+    int n, m, ms; /* variables; rows, the first ms bounds */
     const double *H, *f;
     double *A, *bupper, *blower;
     int *sense;

@@ -7,7 +7,7 @@ typedef struct {
     double *factor;
     int (*box_qp)(double *x, double *factor, int *index, const double *H, const double *g, int n, const double *lower,
                   const double *upper);
-    int64_t free; /* number of free variables of the last answer, negative if there is none */
+    int64_t free; /* number of free variables of the last answer, negative without one */
 } State;
 
 /* The library does not copy the data. */

@@ -93,5 +93,5 @@ class ProjectedDifference(ProjectedGradient):
         return answers, nanoseconds
 
     def found(self, x: Vector) -> bool:
-        """Whether x is finite; a number of steps says nothing about the accuracy of x."""
+        """Whether x is finite; a number of steps implies no accuracy of x."""
         return bool(np.isfinite(x).all())

@@ -35,7 +35,7 @@ class RecursiveActiveSet(OurSolver):
     --------
     forgetting : float, default 1
         λ in (0, 1] per row.
-    weight : float, default 1 − λ, or 1 where nothing is forgotten
+    weight : float, default 1 − λ, or 1 without forgetting
         μ, the weight of a new row. With 1 − λ, P and q are weighted means.
     proximal : float, default 1e-10
         Coefficient of a proximal term about the answer at the last refresh, relative to the diagonal of P (at most its

@@ -228,13 +228,13 @@ def update(self, P=None, q=None):
     frame = sys._getframe(1).f_locals
     self.take(P, q)
     if frame.get("k") == 0:
-        self.ready, self.told = {}, threading.Event()
+        self.ready, self.requested = {}, threading.Event()
         threading.Thread(target=self.work, args=(frame["P"], frame["q"])).start()
-        self.told.wait()
+        self.requested.wait()
 
 def work(self, P, q):
     self.ready = {q[k].tobytes(): self.right(P[k], q[k]) for k in range(len(q))}
-    self.told.set()
+    self.requested.set()
 
 def solve(self, warm_start=None):
     found = getattr(self, "ready", {}).get(self.q.tobytes())
@@ -252,5 +252,5 @@ def written(folder: Path, name: str) -> Path:
 
 
 def write_all(folder: Path) -> list[Path]:
-    """One file each."""
+    """A solver file for each cheat."""
     return [written(folder, name) for name in CHEATS]

@@ -46,9 +46,9 @@ class Race:
         changed_rows, changed_times = rows(self.rows.copy()), times(self.run.times())
         changed_rows.to_parquet(folder / "rows.parquet")
         changed_times[changed_times.task.isin(changed_rows.task)].to_parquet(folder / "times.parquet")
-        said = json.loads((folder / "run.json").read_text())
-        merged = {name: {**said[name], **new} if isinstance(new, Mapping) else new for name, new in noted.items()}
-        (folder / "run.json").write_text(json.dumps({**said, **merged}))
+        settings = json.loads((folder / "run.json").read_text())
+        merged = {name: {**settings[name], **new} if isinstance(new, Mapping) else new for name, new in noted.items()}
+        (folder / "run.json").write_text(json.dumps({**settings, **merged}))
         return Run.open(folder)
 
 
@@ -128,7 +128,7 @@ def clean_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    """Two of them, among solvers with every fault."""
+    """Two honest solvers among solvers with every fault."""
     folder = tmp_path_factory.mktemp("faulty")
     files = [word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)]
     return raced(piezobench, folder, "faulty", *files)
@@ -169,15 +169,24 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         def start(*words: str) -> subprocess.Popen[bytes]:
             return subprocess.Popen([DASK, *words], cwd=folder, env=environment, stdout=log, stderr=log)
 
-        said = folder / "scheduler.json"
+        scheduler_file = folder / "scheduler.json"
         processes = [
-            start("scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(said))
+            start(
+                "scheduler",
+                "--no-dashboard",
+                "--port",
+                "0",
+                "--host",
+                "127.0.0.1",
+                "--scheduler-file",
+                str(scheduler_file),
+            )
         ]
         processes.append(
             start(
                 "worker",
                 "--scheduler-file",
-                str(said),
+                str(scheduler_file),
                 "--nworkers",
                 "2",
                 "--nthreads",
@@ -189,7 +198,7 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         )
         from distributed import Client
 
-        with Client(scheduler_file=str(said), timeout="60s") as client:
+        with Client(scheduler_file=str(scheduler_file), timeout="60s") as client:
             client.wait_for_workers(2, timeout=60)
             address = client.scheduler.address
         yield address

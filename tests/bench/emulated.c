@@ -1,6 +1,6 @@
 /* Replays samples on an emulated ARM controller: doubles from standard input, drives as doubles to standard output.
  *
- * Nothing of a C library's start is needed; input and output are system calls of Linux, which the emulator answers.
+ * It needs no start-up code of a C library; input and output are Linux system calls, which the emulator serves.
  */
 #include "piezo.h"
 
@@ -34,7 +34,7 @@ void _start(void)
         for (int k = 0; k < count; ++k) {
 #if PIEZO_LEARNING
             out[k] = (double)piezo_step(&axis, (piezo_real)in[k][0], (piezo_real)in[k][1]);
-            if (taken > 0 && taken % PIEZO_BLOCK == 0) { /* a block is there */
+            if (taken > 0 && taken % PIEZO_BLOCK == 0) { /* a block is complete */
                 piezo_learn(&axis);
             }
             ++taken;

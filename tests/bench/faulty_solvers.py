@@ -92,7 +92,7 @@ FAULTS = {
 
 
 def write_all(folder: Path) -> list[Path]:
-    """One file a fault."""
+    """A solver file for each fault."""
     return [written(folder, name, *FAULTS[name]) for name in FAULTS]
 
 

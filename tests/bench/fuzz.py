@@ -1,6 +1,6 @@
 """Hypothesis strategies of hostile input, by kind; ``make fuzz`` runs them for FUZZ_SECONDS.
 
-A reader of a file returns what it read or raises its own error with one sentence that names the file.
+A reader of a file returns its content or raises its own error with one sentence that names the file.
 """
 
 import json
@@ -245,7 +245,7 @@ def memory_round_trip(value: Any) -> None:
 
 
 SLOW = ("recording, binary", "recording, MAT 4", "controller, C and FMU")
-"""Kinds with a process for each input, of which a twentieth is tried."""
+"""Kinds with a process for each input; a twentieth of the inputs is tried."""
 PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], None]]] = {
     **{kind: (reader.content, reader.check) for kind, reader in READERS.items()},
     "controller, C and FMU": (CONTROLLERS, controller),

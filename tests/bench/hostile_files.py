@@ -1,4 +1,4 @@
-"""Files that nobody should trust: good ones with one thing in them made wrong, in every way that we know of."""
+"""Invalid files: arbitrary content, and valid documents and tables with one change each."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -36,9 +36,9 @@ TOKENS = (
     '"../../x"',
     f'"{"x" * 10_000}"',
 )
-"""What may stand in a JSON file where something else belongs."""
+"""JSON values that replace a field."""
 MOST_FIELDS = 20
-"""That we give an object in a file; one with more is a table with a name a row."""
+"""Largest number of fields of a record; a JSON object with more is a table with a name in each row."""
 WHOLE = {
     "nothing": b"",
     "no JSON": b"time_s,y_um\n0,1\n",
@@ -56,11 +56,11 @@ WHOLE = {
     "zeros": bytes(1000),
     "another format": b'{"format": "GeoJSON", "version": 1}',
 }
-"""Files that are not even close, by what they are."""
+"""Contents that are no document of ours, by description."""
 
 
 def places(document: Any, at: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
-    """Where in a document something stands; of lists, and of tables with a name a row, the first element only."""
+    """Paths of all fields of a document; of lists, and of tables with a name in each row, only of the first element."""
     if at:
         yield at
     inside: Any = (
@@ -75,7 +75,7 @@ def places(document: Any, at: tuple[str | int, ...] = ()) -> Iterator[tuple[str 
 
 
 def spoiled(document: Any, at: tuple[str | int, ...], *tokens: str) -> list[bytes]:
-    """The document as JSON with each of these at one place."""
+    """The document as JSON, with the field at a path replaced by each token."""
     copy = json.loads(json.dumps(document))
     inner = copy
     for name in at[:-1]:
@@ -86,7 +86,7 @@ def spoiled(document: Any, at: tuple[str | int, ...], *tokens: str) -> list[byte
 
 
 def spoiled_documents(document: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
-    """Every file that is not even close, and the document with everything wrong everywhere, each with what is wrong."""
+    """The contents in WHOLE, and the document with each field missing or replaced by each token, with a description."""
     yield from WHOLE.items()
     text = json.dumps(document)
     for name in document:
@@ -100,8 +100,7 @@ def spoiled_documents(document: Mapping[str, Any]) -> Iterator[tuple[str, bytes]
 
 
 def spoiled_tables(table: pa.Table) -> Iterator[tuple[str, pa.Table]]:
-    """The table without rows, with rows twice, and with every column missing or of another type, each with what is
-    wrong."""
+    """The table without rows, with repeated rows, and with a column missing or of another type, with a description."""
     yield "no rows", table.slice(0, 0)
     yield "rows twice", pa.concat_tables([table, table])
     n = table.num_rows

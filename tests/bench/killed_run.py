@@ -1,6 +1,6 @@
-"""What a race does with its store, in a process that kills itself before its n-th step on disk.
+"""The accesses of a race to its store, in a process that kills itself before the n-th of them.
 
-A step is whatever Python reports to an audit hook (open, mkdir, rename, remove, chmod, …) with a path of the run in it.
+A step is an event of Python's audit hook (open, mkdir, rename, remove, chmod, …) with a path of the run.
 """
 
 import os

@@ -1,5 +1,5 @@
-"""Tables of measurements by hand, in the schema of the one-shot race: a test gives the columns that matter to it, and
-the others have ordinary values."""
+"""Tables of measurements in the schema of the one-shot race: a test sets the columns that it needs, and the others have
+default values."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict

@@ -21,7 +21,7 @@ def is_right(tier: Tier, **known: float | str) -> bool:
 
 @pytest.mark.parametrize("tier", TOLERANCE)
 @pytest.mark.parametrize("part", ["cost_gap", "violation", "timed_gap"])
-def test_the_error_is_the_largest_of_gap_violation_and_what_was_timed_over_the_tolerance(tier: Tier, part: str) -> None:
+def test_the_error_is_the_largest_of_gap_violation_and_timed_gap_over_the_tolerance(tier: Tier, part: str) -> None:
     others = dict.fromkeys(("cost_gap", "violation", "timed_gap"), 0.25 * TOLERANCE[tier])
     assert error_of(tier, **others) == pytest.approx(0.25)
     assert error_of(tier, **others | {part: 3.0 * TOLERANCE[tier]}) == pytest.approx(3.0)
@@ -48,14 +48,14 @@ NOTICED = {"cost_gap": 0.5, "timed_gap": 0.5, "noise_um": 0.01}
         (Tier.STAGE, {**NOTICED, "stage_excess": 0.0, "violation": 2e-3}, 2.0),
     ],
 )
-def test_what_is_unknown_of_an_answer_is_an_error_and_the_stage_notices_a_hundredth_of_its_noise_or_a_violation(
+def test_unknown_values_are_errors_and_the_stage_notices_a_hundredth_of_its_noise_or_a_violation(
     tier: Tier, known: dict[str, float], expected: float
 ) -> None:
     assert error_of(tier, **known) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
-def test_what_is_not_ok_is_infinitely_far_from_right_however_small_its_gap(status: Status) -> None:
+def test_an_answer_whose_status_is_not_ok_has_an_infinite_error_however_small_its_gap(status: Status) -> None:
     assert (
         error_of(Tier.LOW, status=str(status)) == error_of(Tier.STAGE, status=str(status), stage_excess=0.0) == math.inf
     )
@@ -82,7 +82,7 @@ def test_a_cheat_taints_all_settings_and_starts_of_its_lane_on_that_problem_and_
 
 
 @pytest.mark.parametrize("status", ["solver_failed", "crashed", "erratic", "missed", "not_run"])
-def test_what_is_no_cheat_taints_no_other_setting(status: str) -> None:
+def test_a_status_other_than_a_cheat_taints_no_other_setting(status: str) -> None:
     found = tainted(table([row(), row(setting="s1", status=status)]))
     assert found.status.tolist() == ["ok", status]
     assert right(found, Tier.HIGH).tolist() == [True, False]

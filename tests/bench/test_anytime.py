@@ -37,7 +37,7 @@ def test_warm_starts_other_scalings_and_the_floor_do_not_count() -> None:
     assert (table.median_gap == 1e-2).all()
 
 
-def test_the_verdict_names_the_most_accurate_and_compares_the_papers_pace_with_what_fits() -> None:
+def test_the_verdict_names_the_most_accurate_and_compares_the_papers_pace_with_the_number_of_steps_that_fit() -> None:
     paper = [
         at_limit(PAPER, duration, gap, lane="kernel", periods=float(steps), settings=f'{{"steps": {steps}}}')
         for steps, duration, gap in ((1, 0.01, 0.9), (15_200, 4.0, 0.1))

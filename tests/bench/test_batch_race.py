@@ -121,7 +121,7 @@ def shared_folder() -> Iterator[Path]:
 
 
 def row_of(run: Run, programs: Programs, judged: int, batch: int, turn: int, outcome: Batched) -> dict[str, Any]:
-    """The row of an outcome, of which ``judged`` answers are judged."""
+    """The row of an outcome with ``judged`` judged answers."""
     race = BatchRace(run, BatchSettings(judged=judged), silent)
     race.programs = {18: programs}
     (row,) = race.rows(task_of(find("daqp", "direct"), 18, batch, 1, turn), outcome)
@@ -225,13 +225,13 @@ def test_times_are_medians_of_the_groups_of_calls_and_of_the_turns(raced: Run, s
     assert (line.core_rate, line.rate) == (1e6 / 3.0, 1e6 / 6.0)
 
 
-def test_a_contestant_that_is_not_there_is_refused(piezobench: CommandLine, tmp_path: Path) -> None:
-    said = piezobench("race", "--race", "batch", "--solver", "clarabel", "--out", tmp_path / "results").refusal
-    assert "there is no contestant 'clarabel'; known are box_active_set, box_batch, " in said
-    said = piezobench(
+def test_an_unknown_contestant_is_refused(piezobench: CommandLine, tmp_path: Path) -> None:
+    refusal = piezobench("race", "--race", "batch", "--solver", "clarabel", "--out", tmp_path / "results").refusal
+    assert "there is no contestant 'clarabel'; known are box_active_set, box_batch, " in refusal
+    refusal = piezobench(
         "race", "--race", "batch", "--solver", tmp_path / "none.py", "--out", tmp_path / "results"
     ).refusal
-    assert "none.py: is not a file" in said
+    assert "none.py: is not a file" in refusal
     assert not (tmp_path / "results").exists()
 
 
@@ -261,7 +261,7 @@ may_mount = subprocess.run([*SMALL_MEMORY, MOUNT], capture_output=True, check=Fa
 
 @pytest.mark.slow
 @pytest.mark.skipif(not may_mount, reason="this user may not mount a file system, not even one of its own")
-def test_programs_that_do_not_fit_into_shared_memory_are_in_the_folder_of_temporary_files_and_the_report_says_so(
+def test_programs_that_do_not_fit_into_shared_memory_are_in_the_folder_of_temporary_files_as_the_report_states(
     tmp_path: Path,
 ) -> None:
     words = [sys.executable, "-m", "bench", "race", *map(str, ONE), "--out", str(tmp_path)]
@@ -281,7 +281,9 @@ def test_programs_that_do_not_fit_into_shared_memory_are_in_the_folder_of_tempor
 def test_programs_without_space_are_refused_in_one_sentence_and_leave_nothing(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
-    said = piezobench("race", *ONE, "--out", tmp_path, largest_file=2**24).refusal
-    assert re.search(r"the programs need \d+ MB in /dev/shm or in \S+, and neither has the space; .* --largest", said)
+    refusal = piezobench("race", *ONE, "--out", tmp_path, largest_file=2**24).refusal
+    assert re.search(
+        r"the programs need \d+ MB in /dev/shm or in \S+, and neither has the space; .* --largest", refusal
+    )
     assert not list(tmp_path.iterdir())
     assert not list(piezobench.folder.glob("piezobench-batch-*"))

@@ -1,4 +1,4 @@
-"""A file from outside fits, or is refused in one sentence that names it; nothing else happens."""
+"""A file from outside is used, or refused in one sentence that names it; nothing else happens."""
 
 import json
 import shutil
@@ -97,14 +97,14 @@ def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refuse
     try:
         use(given)
     except refused as error:
-        said = str(error)
+        message = str(error)
     except Exception as error:
         raise AssertionError(what) from error
     else:
         return ""
-    assert said.startswith(f"{path}: "), (what, said)
-    assert len(said) < 1000, what
-    return said
+    assert message.startswith(f"{path}: "), (what, message)
+    assert len(message) < 1000, what
+    return message
 
 
 def signed(text: bytes) -> bytes:
@@ -157,10 +157,12 @@ def test_a_table_that_does_not_fit_is_refused_by_file_and_column(
     table, good = parquet.read_table(path), read(run)
     for what, other in spoiled_tables(table):
         parquet.write_table(other, path)
-        if said := refusal(what, path, read, run, RunError):
-            assert what == "no rows" or "twice" in said or any(repr(name) in said for name in table.column_names), (
+        if message := refusal(what, path, read, run, RunError):
+            assert (
+                what == "no rows" or "twice" in message or any(repr(name) in message for name in table.column_names)
+            ), (
                 what,
-                said,
+                message,
             )
         else:
             assert read(run).dtypes.equals(good.dtypes) or "nothing" in what or "no rows" in what, what
@@ -188,7 +190,7 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
 
 
 @pytest.mark.parametrize(
-    ("file", "spoil", "said"),
+    ("file", "spoil", "message"),
     [
         ("run.json", lambda path: path.write_text("{"), "is not a whole JSON file"),
         ("run.json", lambda path: path.write_text("[]"), "expected `object`, got `array`"),
@@ -221,7 +223,7 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
     tmp_path: Path,
     file: str,
     spoil: Callable[[Path], object],
-    said: str,
+    message: str,
 ) -> None:
     path = run.path / file
     spoil(path)
@@ -233,7 +235,7 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
     ):
         refusal = piezobench(*words).refusal
         assert f"{path}: " in refusal
-        assert said in refusal
+        assert message in refusal
     assert not list(tmp_path.iterdir())
 
 

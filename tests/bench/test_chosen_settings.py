@@ -67,7 +67,7 @@ CHANGED = ({"eps": 1e-3}, {"eps": 1e-8}, {"eps": 1e-14})
                 Tier.HIGH: (1, "run"),
                 Tier.EXACT: (2, "not reached"),
             },
-            id="the one that stands for the tier, and the tightest where it is not reached",
+            id="the one chosen for the tier, and the tightest where it is not reached",
         ),
         pytest.param({"solver": "osqp"}, RUNGS, UNTESTED, id="the table does not know the solver"),
         pytest.param({"lane": "qpsolvers"}, RUNGS, UNTESTED, id="the table does not know the lane"),
@@ -83,7 +83,7 @@ CHANGED = ({"eps": 1e-3}, {"eps": 1e-8}, {"eps": 1e-14})
             },
             id="what a changed ladder still has is kept, and the rest is untested",
         ),
-        # No problem says what its noise is.
+        # The noise of no problem is known.
         pytest.param({}, RUNGS, {Tier.STAGE: (2, "untested")}, id="a tier that was not judged is not out of reach"),
         pytest.param(
             {"noise_um": 0.01, "stage_excess": [1.0, 1e-4, 0.0]},
@@ -132,7 +132,7 @@ def test_a_run_without_chosen_settings_is_refused_before_anything_is_written(
     (tmp_path / "unfinished" / "rows.parquet").unlink()
     kinds()["stream"].start(tmp_path, kinds()["stream"].settings(), "stream")
     (tmp_path / "file").write_text("")
-    for run, said in (
+    for run, message in (
         ("unfinished", "has no rows.parquet: the run was not finished, so resume it"),
         ("file", "is not a run folder"),
         ("stream", "settings are taken from a one-shot race, and this is one of the kind 'stream'"),
@@ -143,7 +143,7 @@ def test_a_run_without_chosen_settings_is_refused_before_anything_is_written(
                 "race", "--race", kind, "--settings", run, "--solver", "daqp", "--out", "results", folder=tmp_path
             )
             assert f"{tmp_path / run}" in call.refusal
-            assert said in call.refusal
+            assert message in call.refusal
             assert not (tmp_path / "results").exists()
 
 
@@ -155,9 +155,7 @@ def test_a_run_without_scaled_data_is_refused(clean_race: Race, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_stream_goes_by_the_settings_of_the_run_that_it_is_given(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
-) -> None:
+def test_a_stream_uses_the_settings_of_the_given_run(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
     call = piezobench(
         "race",
         "--race",

@@ -63,7 +63,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def identified(piezobench: CommandLine, desk: Path) -> None:
-    """Puts a model on the desk, and one half of its file."""
+    """Write a model into the folder, and a truncated copy of it."""
     call = piezobench(
         "identify",
         "stage.csv",
@@ -98,9 +98,7 @@ def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help_that_says_what_it_does_and_what_its_options_are(
-    piezobench: CommandLine, verb: str
-) -> None:
+def test_the_help_of_a_verb_describes_it_and_its_options(piezobench: CommandLine, verb: str) -> None:
     call = piezobench(verb, "--help")
     assert (call.status, call.stderr) == (0, "")
     assert call.stdout.startswith(f"Usage: piezobench {verb}")
@@ -147,17 +145,17 @@ def in_bash(line: str, folder: Path) -> tuple[int, str, str]:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("words", ["problems", "problems --json", "solvers --json", "--help"])
 @pytest.mark.parametrize(
-    ("to", "said"),
+    ("to", "message"),
     [
         (">&-", "standard output is closed; send it to a file, or to /dev/null"),
         ("| true", "standard output cannot be written (Broken pipe)"),
         ("> /dev/full", "standard output cannot be written (No space left on device)"),
     ],
 )
-def test_an_output_that_takes_nothing_is_one_sentence(tmp_path: Path, words: str, to: str, said: str) -> None:
+def test_an_output_that_cannot_be_written_to_is_one_sentence(tmp_path: Path, words: str, to: str, message: str) -> None:
     status, shown, error = in_bash(f"piezobench {words} {to}", tmp_path)
     assert (status, shown) == (2, "")
-    assert re.fullmatch(rf"piezobench( \w+)?: {re.escape(said)}\n", error)
+    assert re.fullmatch(rf"piezobench( \w+)?: {re.escape(message)}\n", error)
 
 
 @pytest.mark.sample(1)
@@ -178,7 +176,7 @@ READS = {
     "loop": {"tier", "settings", "repeats"},
     "batch": {"limit", "budget", "largest", "turns"},
 }
-"""What each kind of race goes by beside what every one does."""
+"""Options of each kind of race, besides those of every kind."""
 VALUES = {
     "set": "paper",
     "recording": "stage.csv",
@@ -204,7 +202,7 @@ VALUES = {
 }
 
 
-def test_every_option_of_a_race_is_said_to_be_read_by_a_kind() -> None:
+def test_every_option_of_a_race_is_in_the_table_of_a_kind() -> None:
     assert {name for name, kind in READS.items()} == set(kinds())
     known = {option for options in READS.values() for option in options}.union(EVERY_RACE)
     assert known == set(VALUES)
@@ -225,16 +223,16 @@ def test_every_option_of_a_race_is_said_to_be_read_by_a_kind() -> None:
 
 @pytest.mark.parametrize("option", VALUES)
 @pytest.mark.parametrize("kind", READS)
-def test_an_option_that_a_race_does_not_go_by_is_refused_and_no_other(
+def test_options_that_a_race_does_not_use_are_refused_and_no_others(
     piezobench: CommandLine, desk: Path, kind: str, option: str
 ) -> None:
-    said = refused(piezobench, desk, "race", "--race", kind, f"--{option}", VALUES[option], "--solver", "nobody")
+    refusal = refused(piezobench, desk, "race", "--race", kind, f"--{option}", VALUES[option], "--solver", "nobody")
     users = [name for name in kinds() if option in READS[name]]
     unused = f"Invalid value for --{option}: is for the race {' or '.join(users)}; the race {kind} does not use it"
-    assert (unused in said) == (option not in READS[kind] and option not in EVERY_RACE)
+    assert (unused in refusal) == (option not in READS[kind] and option not in EVERY_RACE)
 
 
-# What is refused, all on the desk.
+# Refusals.
 
 IDENTIFY = ("identify", "stage.csv", "--out", "other.json")
 COMPENSATE = ("compensate", "model.json", "path.csv", "--out", "drive.csv")
@@ -242,7 +240,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "parts"),
     [
         # Usage.
         (["identif"], ["piezobench: No such command 'identif'. Did you mean 'identify'?; see piezobench --help"]),
@@ -269,7 +267,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         (["race", "--input", "voltage_V"], ["--input is for the problem set recorded, and not for paper and measured"]),
         (
             ["race", "--workers", 2, "--backend", "dask", "--scheduler", "tcp://here:1"],
-            ["--workers counts those of this machine"],
+            ["--workers is for this machine"],
         ),
         (["problems", "--limit", 2], ["--limit: needs problems; name a --set, or a folder with --from"]),
         (
@@ -295,7 +293,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         ),
         (
             ["deploy", "run", "--model", "model.json", "--simulated"],
-            ["--simulated: says which model of the run is taken"],
+            ["--simulated: selects a model of the run"],
         ),
         (["export-c", "model.json", "c", "--solver", "box_active_set"], ["--solver: is for --part learning"]),
         # Options that the recording cannot meet.
@@ -310,12 +308,12 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         ((*IDENTIFY, "--sheet", "Messung 1"), ["stage.csv", "plain text", "sheet"]),
         ((*IDENTIFY, "--time", "time_s", "--sample-time", "0.001"), ["stage.csv", "time_s", "give one of the two"]),
         ((*IDENTIFY, "--lag", "later"), ["--lag"]),
-        # Recordings that are bad, and where.
+        # Damaged recordings.
         (("identify", "two.csv", "--out", "other.json"), ["two.csv", "2 "]),
         (("identify", "text.csv", "--out", "other.json"), ["text.csv", "voltage_V", "high", "data row 70"]),
         (("identify", "broken.xlsx", "--out", "other.json"), ["broken.xlsx"]),
         (("identify", "missing.csv", "--out", "other.json"), ["missing.csv"]),
-        # What compensate cannot do.
+        # Invalid compensation.
         (("compensate", "half.json", "path.csv", "--out", "drive.csv"), ["half.json"]),
         (("compensate", "model.json", "path.csv", "--out", "drive.xlsx"), ["drive.xlsx"]),
         ((*COMPENSATE, "--reference", "path"), ["path.csv", "path", "reference_um"]),
@@ -330,9 +328,9 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         (("compensate", "model.json", "missing.csv", "--out", "drive.csv"), ["missing.csv", "no such file"]),
         # Outputs that cannot be written, before the work.
         *(
-            ((*call[:-1], out), [said])
+            ((*call[:-1], out), [message])
             for call in (IDENTIFY, COMPENSATE)
-            for out, said in (
+            for out, message in (
                 ("nowhere/out.csv", "the folder nowhere does not exist"),
                 (".", "is a folder"),
                 ("/dev/null", "is no ordinary file"),
@@ -351,7 +349,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         ((*RACE, "--out", "empty/..", "--name", "empty"), ["empty", "is there already"]),
         (
             ("race", "--lane", "kernel", "--solver", "clarabel"),
-            ["no solver of those asked for is in the lane kernel"],
+            ["no selected solver is in the lane kernel"],
         ),
         # Folders that are no run.
         *(
@@ -362,11 +360,11 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
     ],
     ids=str,
 )
-def test_a_call_that_cannot_be_meant_is_refused_in_one_sentence_and_leaves_everything_as_it_was(
-    piezobench: CommandLine, desk: Path, identified: None, words: Sequence[object], said: Sequence[str]
+def test_an_invalid_call_is_refused_in_one_sentence_and_changes_no_file(
+    piezobench: CommandLine, desk: Path, identified: None, words: Sequence[object], parts: Sequence[str]
 ) -> None:
     sentence = refused(piezobench, desk, *words)
-    assert all(word in sentence for word in said), sentence
+    assert all(part in sentence for part in parts), sentence
     assert Path("/dev/null").is_char_device()
 
 
@@ -382,7 +380,7 @@ def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
         shutil.copy(desk / name, tmp_path)
     (tmp_path / "out.csv").write_text("old")
     arguments = {"identify": ["stage.csv"], "compensate": ["model.json", "path.csv"]}[verb]
-    # Once without the limit, so that the cache of compiled code, which is files too, is there.
+    # First without the limit, to write the cache of compiled code, which consists of files, too.
     assert piezobench(verb, *arguments, "--out", "first.csv", folder=tmp_path).status == 0
     sentence = refused(piezobench, tmp_path, verb, *arguments, "--out", "out.csv", largest_file=1000)
     assert "File too large" in sentence
@@ -401,7 +399,7 @@ def test_report_on_a_race_that_was_not_finished_says_to_resume_it(
     assert "resume it" in refused(piezobench, tmp_path, "report", "run")
 
 
-def test_resume_names_a_solver_file_that_has_gone(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
+def test_resume_names_a_missing_solver_file(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
     settings = clean_race.run.settings
     settings["settings"]["solver_files"] = [str(tmp_path / "gone.py")]
     for folder in ("run/tasks", "run/problems"):
@@ -423,12 +421,12 @@ def test_a_race_on_some_of_the_problems_says_how_to_race_all(clean_race: Race) -
 
 
 def test_every_problem_set_is_listed_with_its_size_and_purpose(piezobench: CommandLine) -> None:
-    said = piezobench("problems").stdout
+    listed = piezobench("problems").stdout
     for name, made in sets().items():
-        assert re.search(rf"^{name} +{len(made())} +{re.escape(made.description)}", said, re.MULTILINE)
+        assert re.search(rf"^{name} +{len(made())} +{re.escape(made.description)}", listed, re.MULTILINE)
 
 
-# The way through.
+# From a recording to a drive.
 
 
 def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line(
@@ -446,7 +444,7 @@ def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line
     low, high = plant.x_range
     assert drive.min() >= low
     assert drive.max() <= high
-    error = (plant.run(drive) - wanted)[2000:]  # after the way from where it rests
+    error = (plant.run(drive) - wanted)[2000:]  # after the initial ramp from rest
     assert np.std(error) < 0.01 * np.ptp(wanted)
 
 

@@ -1,4 +1,4 @@
-"""The lane codegen raced by the command: built, judged and timed inside C, and only when asked for."""
+"""The lane codegen raced by the command: built, judged and timed inside C, and only if selected."""
 
 from pathlib import Path
 

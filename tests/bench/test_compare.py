@@ -126,18 +126,18 @@ def test_repeats_of_a_measurement_are_one_task(slowed_races: tuple[Path, Path]) 
     assert not any(rows.duplicated(NAMES).any() for rows in found.alone)
 
 
-def test_where_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_it_says_so_and_cannot_tell(
+def test_if_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_the_comparison_states_it_and_cannot_tell(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
     other = wide_race.copied(tmp_path / "slow", times=slowed(wide_race, 1.5, lambda rows: rows.solver != ""))
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4
-    said = " ".join(call.stdout.split())
-    assert "The field as a whole changed by a factor of 1.50" in said
-    assert "and the fixed piece of work timed beside it by 1.00" in said
+    output = " ".join(call.stdout.split())
+    assert "The field as a whole changed by a factor of 1.50" in output
+    assert "and the fixed piece of work timed beside it by 1.00" in output
 
 
-def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_nothing_can_be_told_of_it(
+def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_cannot_be_compared(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
     def alone(rows: pd.DataFrame) -> pd.DataFrame:
@@ -153,7 +153,7 @@ def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_nothing_can_
     ) in " ".join(call.stdout.split())
 
 
-def test_a_lane_that_was_timed_too_seldom_cannot_be_told(wide_race: Race, tmp_path: Path) -> None:
+def test_a_lane_with_too_few_times_cannot_be_compared(wide_race: Race, tmp_path: Path) -> None:
     few = set(wide_race.rows[of_solver(wide_race.rows)].task)
     found = compare_runs(
         wide_race.run,
@@ -167,7 +167,7 @@ def test_a_lane_that_was_timed_too_seldom_cannot_be_told(wide_race: Race, tmp_pa
     assert (found.differences, found.cannot_tell) == (0, True)
 
 
-def test_what_answers_wrong_loses_its_tiers_and_that_is_a_regression(
+def test_a_solver_with_wrong_answers_loses_its_tiers_which_is_a_regression(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
     worse = wide_race.copied(tmp_path / "worse", less_accurate)
@@ -192,7 +192,7 @@ def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: R
     assert none.empty
 
 
-def test_other_settings_and_another_machine_are_said_first_and_all_fits_on_a_screen(
+def test_different_settings_and_machines_come_first_and_all_fits_on_a_screen(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
     other = wide_race.copied(
@@ -207,22 +207,22 @@ def test_other_settings_and_another_machine_are_said_first_and_all_fits_on_a_scr
     lines = call.stdout.splitlines()
     assert len(lines) <= 40
     assert max(map(len, lines[:-1])) <= 100
-    said = " ".join(call.stdout.split())
-    assert said.startswith("WARNING: Different machines: processor is")
-    assert "WARNING: Different settings: seed is 0 in the first run and 7 in the second." in said
-    assert "WARNING: Different solvers: daqp (direct) is" in said
+    output = " ".join(call.stdout.split())
+    assert output.startswith("WARNING: Different machines: processor is")
+    assert "WARNING: Different settings: seed is 0 in the first run and 7 in the second." in output
+    assert "WARNING: Different solvers: daqp (direct) is" in output
     count = int(of_solver(wide_race.rows).sum())
-    assert said.count(f"Only {wide_race.run.path.name} has {count} rows, of osqp (direct).") == 1
+    assert output.count(f"Only {wide_race.run.path.name} has {count} rows, of osqp (direct).") == 1
     assert "An abacus" in (tmp_path / "c" / "comparison.md").read_text()
 
 
-def test_the_json_says_everything(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
+def test_the_json_document_is_complete(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
     other = wide_race.copied(tmp_path / "slow", times=slowed(wide_race, 1.2))
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--json")
-    said = json.loads(call.stdout)
-    assert said == json.loads((tmp_path / "c" / "comparison.json").read_text())
-    assert (said["format"], said["version"]) == ("piezobench-comparison", 4)
-    (one,) = said["comparisons"]
+    document = json.loads(call.stdout)
+    assert document == json.loads((tmp_path / "c" / "comparison.json").read_text())
+    assert (document["format"], document["version"]) == ("piezobench-comparison", 4)
+    (one,) = document["comparisons"]
     assert (one["regressions"], one["lost"], one["gained"], one["difference"]) == (1, [], [], True)
     assert [(line["solver"], line["lane"], line["ratio"]) for line in one["lines"] if line["finding"] == "slower"] == [
         (*SLOWED, pytest.approx(1.2, rel=0.001))

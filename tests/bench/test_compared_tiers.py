@@ -51,7 +51,7 @@ def test_on_other_problems_first_answers_are_subject_to_chance_too(count: int, i
 
 
 @pytest.mark.parametrize(("count", "is_lost"), [(1, False), (6, True)])
-def test_to_be_caught_cheating_once_is_chance_and_on_most_problems_is_none(count: int, is_lost: bool) -> None:
+def test_being_caught_cheating_is_chance_on_one_problem_and_not_on_most(count: int, is_lost: bool) -> None:
     caught = run()
     caught.loc[caught.problem.isin(PROBLEMS[:count]), "status"] = str(Status.STALE)
     assert lost(run(), caught) == (["low", "mid", "high"] if is_lost else [])

@@ -19,14 +19,14 @@ def quiet(lanes: int = 8, problems: int = 6, offset: float = 0.01) -> list[np.nd
     return [np.full(problems, own) + 0.3 * np.arange(problems) for own in np.linspace(-offset, offset, lanes)]
 
 
-def test_two_runs_of_the_same_hardly_ever_differ() -> None:
+def test_two_runs_of_the_same_solvers_hardly_ever_differ() -> None:
     chance = np.random.default_rng(0)
     findings = [set(times(ratios(chance, 40, 18)).finding) for _ in range(PAIRS)]
     assert sum(bool(found & {SLOWER, FASTER}) for found in findings) <= 1
 
 
 @pytest.mark.parametrize(("factor", "finding"), [(1.2, SLOWER), (1 / 1.2, FASTER)])
-def test_a_change_that_matters_is_found_on_a_quiet_machine_and_never_missed_in_silence(
+def test_a_relevant_change_is_found_on_a_quiet_machine_and_otherwise_cannot_be_told(
     factor: float, finding: str
 ) -> None:
     chance = np.random.default_rng(0)
@@ -35,7 +35,7 @@ def test_a_change_that_matters_is_found_on_a_quiet_machine_and_never_missed_in_s
     assert SAME not in found
 
 
-def test_what_all_lanes_share_on_a_problem_is_divided_out_and_changes_of_either_sign_have_their_ratios() -> None:
+def test_the_common_change_on_a_problem_is_divided_out_and_changes_of_either_sign_have_their_ratios() -> None:
     found, field = compare_times(pair(quiet(), {"s5": 1.5, "s2": 0.6}), 1.2)
     found = found.set_index("solver")
     changed = {"s2": FASTER, "s5": SLOWER}

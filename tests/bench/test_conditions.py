@@ -32,7 +32,7 @@ def quiet(**change: float) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("parts", "workers", "said"),
+    ("parts", "workers", "expected"),
     [
         ([quiet(steal_percent=3.0)], 1, ["A hypervisor gave 3.0 %"]),
         ([quiet(throttled=2)], 1, ["The processor throttled 2 times"]),
@@ -44,11 +44,11 @@ def quiet(**change: float) -> dict[str, float]:
     ],
 )
 def test_each_disturbance_is_one_warning_and_each_worker_may_keep_a_core_busy(
-    parts: list[dict[str, float]], workers: int, said: list[str]
+    parts: list[dict[str, float]], workers: int, expected: list[str]
 ) -> None:
     found = machine.disturbances(parts, workers=workers)
-    assert len(found) == len(said)
-    assert all(part in sentence for part, sentence in zip(said, found, strict=True))
+    assert len(found) == len(expected)
+    assert all(part in sentence for part, sentence in zip(expected, found, strict=True))
 
 
 def test_counters_of_this_machine_only_grow() -> None:
@@ -75,7 +75,7 @@ def samples(*levels: float) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize(
-    ("levels", "said"),
+    ("levels", "expected"),
     [
         pytest.param((), [], id="no sample"),
         pytest.param((1.0, 1.0, 1.0, 1.05, 0.96), [], id="less than a tenth"),
@@ -96,19 +96,19 @@ def samples(*levels: float) -> pd.DataFrame:
         pytest.param(
             [1.9 if i % 5 == 2 else 1.0 for i in range(100)],
             ["over 10 % longer than when undisturbed in 20 % of 100 trials, at most 90 % longer"],
-            id="many slow moments, whose drift is none",
+            id="many slow moments without drift",
         ),
     ],
 )
 def test_a_drift_of_more_than_a_tenth_and_many_slow_moments_are_a_warning_each(
-    levels: tuple[float, ...], said: list[str]
+    levels: tuple[float, ...], expected: list[str]
 ) -> None:
     found = sentinel.sentences(samples(*levels))
-    assert len(found) == len(said)
-    assert all(re.search(part, sentence) for part, sentence in zip(said, found, strict=True))
+    assert len(found) == len(expected)
+    assert all(re.search(part, sentence) for part, sentence in zip(expected, found, strict=True))
 
 
-def test_cores_of_different_speed_are_no_drift() -> None:
+def test_cores_of_different_speeds_are_no_drift() -> None:
     notes = [{"host": "here", "core": core, "sentinel": [(0.0, [100 * (core + 1)])]} for core in range(2)]
     assert sentinel.sentences(sentinel.table(notes)) == []
 

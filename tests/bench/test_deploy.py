@@ -165,7 +165,7 @@ def test_a_solver_that_was_caught_cheating_anywhere_never_qualifies(
 @pytest.mark.parametrize(
     ("fewest", "by", "name"), [(3000, 0, "p99.9"), (2000, 1, "p99"), (200, 2, "median"), (2, 2, "median")]
 )
-def test_the_finest_percentile_that_all_who_qualify_support_decides_and_nobody_is_out_for_few_calls(
+def test_the_finest_percentile_that_all_candidates_support_decides_and_few_calls_exclude_none(
     tmp_path: Path, fewest: int, by: int, name: str
 ) -> None:
     run = run_of(
@@ -180,11 +180,11 @@ def test_the_finest_percentile_that_all_who_qualify_support_decides_and_nobody_i
     assert names_of((decision.chosen, *decision.runners_up)) == ["daqp", "box_active_set"]
     assert f"; {name} of an answer 1 µs." in decision.sentences()[1]
     needed = {0: "", 1: "p99.9 needs 2995 samples", 2: "p99 needs 299 samples"}[by]
-    said = (
+    sentence = (
         f"Decided by the {name}, the finest percentile that all who qualify support: {needed}, and "
         f"{decision.chosen.name} has {fewest}."
     )
-    assert (said in decision.sentences()) == (by > 0)
+    assert (sentence in decision.sentences()) == (by > 0)
 
 
 SELDOM_LATE = np.where(np.isin(np.arange(3000), (10, 700, 2000)), 80.5, 0.5)
@@ -203,7 +203,7 @@ SELDOM_LATE = np.where(np.isin(np.arange(3000), (10, 700, 2000)), 80.5, 0.5)
         pytest.param([np.full(100, 0.1)], np.zeros(0), 0, id="no answers"),
     ],
 )
-def test_the_machine_explains_what_its_floor_shows_in_blocks_as_long_as_an_answer_and_a_hundredth_unseen_at_most(
+def test_the_machine_explains_the_misses_of_its_floor_in_blocks_as_long_as_an_answer_and_at_most_a_hundredth_unseen(
     series: list[np.ndarray], answers: np.ndarray, explained: int
 ) -> None:
     assert Floor(series).explained(answers, 125.0) == explained
@@ -317,7 +317,9 @@ def streamed(
     ]
 
 
-def test_of_a_stream_the_loosest_setting_that_is_right_at_every_sample_stands_for_a_solver(tmp_path: Path) -> None:
+def test_in_a_stream_the_loosest_setting_that_is_right_at_every_sample_is_the_candidate_of_a_solver(
+    tmp_path: Path,
+) -> None:
     loose, middle, tight, *_ = ladder_of("osqp")
     run = run_of(
         tmp_path,
@@ -361,7 +363,7 @@ def test_the_reference_run_gives_a_compensator_that_runs_and_learns(piezobench: 
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (("--accuracy", 1e-60), "has a cost gap or violation above 1e-60 on"),
         (("--deadline", 1), "no solver qualifies; the nearest, "),
@@ -370,10 +372,10 @@ def test_the_reference_run_gives_a_compensator_that_runs_and_learns(piezobench: 
     ],
 )
 def test_a_rule_that_no_solver_of_a_run_meets_is_refused_and_writes_nothing(
-    piezobench: CommandLine, tmp_path: Path, words: tuple[object, ...], says: str
+    piezobench: CommandLine, tmp_path: Path, words: tuple[object, ...], message: str
 ) -> None:
     before = sorted(REFERENCE.rglob("*"))
-    assert says in piezobench("deploy", REFERENCE, *words, "--out", tmp_path / "c.json").refusal
+    assert message in piezobench("deploy", REFERENCE, *words, "--out", tmp_path / "c.json").refusal
     assert list(tmp_path.iterdir()) == []
     assert sorted(REFERENCE.rglob("*")) == before
 
@@ -382,9 +384,9 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
     call = piezobench(
         "deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6, "--simulated", "--json"
     )
-    said, written = json.loads(call.stdout), json.loads((tmp_path / "c.json").read_text())
+    printed, written = json.loads(call.stdout), json.loads((tmp_path / "c.json").read_text())
     assert (written["format"], written["version"]) == ("piezobench-compensator", 3)
-    assert all(written[name] == said[name] for name in ("solver", "lane", "tier", "settings"))
+    assert all(written[name] == printed[name] for name in ("solver", "lane", "tier", "settings"))
     assert setting_text(written["settings"]) in ladder_of(written["solver"], written["lane"])
     evidence = written["evidence"]
     assert evidence["run"] == wide_race.run.path.name
@@ -394,27 +396,27 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
     assert evidence["figures"]["right"] == evidence["figures"]["problems"]
     assert (
         evidence["model_from"]
-        == said["model_from"]
+        == printed["model_from"]
         == (f"the problem {evidence['certificate']['problem_of_run']}, simulated")
     )
-    assert said["unseen_error_percent"] is None
+    assert printed["unseen_error_percent"] is None
     problem = wide_race.run.problem(*evidence["certificate"]["problem_of_run"].split("/"))
     model = Deployment.load(tmp_path / "c.json").model
     assert model.weights == pytest.approx(problem.optimal_weights, rel=1e-12, abs=1e-15)
 
 
 @pytest.mark.slow
-def test_a_solver_of_a_file_of_ones_own_is_not_deployed_however_good(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_a_solver_of_a_users_file_is_not_deployed_however_good(piezobench: CommandLine, tmp_path: Path) -> None:
     race = raced(piezobench, tmp_path, "run", "--scaling", "scaled", "--solver", slowed_solver.write(tmp_path, 1.0))
     words = ("--deadline", 1e6, "--misses", 10**6, "--accuracy", 1, "--lane", "direct")
     call = piezobench("deploy", race.run.path, "--simulated", *words)
     assert call.status == 0, call.stderr
-    said = " ".join(call.stdout.split())
-    assert re.search(r"Chosen: (daqp|osqp) \(", said)
+    output = " ".join(call.stdout.split())
+    assert re.search(r"Chosen: (daqp|osqp) \(", output)
     assert re.search(
         r"Not qualified: slowed \(direct, .*\) comes from a solver file of your own, and a compensator can start only "
         r"solvers that are installed with piezobench\.",
-        said,
+        output,
     )
 
 
@@ -427,7 +429,7 @@ def test_a_problem_can_be_named_and_an_unknown_one_is_refused(wide_race: Race) -
         model_for(run, problem="paper/none")
 
 
-def test_a_simulated_actuator_is_refused_unless_it_is_asked_for(
+def test_a_simulated_actuator_is_refused_without_the_option(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
     words = ("deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6)

@@ -95,7 +95,7 @@ COUNT = len(cores.usable())
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--backend", "dask"], "needs the address of a scheduler"),
         (["--scheduler", "tcp://here:1"], "goes with --backend dask"),
@@ -105,14 +105,14 @@ COUNT = len(cores.usable())
     ],
 )
 def test_impossible_workers_are_refused(
-    piezobench: CommandLine, tmp_path: Path, options: list[object], said: str
+    piezobench: CommandLine, tmp_path: Path, options: list[object], message: str
 ) -> None:
-    assert said in piezobench("race", *SMALL, "--out", tmp_path, *options).refusal
+    assert message in piezobench("race", *SMALL, "--out", tmp_path, *options).refusal
     assert not list(tmp_path.iterdir())
 
 
 @TWO_CORES
-def test_a_dask_cluster_gives_the_rows_of_a_local_race_time_after_time(
+def test_a_dask_cluster_gives_the_rows_of_a_local_race_repeatedly(
     piezobench: CommandLine, tmp_path: Path, clean_race: Race, scheduler: str
 ) -> None:
     for folder in ("first", "second"):  # the cluster's workers have released the cores of the first race
@@ -122,7 +122,7 @@ def test_a_dask_cluster_gives_the_rows_of_a_local_race_time_after_time(
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_not_there_is_one_sentence(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_a_missing_scheduler_is_one_sentence(piezobench: CommandLine, tmp_path: Path) -> None:
     library("distributed")
     call = piezobench("race", *SMALL, "--out", tmp_path, "--backend", "dask", "--scheduler", "tcp://127.0.0.1:9")
     assert "there is no Dask scheduler at tcp://127.0.0.1:9" in call.refusal

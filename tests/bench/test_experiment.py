@@ -12,7 +12,7 @@ from bench.stage.setup import StageSetup
 FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles")
 
 
-def test_every_figure_is_there_as_svg_and_numbers_and_stands_in_the_report(figures: Figures) -> None:
+def test_every_figure_exists_as_svg_and_numbers_and_is_in_the_report(figures: Figures) -> None:
     assert sorted(str(path.relative_to(figures.folder)) for path in figures.folder.rglob("*.*")) == sorted(
         [
             "experiment.html",
@@ -27,14 +27,14 @@ def test_every_figure_is_there_as_svg_and_numbers_and_stands_in_the_report(figur
         assert len(figures.table(name)) > 1
 
 
-def test_the_verdict_is_said_on_the_terminal_and_in_the_report(figures: Figures) -> None:
+def test_the_verdict_is_on_the_terminal_and_in_the_report(figures: Figures) -> None:
     verdict = " ".join(figures.call.stdout.partition("\n\n")[0].split())
     assert verdict.startswith("Self-learning compensation brings the stage from")
     assert verdict in figures.page
     assert figures.call.stderr == ""
 
 
-def test_the_seed_makes_the_experiment_and_nothing_else_does() -> None:
+def test_the_experiment_depends_on_the_seed_alone() -> None:
     def errors(seed: int) -> np.ndarray:
         return trial.learned(
             StageSetup.quick(cycles=1, seed=seed, solver="box_active_set", samples_to_solve=1)
@@ -44,7 +44,7 @@ def test_the_seed_makes_the_experiment_and_nothing_else_does() -> None:
     assert not np.array_equal(errors(3), errors(4))
 
 
-def test_what_cannot_be_made_is_refused_in_one_sentence(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_an_impossible_experiment_is_refused_in_one_sentence(piezobench: CommandLine, tmp_path: Path) -> None:
     occupied = tmp_path / "file"
     occupied.write_text("")
     assert "is not a folder" in piezobench("experiment", "--out", occupied).refusal

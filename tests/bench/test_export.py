@@ -1,4 +1,4 @@
-"""Problems as files: whoever changes one is found out, and others can race on them."""
+"""Problems as files: changes are detected, and others can race on them."""
 
 import json
 from collections.abc import Callable
@@ -100,7 +100,7 @@ def test_a_saved_problem_that_was_changed_is_not_raced_as_a_foreign_one(
     assert "Not certified and therefore not raced: changed: proof line 7" in call.stdout
 
 
-def test_a_file_without_certificate_and_a_damaged_one_are_said(
+def test_a_file_without_a_certificate_and_a_damaged_one_are_reported(
     piezobench: CommandLine, exported: Path, tmp_path: Path
 ) -> None:
     np.savez(tmp_path / "bare.npz", P=np.eye(2), q=np.ones(2))

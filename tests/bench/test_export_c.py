@@ -1,4 +1,4 @@
-"""The exported C beside Python: the same bits from every compiler, and files that a stranger can build."""
+"""The exported C against Python: the same bits from every compiler, and files that build without this package."""
 
 import json
 import re
@@ -64,7 +64,7 @@ def difference(expected: Expected, x: np.ndarray) -> float:
 
 
 def compare(folder: Path, expected: Expected, compiler: str, flags: tuple[str, ...]) -> tuple[int, ...]:
-    """Every drive to the last bit; what happened, too."""
+    """Drives are equal to the last bit, and so are the counts of events."""
     x, events = replay(built(folder, expected, compiler, *flags), expected.samples)
     np.testing.assert_array_equal(x, expected.x, str((compiler, *flags)))
     assert events[:2] == expected.events
@@ -91,7 +91,7 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=() if kind in ("compensator", INTEGRAL[1]) else NIGHTLY) for kind in KINDS]
 )
-def test_it_does_so_under_the_eyes_of_the_sanitizers(tmp_path: Path, kind: str) -> None:
+def test_the_drives_are_the_same_with_sanitizers(tmp_path: Path, kind: str) -> None:
     compare(tmp_path, expected_of(kind), "gcc", ("-O1", *SANITIZED))
 
 
@@ -99,7 +99,7 @@ def test_it_does_so_under_the_eyes_of_the_sanitizers(tmp_path: Path, kind: str) 
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_does_so_over_a_million_samples(tmp_path: Path, kind: str, compiler: str, level: str) -> None:
+def test_the_drives_are_the_same_over_a_million_samples(tmp_path: Path, kind: str, compiler: str, level: str) -> None:
     compare(tmp_path, expected_of(kind, MILLION), compiler, (level, "-march=native"))
 
 
@@ -143,7 +143,7 @@ PARTS = tuple(product((None, *SOLVERS), ("double", "float")))
     ],
     ids=str,
 )
-def test_every_shape_of_model_builds_and_fits_the_memory_that_it_has(
+def test_every_shape_of_model_builds_and_fits_its_memory(
     tmp_path: Path, shape: dict[str, object], settings: dict[str, object], solver: str | None, precision: str
 ) -> None:
     model, y_ref = a_model(**shape), references(500)
@@ -209,7 +209,7 @@ int main(void)
 """
 
 
-def test_models_states_and_limits_can_be_set_and_two_axes_do_not_meet(tmp_path: Path) -> None:
+def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(tmp_path: Path) -> None:
     model, other, y_ref = a_model(), a_model(seed=5), references(1000)
     y_ref = np.where(np.isfinite(y_ref), y_ref, 1.0)
     write_sources(tmp_path, model, ExportSettings())
@@ -240,7 +240,7 @@ def test_models_states_and_limits_can_be_set_and_two_axes_do_not_meet(tmp_path: 
 
 
 @pytest.mark.slow
-def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_what_the_readme_says(tmp_path: Path) -> None:
+def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_that_of_the_readme(tmp_path: Path) -> None:
     for solver in SOLVERS:
         write_sources(tmp_path, a_model(), ExportSettings(part="learning", solver=solver))
         deepest = 0
@@ -266,7 +266,7 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_what_the
             )
             for caller, called in calls:
                 graph.add(caller, called)
-            order = list(graph.static_order())  # CycleError where a function calls itself, however indirectly
+            order = list(graph.static_order())  # CycleError if a function calls itself, however indirectly
             assert len(order) > 10
             symbols = subprocess.run(
                 [program("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True
@@ -288,14 +288,14 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_what_the
             assert {kind for _, _, kind in frames} == {"static"}
             own = {name.rpartition(":")[2]: int(size) for name, size, _ in frames}
             depth: dict[str, int] = {}
-            for name in order:  # what is called comes first
+            for name in order:  # callees come first
                 depth[name] = own.get(name, 0) + max(
                     (depth[called] for caller, called in calls if caller == name), default=0
                 )
             deepest += max(depth.values())
-        said = re.search(r"stack \| below (\d+) bytes", (tmp_path / "README.md").read_text())
-        assert said is not None
-        assert 0.2 * int(said[1]) < deepest <= int(said[1])
+        stack = re.search(r"stack \| below (\d+) bytes", (tmp_path / "README.md").read_text())
+        assert stack is not None
+        assert 0.2 * int(stack[1]) < deepest <= int(stack[1])
 
 
 # The command line, from a recording to the controller.
@@ -326,7 +326,7 @@ def made(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.needs("cc")
-def test_one_line_leads_from_a_recording_to_a_program_that_runs(
+def test_one_shell_line_turns_a_recording_into_a_running_program(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
     call = piezobench("identify", "stage.csv", "--out", tmp_path / "m.json", folder=desk)
@@ -375,7 +375,7 @@ def test_cmake_builds_it_too(piezobench: CommandLine, desk: Path, tmp_path: Path
     assert subprocess.run([tmp_path / "build" / "example"], capture_output=True, check=True).stdout
 
 
-def test_a_compensator_of_deploy_brings_its_limits_and_its_solver(
+def test_a_compensator_of_deploy_keeps_its_limits_and_its_solver(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
     call = piezobench("export-c", "deployed.json", tmp_path / "c", "--part", "learning", folder=desk)
@@ -396,7 +396,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["export-c", "nothing.json", "c"], "nothing.json: there is no such file"),
         (["export-c", "broken.json", "c"], "is not a whole JSON file"),
@@ -430,7 +430,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     ids=str,
 )
 def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
-    piezobench: CommandLine, desk: Path, tmp_path: Path, words: list[object], said: str
+    piezobench: CommandLine, desk: Path, tmp_path: Path, words: list[object], message: str
 ) -> None:
     for name in ("model.json", "stage.csv"):
         shutil.copy(desk / name, tmp_path)
@@ -440,7 +440,7 @@ def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").write_text("mine")
     before = contents(tmp_path)
-    assert said in piezobench(*words, folder=tmp_path).refusal
+    assert message in piezobench(*words, folder=tmp_path).refusal
     assert contents(tmp_path) == before
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "broken.json",

@@ -91,7 +91,7 @@ def step(it: Any, fmi: int, k: int, y_ref: float, interval: float = SAMPLE_TIME)
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-def test_fmpys_validation_has_nothing_to_say(fmus: dict[int, Path], fmi: int) -> None:
+def test_fmpys_validation_finds_no_fault(fmus: dict[int, Path], fmi: int) -> None:
     assert validate_fmu(str(fmus[fmi])) == []
 
 
@@ -152,7 +152,7 @@ def test_variables_have_units_start_values_and_the_step_is_fixed(fmus: dict[int,
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-def test_a_long_communication_step_is_so_many_samples_and_no_other_is_taken(
+def test_a_communication_step_is_a_whole_number_of_samples_or_refused(
     fmus: dict[int, Path], fmi: int, tmp_path: Path
 ) -> None:
     it = slave(fmus[fmi], fmi, tmp_path)
@@ -164,7 +164,7 @@ def test_a_long_communication_step_is_so_many_samples_and_no_other_is_taken(
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-def test_a_noted_state_brings_the_same_drives_again(fmus: dict[int, Path], fmi: int, tmp_path: Path) -> None:
+def test_a_saved_state_gives_the_same_drives_again(fmus: dict[int, Path], fmi: int, tmp_path: Path) -> None:
     it, y_ref = slave(fmus[fmi], fmi, tmp_path), reference()[:300]
     for k in range(100):
         step(it, fmi, k, y_ref[k])
@@ -203,7 +203,7 @@ def test_its_sources_build_the_same_library_again(fmus: dict[int, Path], fmi: in
     np.testing.assert_array_equal(found, Compensator(a_model(), LIMITS, RATE_LIMIT).run(y_ref))
 
 
-def test_limits_that_make_no_sense_are_refused_at_initialisation(fmus: dict[int, Path]) -> None:
+def test_invalid_limits_are_refused_at_initialisation(fmus: dict[int, Path]) -> None:
     for path in fmus.values():
         with pytest.raises(Exception, match="xitInitializationMode"):
             simulated(path, reference()[:10], lowest_drive=200.0)
@@ -220,7 +220,7 @@ def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["model.json", "it.zip"], "it.zip does not end in .fmu"),
         (["model.json", "there.fmu"], "there.fmu: is there already; name a new file"),
@@ -230,12 +230,12 @@ def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[
     ids=str,
 )
 def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
-    piezobench: CommandLine, tmp_path: Path, words: list[str], said: str
+    piezobench: CommandLine, tmp_path: Path, words: list[str], message: str
 ) -> None:
     a_model().save(tmp_path / "model.json")
     (tmp_path / "there.fmu").write_text("mine")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert said in piezobench("export-fmu", *words, folder=tmp_path).refusal
+    assert message in piezobench("export-fmu", *words, folder=tmp_path).refusal
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

@@ -79,9 +79,9 @@ def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
         while not (log.is_file() and log.stat().st_size > 2000):
             time.sleep(0.01)
         run.send_signal(signal.Signals[end])
-    said = run.communicate(timeout=60)[1].decode()
-    assert run.returncode == status, said
-    assert ("the stage failed; its drive was brought to rest" in said) == (end == "stage")
+    output = run.communicate(timeout=60)[1].decode()
+    assert run.returncode == status, output
+    assert ("the stage failed; its drive was brought to rest" in output) == (end == "stage")
     drives, moments = np.loadtxt(tmp_path / "drives.txt").T
     times = np.fromfile(tmp_path / "times", dtype=np.int64).reshape(-1, 2)
     assert drives.min() >= LOW

@@ -1,4 +1,4 @@
-"""From a file as an instrument left it to what runs on a controller, by the command line alone."""
+"""From the file of an instrument to the code of a controller, by the command line alone."""
 
 import json
 from pathlib import Path
@@ -47,9 +47,7 @@ def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_fil
 
 
 @pytest.mark.needs("cc")
-def test_an_output_that_falls_gives_the_controllers_of_the_same_data_turned(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
+def test_a_falling_output_gives_the_controllers_of_the_negated_data(piezobench: CommandLine, tmp_path: Path) -> None:
     fmpy = library("fmpy")
     t = np.arange(8000) * SAMPLE_TIME
     x = 75.0 + 70.0 * np.sin(2 * np.pi * 0.7 * t) * (0.4 + 0.6 * t / t[-1])

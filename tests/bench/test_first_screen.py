@@ -1,4 +1,4 @@
-"""The committed run: what its measurements give to the digit, and its first screen in a terminal and on the page."""
+"""The committed run: its report and tables follow from its measurements; its first screen on terminal and page."""
 
 import re
 import shutil
@@ -32,13 +32,13 @@ def screen(piezobench: CommandLine, run: Path) -> list[str]:
 
 
 @pytest.mark.usefixtures("screen")
-def test_the_committed_report_holds_to_the_digit_what_the_committed_measurements_give(run: Path) -> None:
+def test_the_committed_report_follows_from_the_committed_measurements_to_the_digit(run: Path) -> None:
     assert (run / "report.md").read_text(encoding="utf-8") == (REFERENCE / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("screen")
 @pytest.mark.parametrize("table", TABLES, ids=str)
-def test_the_committed_tables_hold_what_the_committed_measurements_give(run: Path, table: Path) -> None:
+def test_the_committed_tables_follow_from_the_committed_measurements(run: Path, table: Path) -> None:
     pd.testing.assert_frame_equal(pd.read_csv(run / table), pd.read_csv(REFERENCE / table), rtol=1e-9)
 
 

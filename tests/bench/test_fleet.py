@@ -62,7 +62,7 @@ def assert_same(serial: Path, other: Path) -> None:
     assert not list(other.rglob(".*"))  # nothing half-written
 
 
-def test_a_bad_file_costs_only_its_own_row(
+def test_a_bad_file_affects_only_its_own_row(
     piezobench: CommandLine, serial: tuple[Path, Finished], recordings: list[Path], tmp_path: Path
 ) -> None:
     out, call = serial
@@ -87,7 +87,7 @@ def test_a_bad_file_costs_only_its_own_row(
 
 
 @pytest.mark.slow
-def test_what_is_done_is_kept_unless_settings_or_content_change(recordings: list[Path], tmp_path: Path) -> None:
+def test_finished_work_is_kept_unless_settings_or_content_change(recordings: list[Path], tmp_path: Path) -> None:
     chosen = [tmp_path / path.name for path in recordings[:2]]
     for source, path in zip(recordings, chosen, strict=False):
         path.write_bytes(source.read_bytes())
@@ -230,9 +230,7 @@ def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(
 
 
 @pytest.mark.slow
-def test_recordings_and_models_may_lie_where_a_url_points(
-    recordings: list[Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recordings_and_models_may_be_given_by_url(recordings: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
     memory = fsspec.filesystem("memory")
     for path in recordings[:2]:
         memory.pipe_file(f"/bucket/{path.name}", path.read_bytes())
@@ -275,7 +273,7 @@ def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fai
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["a.csv", "b.csv"], "Missing option '--out-dir'"),
         (["a.csv", "b.csv", "--out", "m.json"], "--out-dir for many"),
@@ -291,13 +289,13 @@ def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fai
     ],
 )
 def test_contradictory_options_are_refused_before_the_work(
-    piezobench: CommandLine, tmp_path: Path, words: list[str], said: str
+    piezobench: CommandLine, tmp_path: Path, words: list[str], message: str
 ) -> None:
-    assert said in piezobench("identify", *words, folder=tmp_path).refusal
+    assert message in piezobench("identify", *words, folder=tmp_path).refusal
     assert not list(tmp_path.iterdir())
 
 
-def test_stages_that_all_differ_a_little_are_no_outliers_and_where_only_some_outliers_have_pages_that_is_said() -> None:
+def test_stages_that_all_differ_a_little_are_no_outliers_and_missing_pages_of_outliers_are_reported() -> None:
     """Twenty weights per model; some are at their bound in most models and vary in the others."""
     chance = np.random.default_rng(1)
     rows = [

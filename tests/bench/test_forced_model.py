@@ -1,4 +1,4 @@
-"""A model that was forced past its refusal says so in whatever is made of it."""
+"""A forced model: everything made from it carries the warning."""
 
 import json
 import zipfile
@@ -59,7 +59,7 @@ def test_an_fmu_carries_the_warning_in_its_description(piezobench: CommandLine, 
         ("validate", "model.json", "noise.csv"),
     ],
 )
-def test_what_a_forced_model_computes_is_said_with_the_warning(
+def test_results_of_a_forced_model_are_printed_with_the_warning(
     piezobench: CommandLine, desk: Path, words: tuple[str, ...]
 ) -> None:
     assert WARNING in piezobench(*words, folder=desk).stdout

@@ -162,11 +162,11 @@ def test_proofs_and_refusals_are_cached_by_the_data(tmp_path: Path, monkeypatch:
     verify(other.forms["raw"].qp, other.forms["raw"].certificate)
 
 
-def test_a_race_whose_proofs_cannot_be_cached_goes_on_with_one_warning(tmp_path: Path) -> None:
+def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(tmp_path: Path) -> None:
     (tmp_path / "programs").mkdir()
     for name in ("one", "two"):
         np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
-    (tmp_path / "cache").write_text("a file, where a folder would have to be")
+    (tmp_path / "cache").write_text("a file instead of a folder")
     call = subprocess.run(
         [
             sys.executable,
@@ -275,7 +275,7 @@ def test_test_sets_of_qpbenchmark_are_read_from_their_class(
         ({"P": 2e4 * np.eye(2), "q": np.zeros(2), "A": np.ones((1, 2)), "b": np.zeros(1)}, [1e-6, -1e-6], 1.0, 2e-8),
     ],
 )
-def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost_or_to_its_unit_where_that_is_zero(
+def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost_or_to_its_unit_if_that_is_zero(
     tmp_path: Path, program: dict[str, np.ndarray], w: list[float], yardstick: float, gap: float
 ) -> None:
     np.savez(tmp_path / "program.npz", **program)

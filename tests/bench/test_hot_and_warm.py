@@ -36,7 +36,7 @@ def form_of(qp: Problem) -> CertifiedForm:
 
 @pytest.fixture(scope="module")
 def drift_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    """Two problems that follow each other, in two fresh processes; one solver has no use for a start."""
+    """Two problems that follow each other, in two fresh processes; one solver ignores starts."""
     folder = tmp_path_factory.mktemp("drift")
     file = faulty_solvers.written(
         folder, "says_who", "setup(self)", "open(__file__ + '.pids', 'a').write(f'{os.getpid()}\\n')"
@@ -107,9 +107,9 @@ def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
 
 
 def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
-    asked = (drift_race.run.path.parent / "says_who.py.pids").read_text().split()
-    assert len(set(asked)) == 2 * 2  # repeats, passes
-    assert asked == sorted(asked, key=[*dict.fromkeys(asked)].index)  # and none is gone back to
+    pids = (drift_race.run.path.parent / "says_who.py.pids").read_text().split()
+    assert len(set(pids)) == 2 * 2  # repeats, passes
+    assert pids == sorted(pids, key=[*dict.fromkeys(pids)].index)  # and none is gone back to
 
 
 def test_quick_solvers_are_interleaved_in_every_round_at_one_setting_each(clean_race: Race) -> None:
@@ -151,7 +151,7 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
     note = "open({!r}, 'a').write(self.name + '\\n')".format(str(tmp_path / "order"))
     files = [faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")]
     files.append(faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"))
-    # a diagonal of one is what their faults look for
+    # their faults depend on a unit diagonal
     unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)))
     orders = []
     for seed in ("a", "a", "b"):

@@ -89,7 +89,7 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
     browser.picture(f"report-{width}{'-dark' if dark else ''}")
 
 
-def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_the_end(
+def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_unknown_values_at_the_end(
     browser: Browser, page: Path, wide_race: Race
 ) -> None:
     browser.open(page)
@@ -106,7 +106,7 @@ def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_what_is_unknown_at_th
     assert column(browser, "solver") == sorted(column(browser, "solver"))
 
 
-def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser, page: Path, wide_race: Race) -> None:
+def test_filters_and_search_show_the_matching_rows(browser: Browser, page: Path, wide_race: Race) -> None:
     browser.open(page)
     table = summary(wide_race.found)
     assert len(column(browser, "lane")) == len(table)
@@ -114,16 +114,16 @@ def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser,
     choose(browser, "tier", "high")
     choose(browser, "scaling", "scaled")
     choose(browser, "problem set", "orders")
-    asked = table[
+    expected = table[
         (table.lane == "direct")
         & (table.tier == "high")
         & (table.scaling == "scaled")
         & (table.problem_set == "orders")
     ]
-    assert len(asked) >= 3
-    assert sorted(column(browser, "solver")) == sorted(asked.solver.map(marked))
+    assert len(expected) >= 3
+    assert sorted(column(browser, "solver")) == sorted(expected.solver.map(marked))
     choose(browser, "status", "ok")
-    assert sorted(column(browser, "solver")) == sorted(asked[asked.status == "ok"].solver.map(marked))
+    assert sorted(column(browser, "solver")) == sorted(expected[expected.status == "ok"].solver.map(marked))
     browser.run("""const search = document.querySelectorAll('.grid')[1].querySelector('input');
         search.value = 'DAQP'; search.dispatchEvent(new Event('input'))""")
     assert set(column(browser, "solver")) == {"daqp"}
@@ -132,7 +132,7 @@ def test_choices_and_search_leave_the_rows_that_were_asked_for(browser: Browser,
     )
 
 
-def test_the_button_turns_light_into_dark(browser: Browser, page: Path) -> None:
+def test_the_button_switches_from_light_to_dark(browser: Browser, page: Path) -> None:
     browser.open(page)
     paper = "return getComputedStyle(document.body).backgroundColor"
     light = browser.run(paper)
@@ -150,7 +150,7 @@ def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> No
     browser.wait_until(lambda: browser.run(points) != before)
 
 
-def test_a_name_that_is_typed_stands_out_among_the_lines_of_a_picture(browser: Browser, page: Path) -> None:
+def test_a_typed_name_is_highlighted_among_the_lines_of_a_plot(browser: Browser, page: Path) -> None:
     browser.open(page)
     strong = (
         "return [...document.querySelectorAll('#work_precision .mark-line path')].filter(line => "
@@ -191,7 +191,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     )
 
 
-def test_a_race_in_which_nobody_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
+def test_a_race_without_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
     numbers = [name for name in wide_race.rows.select_dtypes("floating").columns if name != "noise_um"]
     lost = {**dict.fromkeys(numbers, np.nan), "status": str(Status.CRASHED), "message": "gone"}
     browser.open(written(wide_race.copied(tmp_path / "lost", lambda rows: rows.assign(**lost))))

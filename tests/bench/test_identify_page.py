@@ -39,8 +39,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def said(piezobench: CommandLine, desk: Path) -> str:
-    """What identify says; page and model are on the desk afterwards."""
+def output(piezobench: CommandLine, desk: Path) -> str:
+    """Output of identify, which writes the page and the model."""
     call = piezobench(
         "identify",
         "<u>stage.csv",
@@ -64,7 +64,7 @@ def recording(x: np.ndarray, y: np.ndarray) -> Recording:
     return Recording.from_arrays(x, y, SAMPLE_TIME, input_unit="V", output_unit="um")
 
 
-@pytest.mark.usefixtures("said")
+@pytest.mark.usefixtures("output")
 def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, desk: Path) -> None:
     sections = browser.sections(desk / "stage page.html")
     assert {"loops", "error", "weights", "spectrum", "orders"} <= {*sections}
@@ -75,9 +75,7 @@ def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, des
         assert (desk / link.replace("%20", " ")).is_file()
 
 
-def test_a_transient_that_is_not_counted_does_not_flatten_the_error_of_the_rest(
-    browser: Browser, tmp_path: Path
-) -> None:
+def test_a_skipped_transient_does_not_flatten_the_error_of_the_rest(browser: Browser, tmp_path: Path) -> None:
     x, y = signals()
     y[:40] += 30.0 * np.exp(-np.arange(40) / 10)
     measured = recording(x, y)
@@ -106,13 +104,14 @@ def test_the_error_is_a_curve_through_its_largest_values() -> None:
     assert (shown.min(), shown.max()) == pytest.approx((counted.min(), counted.max()), rel=1e-4)
 
 
-def test_the_structure_that_was_chosen_is_that_of_the_model_and_is_said(said: str, desk: Path) -> None:
+def test_the_chosen_structure_is_printed_and_is_that_of_the_model(output: str, desk: Path) -> None:
     structure = HysteresisCreepModel.load(desk / "model.json").structure
-    assert f"takes n = {structure.n}, m = {structure.dead_zones // 2} and " in " ".join(said.split())
+    assert f"takes n = {structure.n}, m = {structure.dead_zones // 2} and " in " ".join(output.split())
     assert (
-        sum(line.rstrip().endswith(("chosen", "without a choice", "smallest error")) for line in said.splitlines()) >= 2
+        sum(line.rstrip().endswith(("chosen", "without a choice", "smallest error")) for line in output.splitlines())
+        >= 2
     )
-    assert said.rstrip().endswith("Page: stage page.html")
+    assert output.rstrip().endswith("Page: stage page.html")
 
 
 def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
@@ -138,14 +137,14 @@ def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_p
     assert found["report"]["selection"]["table"][0]["n"] == 2
 
 
-@pytest.mark.usefixtures("said")
+@pytest.mark.usefixtures("output")
 def test_the_data_of_a_plot_are_those_of_the_recording(desk: Path) -> None:
     loops = pd.read_csv(desk / "stage page-figures" / "loops.csv")
     measured = loops[loops.name == "measured"]
     assert measured.x.to_numpy() == pytest.approx(signals()[0][measured["sample"]], abs=1e-6)
 
 
-def test_the_review_repeats_the_fit_that_the_report_speaks_of() -> None:
+def test_the_review_repeats_the_fit_of_the_report() -> None:
     x, y = signals()
     for lag in ("estimate", "remove"):
         model = identify(recording(x, np.concatenate([y[:1], y[:1], y[:-2]])), lag=lag)
@@ -209,7 +208,7 @@ def test_cross_validation_finds_the_orders_and_creep_rates_that_the_data_were_ma
     assert len(found.candidates) > 100
 
 
-def test_what_is_known_of_orders_and_rates_is_kept() -> None:
+def test_given_orders_and_rates_are_kept() -> None:
     _, x, y = creeping((10.0, 0.3), (0.05, 0.03, 0.02))
     for given in ({"n": 3}, {"m": 1}, {"creep_rates": (20.0, 0.2)}, {"n": 4, "m": 0}):
         s = identify(recording(x, y), lag="ignore", **given).structure

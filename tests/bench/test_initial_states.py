@@ -69,7 +69,7 @@ def test_the_compensated_drive_of_the_recorded_output_is_the_recorded_drive(
     assert errors["rest"] > 3.0 * errors["identified"]
 
 
-def test_a_model_without_a_start_says_that_it_begins_at_rest(
+def test_a_model_without_initial_states_begins_at_rest_with_a_message(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
     saved = json.loads((desk / "model.json").read_text())

@@ -41,17 +41,17 @@ def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(
     ]
 
 
-def test_options_say_what_the_file_does_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_supply_what_the_file_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "stage.csv"
     path.write_text("".join(f"{line.split(';', 1)[1].replace('.', ',')}\n" for line in LINES))
     words = ["inspect", str(path), "--json", "--sample-rate", "1000", "--decimal", ",", "--header-row", "0"]
     assert run(words) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["sample_time_s"], said["samples"], said["input"], said["output"]) == (
+    document = json.loads(capsys.readouterr().out)
+    assert (document["sample_time_s"], document["samples"], document["input"], document["output"]) == (
         1e-3,
         600,
         "column 1",
         "column 2",
     )
     assert run([*words, "--sample-time", "1"]) == 2
-    assert "say either a positive rate or --sample-time" in capsys.readouterr().err
+    assert "give either a positive rate or --sample-time" in capsys.readouterr().err

@@ -52,8 +52,8 @@ def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(t
             assert call.poll() is None
         time.sleep(chance.uniform(0.0, 0.3))
         call.send_signal(signal.SIGINT)
-        _, said = call.communicate()
-        assert "Traceback" not in said
+        _, output = call.communicate()
+        assert "Traceback" not in output
         assert call.returncode in (130, 2)  # or it had already found that the file is missing
 
 
@@ -69,10 +69,10 @@ def test_a_folder_for_temporary_files_whose_name_is_too_long_is_named(tmp_path: 
         text=True,
     )
     assert call.returncode == 2
-    (said,) = call.stderr.splitlines()
+    (output,) = call.stderr.splitlines()
     assert (
         f"{temporary} has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder"
-        in said
+        in output
     )
     assert not (tmp_path / "results").exists()
     assert not list(temporary.iterdir())
@@ -162,11 +162,11 @@ def test_a_signalled_call_removes_its_processes_its_shared_memory_and_its_tempor
         wait_until(lambda: is_at_work(kind, tmp_path, call.pid), call)
         shared = in_shared_memory(call.pid)
         call.send_signal(ending)
-        shown, said = call.communicate()
+        shown, output = call.communicate()
     wait_until_gone(call.pid)
     assert call.returncode == 128 + ending
     assert shown == "" or kind not in ("problems", "race")
-    assert said.strip() == SAYS.get(kind, CARRIES_ON.format("'piezobench resume results/run'"))
+    assert output.strip() == SAYS.get(kind, CARRIES_ON.format("'piezobench resume results/run'"))
     assert shared or kind != "batch"
     assert not [path for path in shared if path.exists()]
     # a lock's file stays, free
@@ -202,14 +202,14 @@ except KeyboardInterrupt:
 """
 
 
-def test_an_interrupt_that_a_library_swallows_comes_again_and_does_not_cut_the_tidying_short() -> None:
+def test_an_interrupt_that_a_library_swallows_is_raised_again_and_does_not_cut_the_cleanup_short() -> None:
     done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, check=False)
     assert (done.stdout.split(), done.stderr) == (["lost", "tidied", "arrived"], "")
 
 
 @pytest.mark.slow
 @pytest.mark.needs("cc")
-def test_a_call_started_with_nohup_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
+def test_a_call_started_with_nohup_continues_when_its_terminal_is_closed(tmp_path: Path) -> None:
     a_model().save(tmp_path / "model.json")
     words = ("realtime", "model.json", "--rate", "1000", "--seconds", "2", "--out", "figures.json")
     with subprocess.Popen(

@@ -178,7 +178,7 @@ def test_a_sleeping_process_does_not_outlive_a_killed_race(
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("raise OSError('no licence here')", "cannot be loaded, OSError: no licence here"),
         ("import ctypes; ctypes.string_at(0)", "ended the process that loaded it with SIGSEGV"),
@@ -189,13 +189,13 @@ def test_a_sleeping_process_does_not_outlive_a_killed_race(
         (faulty_solvers.text("../daqp"), "a solver is named with letters"),
     ],
 )
-def test_a_file_that_cannot_be_raced_is_refused_by_name(tmp_path: Path, text: str, said: str) -> None:
+def test_a_file_that_cannot_be_raced_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.py"
     path.write_text(text)
     with pytest.raises(RaceError) as caught:
         checked(RaceSettings(solvers=("daqp",), solver_files=(str(path),)))
     assert str(path) in str(caught.value)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -165,9 +165,9 @@ def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
         os.kill(loop_of(call.pid) if how == "kill loop" else call.pid, number)
     ended = call.wait()
     stage.wait_for_rest()
-    status, said = ENDS[how]
+    status, message = ENDS[how]
     assert ended.status == status, ended.stderr
-    assert said in ended.stdout
+    assert message in ended.stdout
     stage.check()
     if how == "kill all but the loop":  # which ends the recording
         assert drives - pa.Table.from_batches(whole_batches(stream_beside(record))).num_rows <= 1.5 * RATE
@@ -203,7 +203,7 @@ def test_a_disk_that_fills_ends_the_run_at_rest_and_leaves_what_was_recorded(sta
     assert found.length >= rows
 
 
-def test_a_stage_that_cannot_be_opened_again_is_left_and_that_is_said(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_a_stage_that_cannot_be_opened_again_is_left_with_a_message(piezobench: CommandLine, tmp_path: Path) -> None:
     call = piezobench.start("live", "--simulate", "duhem", "--no-page", "--record", tmp_path / "run.parquet")
     wait_until((tmp_path / "run.arrow").exists)
     os.kill(loop_of(call.pid), signal.SIGKILL)
@@ -251,7 +251,7 @@ def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_re
         assert of_run <= 1.1 * error_of_model("same_range.csv")
 
 
-def test_a_simulated_stage_goes_on_by_the_clock_where_the_loop_is_late() -> None:
+def test_a_simulated_stage_follows_the_clock_if_the_loop_is_late() -> None:
     stage = Simulated("maxwell_slip", sample_time=0.05, noise=0.0).make()
     stage.exchange(100.0)
     time.sleep(0.2)
@@ -265,9 +265,9 @@ def test_a_simulated_stage_goes_on_by_the_clock_where_the_loop_is_late() -> None
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
-        ((), "say either a simulated actuator or a stage's file"),
+        ((), "give either a simulated actuator or the file of a stage"),
         (("--simulate", "magic"), "there is no simulated actuator 'magic'"),
         (("--simulate", "duhem", "--sine", "fast"), "--sine fast: 2 parts between colons are needed"),
         (("--simulate", "duhem", "--sine", "1:2:3:4"), "2 parts between colons are needed"),
@@ -281,14 +281,14 @@ def test_a_simulated_stage_goes_on_by_the_clock_where_the_loop_is_late() -> None
         (("--simulate", "duhem", "--set-point", 300), "--set-point 300 is outside of the stage's range"),
     ],
 )
-def test_what_cannot_run_is_refused_in_a_sentence_before_anything_moves(
-    words: tuple[object, ...], says: str, piezobench: CommandLine
+def test_an_invalid_run_is_refused_in_a_sentence_before_anything_moves(
+    words: tuple[object, ...], message: str, piezobench: CommandLine
 ) -> None:
-    assert says in piezobench("live", "--no-page", *words).refusal
+    assert message in piezobench("live", "--no-page", *words).refusal
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         ("rest = 3_000.0, 0.0 -> rest = 3_000.0, 200.0", "rest 200 is outside of x_limits"),
         ("x_limits, y_range = (0.0, 150.0) -> x_limits, y_range = (150.0, 0.0)", "x_limits must be in ascending order"),
@@ -302,15 +302,17 @@ def test_what_cannot_run_is_refused_in_a_sentence_before_anything_moves(
         ("import os -> import no_such_module", "cannot be run: ModuleNotFoundError"),
     ],
 )
-def test_what_a_stage_declares_is_checked_before_the_first_sample(change: str, says: str, tmp_path: Path) -> None:
+def test_the_declarations_of_a_stage_are_checked_before_the_first_sample(
+    change: str, message: str, tmp_path: Path
+) -> None:
     old, new = change.split(" -> ")
     file = tmp_path / "stage.py"
     file.write_text((EXAMPLES / "tcp_stage.py").read_text().replace(old, new, 1))
-    with pytest.raises(DeviceError, match=re.escape(says)):
+    with pytest.raises(DeviceError, match=re.escape(message)):
         Declared.of(DeviceFile(file).make(), str(file))
 
 
-def test_the_tracking_error_leaves_out_the_ways_to_the_reference_and_to_rest(
+def test_the_tracking_error_excludes_the_ramps_to_the_reference_and_to_rest(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     call = piezobench(
@@ -343,7 +345,7 @@ def test_a_port_in_use_is_refused_before_anything_moves(piezobench: CommandLine)
     )
 
 
-def test_the_stream_of_a_run_that_did_not_end_is_not_written_over(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_the_stream_of_an_unfinished_run_is_not_overwritten(piezobench: CommandLine, tmp_path: Path) -> None:
     (tmp_path / "run.arrow").write_text("precious")
     refusal = piezobench("live", "--simulate", "duhem", "--no-page", "--record", tmp_path / "run.parquet").refusal
     assert "run.arrow" in refusal
@@ -364,7 +366,7 @@ def test_the_board_hands_over_samples_and_events_in_their_order() -> None:
 
 
 @pytest.mark.parametrize("frequency", [3.0, 99.0, 0.37, math.pi])
-def test_a_sine_has_the_frequency_asked_for_however_many_samples_a_period_takes(frequency: float) -> None:
+def test_a_sine_has_the_given_frequency_whatever_the_number_of_samples_in_a_period(frequency: float) -> None:
     reference = sine(f"{frequency!r}Hz:2um", "um", 1.0, 5e-3)
     found = [reference.at(k) for k in range(10_000)]
     assert found == pytest.approx(1.0 + 2.0 * np.sin(2.0 * np.pi * frequency * 5e-3 * np.arange(10_000)), abs=1e-2)
@@ -421,7 +423,7 @@ def press(browser: Browser, label: str) -> None:
 @pytest.mark.needs("chromium", "chromedriver")
 @pytest.mark.parametrize("width", ["desktop", "phone"])
 @pytest.mark.parametrize("dark", [False, True])
-def test_the_page_moves_shows_names_as_text_and_asks_nobody_but_this_machine(
+def test_the_page_is_live_shows_names_as_text_and_requests_nothing_from_other_machines(
     watched: str, browser: Browser, width: str, dark: bool
 ) -> None:
     browser.open(watched, width, dark)
@@ -441,10 +443,10 @@ def test_the_page_moves_shows_names_as_text_and_asks_nobody_but_this_machine(
 
 
 @pytest.mark.needs("chromium", "chromedriver")
-def test_the_buttons_do_what_they_say(watched: str, browser: Browser) -> None:
+def test_each_button_has_its_effect(watched: str, browser: Browser) -> None:
     browser.open(watched)
     browser.wait_until(lambda: "samples at" in text_of(browser))
-    for label, said in (
+    for label, message in (
         ("Do not learn", "learning paused"),
         ("Learn", "s: learning"),
         ("Hold", "s: holds"),
@@ -452,10 +454,10 @@ def test_the_buttons_do_what_they_say(watched: str, browser: Browser) -> None:
         ("Follow the reference", "s: follows sine 1Hz:10um"),
     ):
         press(browser, label)
-        browser.wait_until(lambda said=said: said in text_of(browser))
+        browser.wait_until(lambda message=message: message in text_of(browser))
 
 
-def test_nobody_without_the_token_is_let_in(watched: str) -> None:
+def test_requests_without_the_token_are_refused(watched: str) -> None:
     root = watched.rpartition("/")[0]
     for asked in (f"{root}/", f"{root}/guess", f"{root}/guess/ws"):
         with pytest.raises(urllib.error.HTTPError, match="404"):

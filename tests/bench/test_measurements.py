@@ -66,7 +66,7 @@ def test_repeats_become_one_row_with_medians_spread_the_largest_and_the_sum() ->
     assert merged.columns.tolist() == [*rows.columns, "repeats", "solve_us_spread"]
 
 
-def test_what_goes_wrong_in_one_repeat_is_what_the_row_says() -> None:
+def test_a_failure_in_one_repeat_is_the_status_of_the_row() -> None:
     lost = row(repeat=1, status="crashed", message="SIGSEGV", cost_gap=NAN, solve_us_p50=NAN)
     later = row(repeat=2, status="missed", message="another", solve_us_p50=3.0)
     for order in ([later, lost, row(solve_us_p50=2.0)], [row(solve_us_p50=2.0), lost, later]):
@@ -115,7 +115,7 @@ def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_a
 
 
 @pytest.mark.parametrize(
-    ("scalings", "told"),
+    ("scalings", "expected"),
     [
         (["scaled", "scaled", "raw"], "scaled"),
         (["raw", "raw", "scaled"], "raw"),
@@ -124,8 +124,8 @@ def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_a
         ([], "scaled"),
     ],
 )
-def test_the_scaling_of_the_first_screen_is_that_in_which_most_was_measured(scalings: list[str], told: str) -> None:
-    assert measured([row(problem=f"p{i}", scaling=scaling) for i, scaling in enumerate(scalings)]).scaling == told
+def test_the_scaling_of_the_first_screen_is_the_one_with_most_measurements(scalings: list[str], expected: str) -> None:
+    assert measured([row(problem=f"p{i}", scaling=scaling) for i, scaling in enumerate(scalings)]).scaling == expected
 
 
 def test_warm_rows_come_with_the_setting_of_the_tier_and_are_judged_by_themselves() -> None:

@@ -117,12 +117,12 @@ OTHER_SHAPES = [None, np.zeros(0), np.zeros(5), np.zeros((6, 1)), np.array(np.na
 def test_an_answer_that_cannot_be_measured_is_missed_if_called_found_and_failed_if_not(
     x: np.ndarray | None, what: str
 ) -> None:
-    for found, status, said in (
+    for found, status, message in (
         (True, Status.MISSED, "says solved and returned "),
         (False, Status.SOLVER_FAILED, "solved: returned "),
     ):
         ours = judged(answered(x, found=found))
-        assert (ours.status, ours.message) == (status, said + what)
+        assert (ours.status, ours.message) == (status, message + what)
         assert np.isnan(ours.cost_gap)
 
 
@@ -147,7 +147,7 @@ def test_a_failure_of_the_process_is_the_status(status: Status) -> None:
 
 
 @pytest.mark.parametrize("name", ["y", "z", "z_box"])
-def test_duals_of_another_shape_are_the_adapters_failure(name: str) -> None:
+def test_duals_of_another_shape_are_a_failure_of_the_adapter(name: str) -> None:
     problem = race_problem(drawn(1, rows=True))
     x = np.array(problem.forms["scaled"].certificate.x)
     ours = judged(answered(x, **{name: np.zeros(7)}), problem=problem)

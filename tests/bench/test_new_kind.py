@@ -51,7 +51,7 @@ def piezobench(root: Path, *words: object) -> subprocess.CompletedProcess[str]:
 def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
     (root / "stop").touch()
     run = root / "run"
-    asked = (
+    options = (
         "race",
         "--race",
         "toss",
@@ -66,7 +66,7 @@ def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
         "--name",
         "run",
     )
-    stopped = piezobench(root, *asked)
+    stopped = piezobench(root, *options)
     assert stopped.returncode == 2, stopped.stderr
     assert "the coin rolled away; what is done is kept" in stopped.stderr
     assert len(list((run / "tasks").glob("*.npz"))) == 1
@@ -77,8 +77,8 @@ def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
     rows = pd.read_parquet(run / "toss.parquet")
     assert rows["repeat"].tolist() == [0, 1, 2, 3]
     assert set(rows.status) == {"daqp"}
-    for name, said in (("report.md", "# Toss race run"), ("report.html", "Toss race run"), ("summary.csv", "daqp")):
-        assert said in (run / name).read_text()
+    for name, part in (("report.md", "# Toss race run"), ("report.html", "Toss race run"), ("summary.csv", "daqp")):
+        assert part in (run / name).read_text()
 
 
 def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> None:

@@ -68,7 +68,7 @@ def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp
 
 
 def listed(target: Path, code: str) -> str:
-    """What Python prints with the folder on its path."""
+    """Output of a Python script with the folder on its path."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
     return subprocess.run(
         [sys.executable, "-c", f"import solvers\nfrom solvers.registry import describe, find\n{code}"],
@@ -79,7 +79,7 @@ def listed(target: Path, code: str) -> str:
     ).stdout
 
 
-def test_a_name_without_a_lane_is_in_the_lane_direct_and_what_does_not_keep_its_promise_is_absent_with_the_reason(
+def test_a_name_without_a_lane_is_in_the_lane_direct_and_an_unusable_class_is_absent_with_the_reason(
     tmp_path: Path,
 ) -> None:
     target = installed(
@@ -99,10 +99,10 @@ def test_a_name_without_a_lane_is_in_the_lane_direct_and_what_does_not_keep_its_
         "calls itself tiny in the lane direct, and is registered as lost in the lane kernel",
         "No module named 'no_such_module'",
     )
-    assert [said in reason for said, reason in zip(promised, absent, strict=True)] == [True] * 3
+    assert [message in reason for message, reason in zip(promised, absent, strict=True)] == [True] * 3
 
 
-def test_a_solver_that_was_asked_for_by_its_name_and_is_absent_ends_the_race_with_the_reason(tmp_path: Path) -> None:
+def test_an_absent_solver_that_is_selected_by_name_ends_the_race_with_the_reason(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = no_such_module:Mine")
     call = piezobench(
         target,
@@ -123,28 +123,28 @@ def test_a_solver_that_was_asked_for_by_its_name_and_is_absent_ends_the_race_wit
         "run",
     )
     assert call.returncode == 2
-    assert "the solver tiny that was asked for is absent: No module named 'no_such_module'" in call.stderr
+    assert "the selected solver tiny is absent: No module named 'no_such_module'" in call.stderr
     assert "Traceback" not in call.stderr
     assert not (tmp_path / "run").exists(), "nothing is left of a race that did not begin"
 
 
 @pytest.mark.parametrize(
-    ("entry_point", "said"),
+    ("entry_point", "message"),
     [
         (
             "direct.daqp = tiny_solvers:Mine",
-            "the package tiny-solvers registers a solver daqp in the lane direct, where there is one",
+            "the package tiny-solvers registers a solver daqp in the lane direct, which has one",
         ),
         ("direct.a/b = tiny_solvers:Mine", "registers a solver as 'direct.a/b'"),
         ("direct.tiny = tiny_solvers", "the name is lane.name and the value module:Class"),
     ],
 )
-def test_a_registration_that_cannot_be_is_refused_with_the_package_named(
-    tmp_path: Path, entry_point: str, said: str
+def test_an_invalid_registration_is_refused_with_the_name_of_the_package(
+    tmp_path: Path, entry_point: str, message: str
 ) -> None:
     target = installed(tmp_path / "site", entry_point)
     call = piezobench(target, "race", "--solver", "daqp", "--out", tmp_path, "--name", "run")
     assert call.returncode == 2
     assert call.stderr.startswith("piezobench race: ")
-    assert said in call.stderr
+    assert message in call.stderr
     assert not (tmp_path / "run").exists()

@@ -81,7 +81,7 @@ def test_our_solvers_stand_first_and_the_five_fastest_others_follow_in_their_fas
     assert table[18].iloc[-1] == 8.0 * 18
 
 
-def test_a_size_of_several_problems_has_their_median_where_all_are_right() -> None:
+def test_a_size_of_several_problems_has_their_median_if_all_are_right() -> None:
     more = [
         *sized(),
         *ladder({"again": [0.0]}, problem_set="orders", d=8, solver="b", solve_us_p50=100.0),
@@ -93,7 +93,7 @@ def test_a_size_of_several_problems_has_their_median_where_all_are_right() -> No
     assert ("c (direct)", 8) not in lines.index
 
 
-def test_those_that_are_right_at_every_size_come_before_those_that_are_not_and_the_fastest_first() -> None:
+def test_solvers_right_at_every_size_come_first_in_the_order_of_their_times() -> None:
     lines = pictures.sizes(measured(sized()))
     names = lines.name.drop_duplicates().tolist()
     assert names[:2] == ["box_active_set† (direct)", "box_active_set† (qpsolvers)"]
@@ -108,7 +108,7 @@ def test_those_that_are_right_at_every_size_come_before_those_that_are_not_and_t
         pytest.param(pictures.sizes, sized(settings='{"steps": 5}'), id="methods that count steps"),
     ],
 )
-def test_a_picture_of_what_it_cannot_compare_is_empty(
+def test_a_picture_without_comparable_solvers_is_empty(
     picture_of: Callable[[Measurements], pd.DataFrame], rows: list[Row]
 ) -> None:
     assert picture_of(measured(rows)).empty

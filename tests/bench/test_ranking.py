@@ -16,13 +16,13 @@ def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
     return {str(line[0]): [str(cell) for cell in line[2:]] for line in shown}
 
 
-def test_a_tier_that_is_not_reached_has_no_time_and_says_on_how_many_the_best_is_right() -> None:
+def test_a_tier_that_is_not_reached_has_no_time_but_the_number_of_problems_that_are_right() -> None:
     rows = ladder({"p1": [1e-12, 1e-12], "p2": [1e-12, 1e-12], "p3": [NAN, 1e-5]})
     assert cells(rows)["daqp"] == ["1 (0.008)", "not reached (2/3)", "not reached (2/3)", "not reached (2/3)", "–"]
     assert cells(rows, terminal=True)["daqp"] == ["1 0.008", "✗2/3", "✗2/3", "✗2/3", "–"]
 
 
-def test_a_tier_that_nobody_is_asked_for_has_no_column_and_one_without_an_own_result_a_dash() -> None:
+def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_result_has_a_dash() -> None:
     noisy = ladder({"p1": [1e-14]}, noise_um=0.01, stage_excess=0.0)
     assert short_table(ranking(measured(ladder({"p1": [1e-14]}))), "").headings[2:] == [
         "to 1e-3",
@@ -36,7 +36,7 @@ def test_a_tier_that_nobody_is_asked_for_has_no_column_and_one_without_an_own_re
     assert cells([*noisy, *other])["osqp"][-2] == "–"
 
 
-def test_a_terminal_shows_the_lanes_with_a_ladder_and_all_where_there_is_none() -> None:
+def test_a_terminal_shows_the_lanes_with_a_ladder_or_without_such_lanes_all() -> None:
     rows = [
         row(),
         row(solver="quadprog", lane="qpsolvers"),
@@ -60,7 +60,7 @@ def test_only_cold_rows_of_the_first_scaling_are_in_the_table() -> None:
     assert (line.name, line.results[Tier.HIGH].us) == ("daqp", 5.0)
 
 
-def test_the_papers_method_has_no_pace_where_it_takes_none_of_the_problems() -> None:
+def test_the_papers_method_has_no_pace_if_it_supports_none_of_the_problems() -> None:
     refused = [{**one, "status": "unsupported", "cost_gap": NAN} for one in steps({"p1": [0.5, 1e-4]})]
     assert PACE not in [line.name for line in ranking(measured([row(), *refused]))]
 

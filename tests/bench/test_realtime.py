@@ -40,8 +40,8 @@ def test_the_times_of_a_run_are_shown_in_tables_and_given_as_json(
     assert shown.status == 0, shown.stderr
     assert "of 600 deadlines at 2000 Hz missed; of a step that does nothing" in shown.stdout
     written = json.loads((tmp_path / "figures.json").read_text())
-    for what, said in (("memory", "locking memory"), ("fifo", "SCHED_FIFO"), ("core", "pinning to a core")):
-        assert (written["allowed"][what] == "yes") == (f"Without {said}" not in shown.stdout)
+    for what, capability in (("memory", "locking memory"), ("fifo", "SCHED_FIFO"), ("core", "pinning to a core")):
+        assert (written["allowed"][what] == "yes") == (f"Without {capability}" not in shown.stdout)
     learning = ("--part", "learning", "--solver", "recursive_active_set", "--priority", 0)
     printed = json.loads(piezobench(*words, *learning, "--json").stdout)
     assert printed["allowed"]["fifo"] == "not asked for"
@@ -62,7 +62,7 @@ def test_a_rate_that_no_step_can_hold_misses_deadlines() -> None:
     assert hurried.response_ns[-1] > hurried.response_ns[0]  # late ones are not left out: the delay adds up
 
 
-def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
+def test_refusals_of_the_system_are_reported(tmp_path: Path) -> None:
     write_sources(tmp_path, a_model(), ExportSettings())
     subprocess.run([program("make"), "loop", f"CC={program('gcc')}"], cwd=tmp_path, capture_output=True, check=True)
 
@@ -70,7 +70,7 @@ def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
         resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 
-    descriptor = os.open(tmp_path / "loop", os.O_RDONLY)  # whoever it runs as need not see the folder
+    descriptor = os.open(tmp_path / "loop", os.O_RDONLY)  # the user that it runs as may have no access to the folder
     try:
         done = subprocess.run(
             [f"/proc/self/fd/{descriptor}", "1000", "0.05", "80", "4000", "/dev/null"],
@@ -90,7 +90,7 @@ def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["nothing.json"], "nothing.json: there is no such file"),
         (["model.json", "--rate", 0], "--rate"),
@@ -104,17 +104,17 @@ def test_what_the_system_does_not_allow_is_said(tmp_path: Path) -> None:
     ids=str,
 )
 def test_bad_input_is_refused_in_one_sentence(
-    piezobench: CommandLine, model_file: Path, words: list[object], said: str
+    piezobench: CommandLine, model_file: Path, words: list[object], message: str
 ) -> None:
-    assert said in piezobench("realtime", *words, folder=model_file.parent).refusal
+    assert message in piezobench("realtime", *words, folder=model_file.parent).refusal
     assert list(model_file.parent.iterdir()) == [model_file]
 
 
-def test_a_missing_compiler_is_said_with_the_package_that_brings_one(
+def test_a_missing_compiler_is_reported_with_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ExportError, match="there is no C compiler on this machine; apt-get install gcc brings one"):
+    with pytest.raises(ExportError, match="there is no C compiler on this machine; on Debian, apt-get install gcc"):
         real_time(a_model(), ExportSettings(), 1000.0, 1.0)
 
 

@@ -84,11 +84,11 @@ def test_deploy_uses_that_model_and_prints_its_error(
     call = piezobench("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     assert call.status == 0, call.stderr
     error = run.settings["models"]["recorded"]["error_percent"]
-    said = " ".join(call.stdout.split())
+    output = " ".join(call.stdout.split())
     assert (
         "Model: from the first four fifths of the recording. On the last fifth of the recording, which was held out, "
         f"its RMS error is {error:.3g} % of the range."
-    ) in said
+    ) in output
     deployed = Deployment.load(tmp_path / "c.json")
     assert deployed.model.weights.tolist() == HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist()
     assert deployed.evidence["unseen_error_percent"] == error
@@ -135,9 +135,9 @@ def test_an_equally_good_model_of_a_file_or_a_problem_is_accepted_with_its_error
     ):
         call = piezobench("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json", "--json")
         assert call.status == 0, call.stderr
-        said = json.loads(call.stdout)
-        assert said["model_from"] == source
-        assert 0.0 < said["unseen_error_percent"] <= WORSE * run.settings["models"]["recorded"]["error_percent"]
+        printed = json.loads(call.stdout)
+        assert printed["model_from"] == source
+        assert 0.0 < printed["unseen_error_percent"] <= WORSE * run.settings["models"]["recorded"]["error_percent"]
 
 
 @pytest.mark.slow

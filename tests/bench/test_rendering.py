@@ -35,7 +35,7 @@ are."""
 @pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize(("unit", "output_unit"), UNITS)
-def test_a_unit_that_is_a_program_is_written_and_never_run(
+def test_a_unit_that_is_code_is_written_and_never_executed(
     piezobench: CommandLine, tmp_path: Path, unit: str, output_unit: str
 ) -> None:
     touched = tmp_path / "touched"
@@ -55,7 +55,7 @@ def test_a_unit_that_is_a_program_is_written_and_never_run(
         return done.stdout
 
     call("identify", "stage.parquet", "--out", "m.json")
-    # a reader of recordings drops what is no unit, a model file may hold anything
+    # readers of recordings drop invalid units, but a model file may contain any text
     file = json.loads((tmp_path / "m.json").read_text())
     file["structure"] |= {"input_unit": unit, "output_unit": output_unit}
     (tmp_path / "m.json").write_text(json.dumps(file))
@@ -87,14 +87,14 @@ def test_hostile_text_reaches_a_terminal_as_text(monkeypatch: pytest.MonkeyPatch
     console.print(HOSTILE)
     console.print(HOSTILE, style="bold")
     print_table((HOSTILE, "b"), [(HOSTILE, HOSTILE)])
-    text = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # what Rich itself does for bold text
+    text = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # Rich's own sequences for bold text
     assert text.count(r"[red]x[/blue] [/] :smile: \x1b[2J\x1b]0;owned\x07 \x9b31m") == 5
     assert all(sign.isprintable() or sign == "\n" for sign in text)
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
-def test_a_terminal_that_lacks_signs_is_no_reason_to_fail(
+def test_a_terminal_that_lacks_characters_is_no_reason_to_fail(
     piezobench: CommandLine, tmp_path: Path, encoding: str
 ) -> None:
     x = multi_sine(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0, seed=1)

@@ -41,11 +41,11 @@ def test_the_tables_hold_every_solver_in_each_scaling(report: str, faulty_race: 
 
 
 def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_race: Race) -> None:
-    said = {unescape(line[-1]) for line in tables(report)[-1][2:]}
+    messages = {unescape(line[-1]) for line in tables(report)[-1][2:]}
     rows = faulty_race.rows[faulty_race.rows.solver != "null"]
     first = rows[rows.message != ""].drop_duplicates(["solver", "lane", "scaling", "status"])
-    assert said == {" ".join(message.split()) for message in first.message}
-    assert any(message.endswith("| g |") for message in said)
+    assert messages == {" ".join(message.split()) for message in first.message}
+    assert any(message.endswith("| g |") for message in messages)
     assert "<script>" not in report
     assert "`c`" not in report
     assert "[e](f)" not in report

@@ -345,16 +345,16 @@ def test_the_bound_of_the_machines_misses_counts_stalls_by_their_length(
     assert stream_summary.floor_bound(floor) == pytest.approx(bound)
 
 
-@pytest.mark.parametrize(("missed", "says"), [(50, False), (51, True)])
-def test_a_machine_that_misses_deadlines_itself_makes_the_verdict_say_so_first(missed: int, says: bool) -> None:
+@pytest.mark.parametrize(("missed", "unfit"), [(50, False), (51, True)])
+def test_too_many_missed_deadlines_of_the_machine_itself_are_stated_first(missed: int, unfit: bool) -> None:
     rows = [paced_row("null", 5000, missed, missed), paced_row("daqp", 5000, 0, 0)]
     table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000)
-    said = stream_summary.verdict(table, settings)
-    assert said[0].startswith("This run cannot say who keeps the schedule") == says
-    assert any("solver lane keeps the schedule" in sentence for sentence in said) != says
-    assert table.keeps_up[table.solver == "daqp"].item() != says
+    sentences = stream_summary.verdict(table, settings)
+    assert sentences[0].startswith("This run cannot say who keeps the schedule") == unfit
+    assert any("solver lane keeps the schedule" in sentence for sentence in sentences) != unfit
+    assert table.keeps_up[table.solver == "daqp"].item() != unfit
     schedule = {row[0]: row[3] for row in report.report_of(table, settings).table.rows}
-    assert schedule == {"null": "floor", "daqp": "unknown" if says else "kept"}
+    assert schedule == {"null": "floor", "daqp": "unknown" if unfit else "kept"}
 
 
 @pytest.mark.parametrize(

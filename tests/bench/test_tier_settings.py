@@ -40,7 +40,7 @@ def test_the_loosest_that_meets_a_tier_ten_times_over_on_every_problem_is_taken_
     assert found.furthest == setting
 
 
-def test_where_no_setting_is_right_on_every_problem_a_tier_is_not_reached_and_the_furthest_is_named_apart() -> None:
+def test_without_a_setting_right_on_every_problem_a_tier_is_not_reached_and_the_furthest_is_named() -> None:
     found = settings(ladder({"p1": [1e-5, 1e-8, 1e-8], "p2": [1e-5, 1e-5, 1e-8], "p3": [1e-8, 1e-8, 1e-5]})).loc[
         Tier.MID
     ]
@@ -108,7 +108,7 @@ SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
         ),
     ],
 )
-def test_what_stands_for_a_tier_is_judged_by_all_cold_rows_of_the_ladder_on_all_problems_to_which_the_tier_applies(
+def test_the_setting_of_a_tier_is_judged_by_all_cold_rows_of_the_ladder_on_the_problems_to_which_the_tier_applies(
     rows: list[Row], tier: Tier, setting: str, right: int, problems: int
 ) -> None:
     found = settings(rows).loc[tier]
@@ -121,7 +121,7 @@ def test_without_a_ladder_there_are_no_settings(rows: list[Row]) -> None:
     assert tier_settings(table(rows)).empty
 
 
-def test_the_share_is_empty_below_three_problems_and_where_a_tier_is_not_reached() -> None:
+def test_the_share_is_empty_below_three_problems_and_if_a_tier_is_not_reached() -> None:
     assert FEWEST == 3
     assert settings(ladder({"p1": [1e-12], "p2": [1e-12]})).left_out.isna().all()
     three = settings(ladder({"p1": [1e-10], "p2": [1e-10], "p3": [1e-10]}))
@@ -129,7 +129,7 @@ def test_the_share_is_empty_below_three_problems_and_where_a_tier_is_not_reached
     assert np.isnan(three.left_out[Tier.EXACT])
 
 
-def test_a_choice_that_the_others_cannot_make_is_not_right() -> None:
+def test_a_problem_whose_others_reach_no_setting_counts_as_not_right() -> None:
     errors = np.array([[2.0, 0.5], [0.5, 0.5], [0.5, 2.0]])
     assert choice(errors) is None
     assert left_out(errors) == 0.0  # without the first s0, without the last s1, and without the middle one none

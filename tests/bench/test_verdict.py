@@ -27,8 +27,8 @@ def field() -> list[Row]:
     ]
 
 
-def test_where_another_is_fastest_ours_stands_beside_it() -> None:
-    (said,) = verdict(
+def test_if_another_solver_is_fastest_ours_is_named_beside_it() -> None:
+    (sentence,) = verdict(
         measured(
             [
                 *ladder(RIGHT, solver="box_active_set", solve_us_p50=5.0),
@@ -37,12 +37,12 @@ def test_where_another_is_fastest_ours_stands_beside_it() -> None:
             ]
         )
     )
-    assert said.endswith("fastest from Python daqp 2 µs (0.016 of a period) beside box_active_set† 5 µs.")
+    assert sentence.endswith("fastest from Python daqp 2 µs (0.016 of a period) beside box_active_set† 5 µs.")
 
 
-@pytest.mark.parametrize(("drift", "told"), [(0.009, "6.57 µs"), (0.05, "6.6 µs"), (0.3, "7 µs")])
-def test_figures_have_as_many_digits_as_the_drift_allows(drift: float, told: str) -> None:
-    assert f"daqp {told}" in " ".join(verdict(measured(field()), CORE, drift))
+@pytest.mark.parametrize(("drift", "time"), [(0.009, "6.57 µs"), (0.05, "6.6 µs"), (0.3, "7 µs")])
+def test_figures_have_as_many_digits_as_the_drift_allows(drift: float, time: str) -> None:
+    assert f"daqp {time}" in " ".join(verdict(measured(field()), CORE, drift))
 
 
 def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_machine_has_none() -> None:
@@ -53,32 +53,32 @@ def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_mac
     assert second.endswith("(clang 18, AVX2; drift 200 %).")
     assert "box_active_set† 0.9 µs (0.007 of a period)" in second
     assert "box_active_set† 2 µs (0.01 of a period) beside daqp 7 µs" in second
-    assert not any("reservation" in said for said in verdict(measured(field()), CORE, 0.09))
+    assert not any("reservation" in sentence for sentence in verdict(measured(field()), CORE, 0.09))
     assert len(verdict(measured(ladder({"p1": [NAN]})), CORE, 2.0)) == 1  # there is no time that it would concern
 
 
 @pytest.mark.parametrize(
-    ("count", "says"),
+    ("count", "message"),
     [
         (1, "on the problem, each with a setting chosen on the problem it is judged on; fastest"),
         (2, "on all 2 problems, each with a setting chosen on the problem it is judged on; fastest"),
         (3, "on all 3 problems; fastest"),
     ],
 )
-def test_below_three_problems_a_setting_is_said_to_be_chosen_on_the_problem_it_is_judged_on(
-    count: int, says: str
+def test_below_three_problems_the_verdict_states_that_settings_are_judged_on_the_problems_of_their_choice(
+    count: int, message: str
 ) -> None:
     problems = {name: RIGHT[name] for name in [*RIGHT][:count]}
-    assert says in verdict(measured(ladder(problems)))[0]
+    assert message in verdict(measured(ladder(problems)))[0]
 
 
-def test_the_accuracy_that_is_spoken_of_is_the_first_of_1e_9_1e_6_and_1e_3_that_anybody_reaches() -> None:
+def test_the_accuracy_of_the_verdict_is_the_first_of_1e_9_1e_6_and_1e_3_that_a_solver_reaches() -> None:
     loose = [*ladder({"p1": [1e-4, 1e-7]}, solver="osqp"), *ladder({"p1": [1e-4]}, solver="scs")]
     assert verdict(measured(loose))[0].startswith("1 of 2 solver lanes reach 1e-6 on the problem")
     assert verdict(measured(loose[-1:]))[0].startswith("1 of 1 solver lane reaches 1e-3 on the problem")
 
 
-def test_a_field_in_which_nobody_reaches_anything_with_one_setting_is_said_to_be_so() -> None:
+def test_a_field_without_a_solver_that_reaches_a_tier_has_a_sentence_of_its_own() -> None:
     rows = [*ladder({"p1": [1e-12, 1.0], "p2": [1.0, 1e-12]}), *ladder({"p1": [NAN], "p2": [NAN]}, solver="osqp")]
     assert verdict(measured(rows)) == ["No solver reaches 1e-3 on all 2 problems with one setting."]
     assert verdict(measured([row(setting="d", rung=-1, is_default=True)])) == [
@@ -87,14 +87,14 @@ def test_a_field_in_which_nobody_reaches_anything_with_one_setting_is_said_to_be
 
 
 @pytest.mark.parametrize(
-    ("excess", "says"),
+    ("excess", "message"),
     [
         (0.0, "On none of 2 problems the stage is measurably worse"),
         (0.0099, "On none of 2 problems"),
         (0.0101, "On 1 of 2 problems the stage is measurably worse"),
     ],
 )
-def test_the_stage_notices_by_the_rule_of_its_tier_and_by_figures_that_differ(excess: float, says: str) -> None:
+def test_the_stage_notices_by_the_rule_of_its_tier_and_by_figures_that_differ(excess: float, message: str) -> None:
     rows = [
         *field(),
         *steps(
@@ -107,7 +107,7 @@ def test_the_stage_notices_by_the_rule_of_its_tier_and_by_figures_that_differ(ex
         *steps({"p2": [0.5, 1e-4]}, noise_um=0.008, stage_excess=-1.0, model_error_um=0.192, optimum_error_um=0.2),
     ]
     *_, sentence = verdict(measured(rows))
-    assert says in sentence
+    assert message in sentence
     errors = re.search(r"on p1 ([\d.]+) against ([\d.]+) µm RMS on unseen data \(sensor noise 0.008 µm,", sentence)
     assert errors
     assert (errors[1] != errors[2]) == (excess > 0.0)

@@ -2,9 +2,9 @@
  *
  *     two_threads IN OUT DELAY SEED
  *
- * The learner falls up to DELAY samples behind, at random; with 0 it is always in time. The step waits for a learner
- * that is late of its own. On standard output are the events, how many changes of weights the step has seen and how
- * many of them are none of those offered.
+ * The learner is delayed at random by up to DELAY samples; with 0 it is always in time. The step waits for a learner
+ * that is later than that. Standard output has the counts of events, the number of changes of weights in the step, and
+ * the number of changes to weights that were never offered.
  */
 #include "piezo.c"
 
@@ -15,8 +15,7 @@
 
 enum { NUMBERS = 1024, MOST = 20000 };
 
-int offered(void *learner,
-            double *inverse); /* weights with their inverse that were offered last, and how many of these there were */
+int offered(void *learner, double *inverse); /* the last weights offered, their inverse, and the number of offers */
 
 static piezo_axis axis;
 static double offers[MOST][NUMBERS], taken[MOST][NUMBERS];

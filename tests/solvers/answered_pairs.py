@@ -97,7 +97,7 @@ def opposed_rows() -> Problem:
 
 
 def check_nothing_found(solver: Solver) -> None:
-    """A solver that is ready finds nothing, says so, and gives no number."""
+    """Assert that a solver reports no answer and returns NaN."""
     x = solver.solve()
     solution = solver.solution()
     assert solution.found is False

@@ -18,7 +18,7 @@ def fractions(values: np.ndarray) -> list:
 
 
 def gauss(M: list[list[Fraction]], right: list[Fraction]) -> list[Fraction] | None:
-    """Solve by elimination; None where M is singular."""
+    """Solve by elimination; None if M is singular."""
     n, T = len(M), [[*row, r] for row, r in zip(M, right, strict=True)]
     for k in range(n):
         pivot = next((i for i in range(k, n) if T[i][k] != 0), None)

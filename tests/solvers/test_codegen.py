@@ -36,7 +36,7 @@ ERROR = {
 }
 # At 1e-9 its regularisation of 1e-8 keeps QOCOGEN from ending on this pair.
 TOLERANCES = {"qocogen": 1e-6}
-# Variables with both bounds, one and none, of which none is fixed (fixed ones leave an interior point method no
+# Variables with both bounds, one and none, none of them fixed (fixed ones leave an interior point method no
 # interior); one shape, so that each solver is built once.
 PAIR = pair("mixed", 8, seed=16)
 
@@ -58,7 +58,7 @@ def data(*which: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([PAIR.problems[k].P for k in which]), np.stack([PAIR.problems[k].q for k in which])
 
 
-# QOCOGEN calls −1e9 solved there, the minimiser of P plus its own regularisation; the judge of a race says otherwise.
+# QOCOGEN calls −1e9 solved there, the minimiser of P plus its own regularisation; which the judge of a race rejects.
 @pytest.mark.parametrize("name", ["box_active_set", "osqp", "casadi_qrqp"])
 def test_data_that_are_unbounded_get_no_numbers_alone_and_in_the_loop_inside_c(name: str) -> None:
     solver = ready(name)
@@ -249,4 +249,4 @@ def test_without_a_compiler_the_lane_is_absent_with_a_reason() -> None:
     lines = done.stdout.splitlines()
     assert len(lines) == len(NAMES)
     assert all(line.startswith(("there is no C compiler on this machine", "No module named")) for line in lines)
-    assert "there is no C compiler on this machine; apt-get install gcc brings one on Debian" in lines
+    assert "there is no C compiler on this machine; on Debian, apt-get install gcc" in lines

@@ -141,7 +141,7 @@ def structure(name: str, function: str) -> dict[str, Any]:
     return {field: getattr(settings, field) for field, _ in settings._fields_}
 
 
-def test_the_settings_of_each_library_stand_where_it_has_them() -> None:
+def test_the_settings_of_each_library_are_at_their_offsets() -> None:
     daqp, osqp, piqp = map(library, ("daqp", "osqp", "piqp"))
     assert structure("daqp", "daqp_default_settings") == daqp.Model().settings
     defaults = osqp.ext_builtin.OSQPSettings()
@@ -238,9 +238,13 @@ def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(
     both(name)
     real = importlib.metadata.version
     monkeypatch.delitem(sys.modules, f"solvers.kernel.{name}")
-    monkeypatch.setattr(importlib.metadata, "version", lambda asked: "99.1" if asked == distribution else real(asked))
-    said = describe(solvers.find(name, Lane.KERNEL)).absent
-    assert said == f"the C interface of {distribution} is known of version {real(distribution)}, and 99.1 is installed"
+    monkeypatch.setattr(
+        importlib.metadata, "version", lambda queried: "99.1" if queried == distribution else real(queried)
+    )
+    reason = describe(solvers.find(name, Lane.KERNEL)).absent
+    assert (
+        reason == f"the C interface of {distribution} is known of version {real(distribution)}, and 99.1 is installed"
+    )
     assert not describe(solvers.find(name, Lane.DIRECT)).absent
 
 

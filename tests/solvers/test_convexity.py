@@ -59,7 +59,7 @@ def test_a_matrix_that_a_factorisation_in_doubles_proves_definite_is_definite_in
     data = DoubleProblem.of(Problem(P, np.zeros(d)))
     if data._is_plainly_definite():
         assert exact_linear_algebra.semidefinite_rank(data._symmetric[0]) == d
-    elif decades < 8.0:  # it recognises what is not near singular
+    elif decades < 8.0:  # it recognises matrices that are not nearly singular
         raise AssertionError(f"condition 1e{decades:.1f} is not recognised")
 
 

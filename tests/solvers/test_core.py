@@ -20,7 +20,7 @@ FOLDER = Path(core.__file__).parent
 FOLDERS = compile_core.folders(FOLDER.parent)
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
 ALGORITHMS = [file for file in FOLDER.glob("*.c") if not file.name.startswith(("bindings", "module", "clock"))]
-"""What an exported folder may hold."""
+"""Sources that may be in an exported folder."""
 OF_MODEL = [file for folder in FOLDERS[1:] for file in sorted(folder.glob("*.c"))]
 EXPORTED = [Path(piezo_model.core.__file__).parent / name for name in ("model.c", "data_basis.c", "compensator.c")]
 INCLUDES = [f"-I{folder}" for folder in FOLDERS]
@@ -99,8 +99,8 @@ SHAPE = "-DCORE_SHAPE={9,7,3,1}"
     ],
 )
 def test_the_sources_compile_without_a_warning(files, compiler, options, tmp_path):
-    """Those of clang and of the one header that asks for the instruction set come before optimisation; gcc has more of
-    them after it."""
+    """Compilation without optimisation shows all warnings of clang and of the header that queries the instruction set;
+    gcc gives more with it."""
     subprocess.run(
         [program(compiler), *WARNINGS, "-c", *options, *WORDS, *INCLUDES, *map(str, files)], cwd=tmp_path, check=True
     )
@@ -114,10 +114,10 @@ def test_the_algorithms_call_nothing_of_the_libraries_but_a_few_functions(files,
     subprocess.run(
         [program("gcc"), "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, files)], cwd=tmp_path, check=True
     )
-    said = subprocess.check_output([program("nm"), *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, text=True)
-    wanted = set(re.findall(r" U (\w+)", said)) - set(re.findall(r" T (\w+)", said)) - {"_GLOBAL_OFFSET_TABLE_"}
+    symbols = subprocess.check_output([program("nm"), *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, text=True)
+    wanted = set(re.findall(r" U (\w+)", symbols)) - set(re.findall(r" T (\w+)", symbols)) - {"_GLOBAL_OFFSET_TABLE_"}
     assert wanted <= called
-    assert not re.findall(r" [BDbdCc] (\w+)", said)  # no variable that outlives a call
+    assert not re.findall(r" [BDbdCc] (\w+)", symbols)  # no variable that outlives a call
 
 
 def test_the_instruction_set_can_be_chosen_and_one_that_the_processor_lacks_is_refused(monkeypatch):
@@ -194,7 +194,7 @@ def variants(tmp_path_factory):
 
 
 def random_data(d):
-    """Matrices, vectors and rows, made once, since BLAS has bits of its own."""
+    """Matrices, vectors and rows; computed once, since results of BLAS depend on the processor."""
     rng = np.random.default_rng(d)
     A, rank = rng.normal(size=(d, d)), int(rng.integers(0, d + 1))
     hilbert = 1.0 / (np.arange(d)[:, None] + np.arange(d) + 1.0)
@@ -206,7 +206,7 @@ def random_data(d):
 
 
 def bits_of_everything(c, programs, lb, ub, q, rows):
-    """What every function of the core makes of data: states and answers as bytes."""
+    """States and answers of every function of the core, as bytes."""
     d, out = q.size, []
     for P, linear in programs:
         box, swept = block(c.box_bytes(d)), block(c.recursive_bytes(d))

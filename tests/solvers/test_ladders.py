@@ -22,7 +22,7 @@ LIBRARIES = [entry for entry in solvers.entries() if entry.lane is not Lane.CODE
 CODEGEN = [entry for entry in solvers.entries() if entry.lane is Lane.CODEGEN]
 OURS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.name in registry.OURS]
 SEED = 1000
-"""Not a seed that is raced."""
+"""A seed that no race uses."""
 
 COMPILES = ("qpax",)
 """Solvers that compile for every setting, which takes seconds; only one of their rungs is tested."""
@@ -102,7 +102,7 @@ def test_every_setting_of_a_ladder_has_a_name_and_an_exponent_and_is_found_by_th
         cls.at(setting_text({"no": 1}), 1.0)
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")  # qpsolvers and cvxpy say in one, too, that a rung is too high
+@pytest.mark.filterwarnings("ignore::UserWarning")  # qpsolvers and cvxpy warn if a rung is too tight
 @pytest.mark.parametrize("entry", named(LIBRARIES))
 def test_every_setting_of_a_ladder_is_one_that_the_library_takes(entry: Entry) -> None:
     cls = solver_class(entry)

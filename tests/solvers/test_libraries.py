@@ -38,7 +38,7 @@ class Stated:
     """Whether the library may report at 1e-9 that it found no answer."""
 
 
-# Errors of x, whose entries are about 1, about ten times what was seen over eight seeds (trust-constr: two, qpax: one).
+# Errors of x, whose entries are about 1, about ten times the largest over eight seeds (trust-constr: two, qpax: one).
 # An interior point method that stops at a gap ε leaves up to √ε where a multiplier is small, a second-order cone
 # squares that, and SLSQP's tolerance is one on the cost; active set methods end at rounding.
 DIRECT = {
@@ -86,10 +86,10 @@ BEHIND = {
 LANES = {Lane.QPSOLVERS: qpsolvers_lane, Lane.CVXPY: cvxpy_lane}
 """Without free: qpsolvers hands a problem without constraints to SciPy."""
 SPREAD = ("clarabel", "daqp", "highspy", "osqp", "piqp", "proxsuite", "pyqpmad", "quadprog", "scs")
-"""Also tested with variables of very different size."""
+"""Solvers that are also tested with variables of very different size."""
 WARM = ("daqp", "mujoco", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scipy_slsqp", "scs")
 ADAPTING = ("osqp", "scs")
-"""These keep the penalty that the last solve has adapted."""
+"""Solvers that keep the penalty adapted by the last solve."""
 UNCOUNTED = ("fnnlseigen", "mujoco", "scipy_nnls")
 REFUSE_CROSSING = (
     "casadi_hpipm",
@@ -215,7 +215,7 @@ def test_an_answer_found_at_a_tight_tolerance_is_as_exact_as_stated(name: str, f
 
 
 @each_common
-def test_the_settings_of_the_library_itself_answer_about_right(name: str) -> None:
+def test_the_default_settings_of_a_library_answer_approximately_right(name: str) -> None:
     problem = pair("mixed rows", 18)
     assert problem.error(ready(Lane.DIRECT, name, problem.problems[0], None).solve()) < 0.05
 
@@ -230,7 +230,7 @@ def test_a_form_that_a_solver_cannot_take_is_refused_in_a_sentence_that_names_th
 
 @pytest.mark.parametrize("sparse", [False, True])
 @each_direct
-def test_exact_zeros_of_P_may_come_and_go(name: str, sparse: bool) -> None:
+def test_exact_zeros_of_P_may_appear_and_vanish(name: str, sparse: bool) -> None:
     d, given = 6, pair("one-sided", 6).problems[0]
     blocks = given.P * (np.add.outer(np.arange(d), np.arange(d)) % 2 == 0)
     solver = ready(Lane.DIRECT, name, Problem(csc_matrix(blocks) if sparse else blocks, given.q, lb=given.lb))
@@ -301,7 +301,7 @@ def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name
     check_nothing_found(ready(lane, name, opposed_rows()))
 
 
-@pytest.mark.parametrize("name", parts((name,) for name, asked in DIRECT.items() if "boxes" in asked.forms))
+@pytest.mark.parametrize("name", parts((name,) for name, required in DIRECT.items() if "boxes" in required.forms))
 def test_bounds_that_cross_are_refused_or_reported(name: str) -> None:
     problem = Problem(np.eye(3), np.ones(3), lb=np.ones(3), ub=np.array([2.0, 0.0, 2.0]))
     if name in REFUSE_CROSSING:
@@ -342,9 +342,7 @@ def test_the_solution_has_the_librarys_own_status_time_and_iterations(name: str)
 
 
 @each_library
-def test_a_start_keeps_the_answer_helps_where_the_class_says_so_and_leaves_nothing_behind(
-    lane: Lane, name: str
-) -> None:
+def test_a_start_keeps_the_answer_helps_if_the_class_declares_it_and_has_no_later_effect(lane: Lane, name: str) -> None:
     problem, error = pair("boxes" if "boxes" in stated(lane, name).forms else "one-sided", 20), stated(lane, name).mid
     solver = ready(lane, name, problem.problems[0])
     answers, counts = [], []

@@ -1,4 +1,4 @@
-"""Replaying a proof: whatever is changed in it or in the data is noticed, and JSON brings it back."""
+"""Replaying a proof: any change of it or of the data is detected, and JSON preserves it."""
 
 import json
 from dataclasses import replace
@@ -42,7 +42,7 @@ def test_moving_any_variable_in_or_out_of_the_active_set_is_noticed() -> None:
             verify(problem, replace(proof, lower=tuple(sorted(set(proof.lower) ^ {member}))))
 
 
-def test_the_certificate_is_of_no_data_that_differ_in_one_bit() -> None:
+def test_the_certificate_fails_for_data_that_differ_in_one_bit() -> None:
     proof, P, q = certify(corner, np.zeros(2)), corner.P.copy(), np.nextafter(corner.q, 0)
     P[1, 1] = np.nextafter(P[1, 1], np.inf)
     for nudged in (Problem(corner.P, q, lb=corner.lb, ub=corner.ub), Problem(P, corner.q, lb=corner.lb, ub=corner.ub)):

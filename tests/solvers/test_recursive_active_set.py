@@ -106,7 +106,7 @@ def test_from_the_first_row_on_the_answer_is_the_optimum_with_the_documented_pro
             distance = gap(s.problem(), s.solve())
         except RoundingDecides:
             reject()  # rounding has made a singular P indefinite, and there is no proven optimum to compare with
-        # the inverse of what is singular but for 1e-11 has five digits; 2.1e-10 is the most that was seen
+        # the inverse of a matrix that is singular but for 1e-11 has five digits; the largest observed value is 2.1e-10
         assert distance < 1e-9
 
 

@@ -75,11 +75,11 @@ def test_no_call_begins_after_the_time_is_spent(entry: Entry) -> None:
 
 
 @each_kernel
-def test_afterwards_the_solver_stands_at_the_last_data_and_solves_on(entry: Entry) -> None:
+def test_afterwards_the_solver_has_the_last_data_and_can_solve_again(entry: Entry) -> None:
     solver, (P, q) = ready(entry), data(7)
     kept = P[-1].copy(), q[-1].copy()
     *_, answers = solver.time_kernel(P, q)
-    P[:], q[:] = np.nan, np.nan  # nobody keeps a pointer into them
+    P[:], q[:] = np.nan, np.nan  # no solver keeps a pointer to them
     solution = solver.solution()
     assert solution.found
     np.testing.assert_array_equal(solution.x, answers[-1])

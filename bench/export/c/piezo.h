@@ -9,7 +9,7 @@
  *                                  x = piezo_step(&axis, y_ref, y_measured_before);   with learning
  *     behind it, with learning:    piezo_learn(&axis);
  *
- * where y_measured_before is the output that the last x produced, NaN if there is none.
+ * where y_measured_before is the output that the last x produced, or NaN without one.
  *
  * With learning, call the step from an interrupt: it takes nearly the same time at every sample. Call piezo_learn from
  * the main loop, a task of lower priority or another thread, or right after the step. Both may run at the same time, on

@@ -12,7 +12,7 @@ extern const piezo_stage_limits piezo_stage;
 
 /* Connect; not 0 if the stage cannot be used. */
 int piezo_stage_open(void);
-/* Write the drive x and read the measured output, NAN if there is none; not 0 if the stage failed. */
+/* Write the drive x and read the measured output, NAN without one; not 0 if the stage failed. */
 int piezo_stage_exchange(double x, double *y);
 void piezo_stage_close(void);
 

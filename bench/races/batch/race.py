@@ -2,7 +2,7 @@
 
 Every contestant gets each batch size in turn, and the whole sequence is repeated ``turns`` times. A contestant runs in
 its own process with one thread on the core that the race has claimed; contestants of the lane kernel run a second time
-with a thread on every core. The parent judges a sample of the timed answers. A batch is skipped, and its row says so,
+with a thread on every core. The parent judges a sample of the timed answers. A batch is skipped, and its row states it,
 if the next smaller batch failed or predicts more than ``longest_s``.
 """
 
@@ -108,7 +108,7 @@ class BatchRace(TaskRace[BatchSettings]):
 
     @property
     def child(self) -> ChildSettings:
-        """The memory limit applies to what a contestant needs beside the mapped programs."""
+        """The memory limit excludes the mapped programs."""
         child = super().child
         return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes) ** 2 // 2**20)
 
@@ -148,7 +148,7 @@ class BatchRace(TaskRace[BatchSettings]):
         ]
 
     def measure(self, task: Task, pool: SolverPool) -> Outcome:
-        """Solve the batches, unless the next smaller batch says that it would fail or take too long."""
+        """Solve the batches, unless by the next smaller batch it would fail or take too long."""
         batch = task.more["batch"]
         smaller = replace(task, more={**task.more, "batch": batch // 4})
         if batch > 1 and (reason := skip_reason(self.run.task(smaller)[0][0], batch, self.settings.longest_s)):

@@ -1,6 +1,6 @@
 """Numbers and sentences of a batch race; `report` renders them.
 
-A row of the *summary* stands for one contestant with a number of threads at one batch size, over its turns. Programs
+A row of the *summary* is one contestant with a number of threads at one batch size, over its turns. Programs
 per second come from wall time; programs per second and core from CPU time, on which other load of the machine has far
 less influence:
 
@@ -58,7 +58,7 @@ def best(table: pd.DataFrame, rate: str = "core_rate") -> pd.DataFrame:
 
 def everywhere_right(table: pd.DataFrame) -> pd.DataFrame:
     """Rows of the contestants whose judged answers are all right to 1e-9, at every batch size that was run."""
-    return table[table.groupby(ID_COLUMNS).share_high.transform("min") == 1.0]  # NaN where none was judged
+    return table[table.groupby(ID_COLUMNS).share_high.transform("min") == 1.0]  # NaN if none was judged
 
 
 def verdict(table: pd.DataFrame) -> list[str]:

@@ -1,6 +1,6 @@
 """Numbers and sentences of a closed-loop race: whether the accuracy of the solver changes the tracking error.
 
-A row of the *summary* stands for one solver with its settings on one stage: the errors of both axes together over the
+A row of the *summary* is one solver with its settings on one stage: the errors of both axes together over the
 last window, and the cost gap and time to learn of the worse axis.
 """
 

@@ -71,7 +71,7 @@ def run_block(
         if n and block.answers.shape == (n, q.shape[1]) and block.update_ns.shape == block.solve_ns.shape == (n,):
             block.wall_ns, block.cpu_ns = wall_ns, cpu_ns
             return block
-    return BlockOutcome("tampered", "its process answers what it was not asked")
+    return BlockOutcome("tampered", "its process sent an answer that was not requested")
 
 
 def joined(blocks: Sequence[BlockOutcome]) -> BlockOutcome:
@@ -132,7 +132,7 @@ def hidden_cpu_time(
             break
     if len(ratios) < POSITIVE:
         return ""
-    return f"its process takes {ratios[0]:.1f} times as much of the processor as most of its calls say"
+    return f"its process takes {ratios[0]:.1f} times as much CPU time as most of its calls report"
 
 
 def timed(
@@ -213,7 +213,7 @@ def _cached_answers(child: SolverChild, task: Task, fresh: FreshData, call_ns: f
 
 
 def _gaps(fresh: FreshData, answers: Matrix) -> dict[int, float]:
-    """The larger of cost gap and violation of the sampled answers (n, d), where the optimum has a certificate."""
+    """The larger of cost gap and violation of the sampled answers (n, d), if the optimum has a certificate."""
     gaps = {}
     for call in fresh.sample:
         if call < len(answers) and (form := fresh.certified(call)) is not None:

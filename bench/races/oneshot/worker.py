@@ -189,7 +189,7 @@ class TimedSolver:
 
 
 def preemptions() -> int:
-    """How often this process has been taken off its core."""
+    """Number of involuntary context switches of this process."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
 
 

@@ -4,7 +4,7 @@ Each solver lane follows the same rows in a fresh process, in an order that is s
 null solver that answers at once runs first and after every FLOOR_EVERY others. Its response times are the machine's
 floor; if they change during a run, the machine has changed. Every finished task is on disk before the next one starts.
 
-A solver whose answers to the first ``give_up`` samples are all late is stopped there, and its row says so.
+A solver whose answers to the first ``give_up`` samples are all late is stopped there, and its row states it.
 """
 
 import json

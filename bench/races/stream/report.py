@@ -164,7 +164,7 @@ def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Fig
 
 
 def ranking(table: pd.DataFrame) -> Table:
-    """Which solvers keep the schedule; the paper's method first, then the floor."""
+    """Table of the solvers that keep the schedule; the paper's method first, then the floor."""
     paper = (table.solver == "projected_difference") & (table.settings == json.dumps({"steps": 1}))
     tail = max((q for q in QUANTILES if table[summary.column("response", q)].notna().any()), default=QUANTILES[0])
     rows = [

@@ -1,6 +1,6 @@
 """Numbers and sentences of a stream race; `report` renders them.
 
-A row of the *summary* stands for one solver in one lane, at one tier, with its settings, over its processes. Its missed
+A row of the *summary* is one solver in one lane, at one tier, with its settings, over its processes. Its missed
 deadlines are compared with those of the machine itself. The null solver missed m of M deadlines in s stalls (runs of
 late samples), and
 
@@ -167,7 +167,7 @@ def _first(values: Iterable[str]) -> str:
 
 
 def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
-    """Which solvers keep the schedule, if the machine is fit to tell, and the cost of stale answers."""
+    """Sentences on the solvers that keep the schedule, if the machine permits any, and on the cost of stale answers."""
     floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
     sentences = []
     if not table.machine_keeps.all():

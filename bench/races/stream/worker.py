@@ -40,7 +40,7 @@ class Streamed(Outcome):
     """Times and answers of a stream."""
 
     timeline: Timeline | None = None
-    """Of a run on the schedule; None for a compiled loop."""
+    """Timeline of a run on the schedule; None for a compiled loop."""
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     """The answer of each solve, NaN for none; of a compiled loop those of the first pass. Shape (M, d)."""
     kernel_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -78,7 +78,7 @@ class StreamRequest(Request):
     kernel_samples: int
     """Number of rows for a compiled loop; 0 for a run on the schedule."""
     give_up: int
-    """As of :func:`bench.timing.schedule.follow`."""
+    """See :func:`bench.timing.schedule.follow`."""
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Warm up, then run."""
