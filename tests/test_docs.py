@@ -16,6 +16,8 @@ from solvers import Lane, Status, Tier
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
+LONG_PAGES = {"commands", "tutorial-live"}
+"""Pages whose commands take over twenty seconds."""
 READING = (ROOT / "docs" / "reading-the-report.md").read_text(encoding="utf-8")
 LEARNING = ROOT / "docs" / "learning.md"
 PLANT = plants.get("relay_preisach", sample_time=1e-3)
@@ -27,7 +29,7 @@ Steps = set[tuple[str, str]]
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=pytest.mark.slow) if page.stem == "tutorial-live" else page for page in PAGES],
+    [pytest.param(page, marks=pytest.mark.slow) if page.stem in LONG_PAGES else page for page in PAGES],
     ids=lambda page: page.stem,
 )
 def test_the_examples_of_a_page_run_and_print_what_it_shows(
