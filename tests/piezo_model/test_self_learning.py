@@ -259,6 +259,29 @@ def test_a_saved_file_takes_no_other_options(tmp_path: Path) -> None:
 # Accuracy
 
 
+def best_straight_line(plant: str, y_ref: np.ndarray) -> float:
+    """Error of the drive a + b y_ref, with a and b fitted in hindsight by a few Gauss–Newton steps."""
+    one = sensor(plant, noise_um=0.0)
+    a, b = 75.0, 150.0 / (one.y_range[1] - one.y_range[0])
+    for _ in range(6):
+        one.reset()
+        y = one.run(np.clip(a + b * y_ref, *one.x_range))
+        slope, shift = np.polyfit(y_ref, y_ref - y, 1)
+        a, b = a + b * shift, b * (1.0 + slope)
+    return rms_percent(y, y_ref, one)
+
+
+@pytest.mark.parametrize(
+    ("plant", "ratio"), [("dense_prandtl_ishlinskii", 1 / 50), ("relay_preisach", 1 / 20), ("bouc_wen", 1 / 9)]
+)
+@pytest.mark.parametrize("mode", MODES)
+def test_three_cycles_remove_most_of_the_error_of_the_best_straight_line(plant: str, ratio: float, mode: str) -> None:
+    one = sensor(plant)
+    y_ref = steps(one, 24.0)
+    y = learner_for(one, mode).run(y_ref, one.run)[1]
+    assert rms_percent(y[-4000:], y_ref[-4000:], one) < ratio * best_straight_line(plant, y_ref[:8000])
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_without_a_constant_in_the_structure_one_is_learned_and_pays(mode: str) -> None:
     errors = {}
