@@ -47,8 +47,9 @@ static int solve(const Learner *l, int lane)
 {
     const Workspace work = workspace_of(l), *const w = &work;
     const int found = box_solve_from(w->solver, l->d, w->P, w->q, w->lb, w->ub, w->start) == OK;
+    const real *const answer = box_at(w->solver).answer;
     for (int i = 0; found && i < l->d; ++i) {
-        *entry(l->candidate, i, lane) = box_at(w->solver).answer[i];
+        *entry(l->candidate, i, lane) = answer[i];
     }
     return found;
 }
