@@ -110,10 +110,13 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     """Print one line for each reason."""
-    for reason, count in sorted(skip_reasons(config).items()):
+    reasons = skip_reasons(config)
+    for reason, count in sorted(reasons.items()):
         terminalreporter.write_line(
             f"{'ERROR: ' if ALL and reason != RECORDING_ABSENT else ''}{count} skipped: {reason}"
         )
+    if reasons and not ALL:
+        terminalreporter.write_line("make test ALL=1 installs all libraries")
 
 
 @pytest.fixture(scope="session")

@@ -34,10 +34,10 @@ MEMORY, PIECE_S = max(UNDER), 10.0
 
 
 class RangeMemory(TypedDict):
-    """State of a :class:`DrivenRange`, as it is saved: ``looked`` is the number of observations."""
+    """State of a :class:`DrivenRange`, as it is saved."""
 
     spans: list[tuple[Number, Number, Number, Number]]
-    looked: Annotated[int, Meta(ge=0, le=2**53)]
+    observed: Annotated[int, Meta(ge=0, le=2**53)]
 
 
 @dataclass
@@ -88,11 +88,11 @@ class DrivenRange:
 
     def memory(self) -> RangeMemory:
         """The state, as it is saved."""
-        return {"spans": list(self.spans), "looked": self.observed}
+        return {"spans": list(self.spans), "observed": self.observed}
 
     def restore(self, memory: RangeMemory) -> None:
         """Continue from a :meth:`memory`."""
-        self.spans, self.observed = memory["spans"], memory["looked"]
+        self.spans, self.observed = memory["spans"], memory["observed"]
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:

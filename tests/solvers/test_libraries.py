@@ -149,7 +149,7 @@ def make(lane: Lane, name: str, tolerance: float | None = 1e-6, **settings: Any)
     elif name in LANES[lane].INSTALLED:
         cls = LANES[lane].make(name)
     else:
-        pytest.skip(f"{name!r} is not installed, or {lane} does not find it: make test ALL=1 installs it")
+        pytest.skip(f"{name!r} is not installed, or {lane} does not find it")
     return cls(**{**asking(cls, tolerance), **settings})
 
 
