@@ -115,7 +115,7 @@ class Compensator:
         if not low < high:
             raise ValueError(f"x_limits must be two numbers in ascending order, not {(low, high)}")
         self._x_limits, self._rate_limit, self._integral_gain = (low, high), rate_limit, integral_gain
-        state = OperatorState.at_rest(s) if state is None else state
+        state = OperatorState.settled_at(s, s.x_centre) if state is None else state
         state.require(s)
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 

@@ -55,7 +55,7 @@ class DataBasis:
             raise ValueError(f"forgetting must be above 0 and at most 1, not {forgetting}")
         self.structure, self.forgetting = structure, forgetting
         self._core = new_basis(structure, forgetting)
-        state = OperatorState.at_rest(structure) if state is None else state
+        state = OperatorState.settled_at(structure, structure.x_centre) if state is None else state
         state.require(structure)
         self.state.play[:], self.state.creep[:] = state.play, state.creep
         self._start = state

@@ -192,7 +192,7 @@ class HysteresisCreepModel:
             from piezo_model.identification.validation import start_and_transient  # which simulates with this method
 
             state, x = start_and_transient(self, x)[0] if state is None else state, x.arrays()[0]
-        state = OperatorState.at_rest(s) if state is None else state
+        state = OperatorState.settled_at(s, s.x_centre) if state is None else state
         state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
         y = np.empty_like(unit_x)
@@ -213,7 +213,7 @@ class HysteresisCreepModel:
         return (
             self.start.copy()
             if self.start is not None and start == "identified"
-            else OperatorState.at_rest(self.structure)
+            else OperatorState.settled_at(self.structure, self.structure.x_centre)
         )
 
     def validate(self, recording: Recording) -> Validation:

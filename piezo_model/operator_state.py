@@ -6,19 +6,24 @@ r_n, padded with zeros to a multiple of eight, the structure's ``lanes``; creep 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.core import State
 from piezo_model.json_file import Number
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 from solvers.core import padded
+
+CameFrom = Literal["above", "below"] | None
+BRANCHES: Mapping[CameFrom, float] = {"above": 1.0, "below": -1.0, None: 0.0}
+"""Slope dz/dr of the settled states z over the thresholds r."""
 
 
 class States(TypedDict):
@@ -30,7 +35,7 @@ class States(TypedDict):
 
 @dataclass
 class OperatorState:
-    """States of the play and creep operators, in unit amplitudes.
+    """States of the play and creep operators, which are in unit amplitudes inside.
 
     Attributes
     ----------
@@ -41,10 +46,10 @@ class OperatorState:
 
     Examples
     --------
-    >>> structure = ModelStructure.equidistant(n=2, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,),
+    >>> structure = ModelStructure.equidistant(n=3, m=0, x_range=(0, 100), y_range=(-1, 1), creep_rates=(1.0,),
     ...                                        sample_time=1e-3)
-    >>> OperatorState.at_rest(structure, 0.5).play.tolist()
-    [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]
+    >>> OperatorState.settled_at(structure, 75.0, came_from="above").play[:4].tolist()
+    [0.5, 0.75, 1.0, 1.25]
     """
 
     play: Vector
@@ -54,14 +59,28 @@ class OperatorState:
         self.play, self.creep = (np.ascontiguousarray(z, dtype=np.float64) for z in (self.play, self.creep))
 
     @classmethod
-    def at_rest(cls, structure: ModelStructure, x: float = 0.0, branch: float = 0.0) -> OperatorState:
-        """States settled at the constant input x, in unit amplitudes.
+    def settled_at(cls, structure: ModelStructure, x: float, came_from: CameFrom = None) -> OperatorState:
+        """States after a long time at a constant input.
 
-        ``branch`` is the history: +1 from far above, −1 from far below, 0 without hysteresis; play and creep rest at
-        x + branch · r.
+        Parameters
+        ----------
+        structure : ModelStructure
+        x : float
+            In the structure's input unit.
+        came_from : "above" or "below", optional
+            The direction of the last long movement, through more than twice the largest threshold; by default the
+            actuator was demagnetised about x by swings that die away, and no play is displaced.
+
+        Raises
+        ------
+        ValueError
+            If x is not finite, or for another direction.
         """
-        r = padded_thresholds(structure)
-        return cls(x + branch * r, np.tile(x + branch * r, len(structure.creep_rates)))
+        checks.finite(x=x)
+        if came_from not in BRANCHES:
+            raise ValueError(f"came_from must be 'above', 'below' or None, not {came_from!r}")
+        z = (x - structure.x_centre) / structure.x_scale + BRANCHES[came_from] * padded_thresholds(structure)
+        return cls(z, np.tile(z, len(structure.creep_rates)))
 
     def require(self, structure: ModelStructure) -> None:
         """Raise ValueError if the states do not have the size of a structure."""
@@ -86,10 +105,9 @@ class OperatorState:
         if np.shape(play) != (size,) or len(creep) != rates or any(np.shape(z) != (size,) for z in creep):
             raise ValueError(f"the operator states are not {size} numbers of play and {rates} times {size} of creep")
         play = np.asarray(play, dtype=np.float64)
-        state = cls.at_rest(structure, float(play[0]))
-        state.play[:size] = play
-        state.creep.reshape(-1, structure.lanes)[:, :size] = np.array(creep, dtype=np.float64).reshape(rates, size)
-        return state
+        states = np.full((rates, structure.lanes), play[0])
+        states[:, :size] = np.array(creep, dtype=np.float64).reshape(rates, size)
+        return cls(pad(play, structure.lanes, float(play[0])), states.ravel())
 
     def on(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
         """Convert the states to the thresholds and input range of another structure with the same creep rates.

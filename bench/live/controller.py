@@ -17,7 +17,7 @@ class Controller:
 
     def __init__(self, task: Task) -> None:
         s, stage = task.model.structure, task.declared
-        state = OperatorState.at_rest(s, (stage.rest - s.x_centre) / s.x_scale)
+        state = OperatorState.settled_at(s, stage.rest)
         self.learning, self._next_logged = task.learn != "off", 0
         self._compensator: Compensator | SelfLearningCompensator
         if task.learn == "off":

@@ -216,7 +216,7 @@ def estimated(setup: StageSetup) -> Matrix:
 
 def at_low_end(structure: ModelStructure) -> OperatorState:
     """Operator states of an axis at the low end of its drive, coming from the high end."""
-    return OperatorState.at_rest(structure, -1.0, 1.0)
+    return OperatorState.settled_at(structure, structure.x_range[0], came_from="above")
 
 
 def percent(error_um: Matrix) -> Matrix:

@@ -27,7 +27,7 @@ from solvers.arrays import Vector
 
 def initial_states(structure: ModelStructure, state: OperatorState | None = None) -> Vector:
     """States of the operators as one vector (states,): play with thresholds 0 … r_n, then creep rate by rate; by
-    default at rest.
+    default settled at the centre of the range.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def initial_states(structure: ModelStructure, state: OperatorState | None = None
     >>> initial_states(structure).shape
     (6,)
     """
-    state = OperatorState.at_rest(structure) if state is None else state
+    state = OperatorState.settled_at(structure, structure.x_centre) if state is None else state
     state.require(structure)
     thresholds, rates = structure.n + 1, len(structure.creep_rates)
     return np.concatenate(

@@ -36,7 +36,7 @@ def learner_of(situation: Situation, way: str, n: int = 5, m: int = 3, **options
     """A learner with the ranges assumed by the user; the actuator is at the low end of its drive."""
     mode, solver = WAYS[way]
     structure = situation.structure(n, m)
-    state = OperatorState.at_rest(structure, float(structure.unit_input(np.array(situation.x_limits[0]))), 1.0)
+    state = OperatorState.settled_at(structure, situation.x_limits[0], came_from="above")
     return SelfLearningCompensator(
         structure,
         solver="box_active_set" if mode == "continuous" else solver,

@@ -61,24 +61,22 @@ class Start:
     level: float | None
     """Input in unit amplitudes at which creep had rested; None if it rested with the plays."""
     branch: float = 0.0
-    """Branch on which creep had reached its level, as of ``OperatorState.at_rest``."""
+    """Branch on which creep had reached its level: 1 from above, −1 from below, between them after smaller swings; the
+    states over the thresholds r are level + branch · r."""
 
     @classmethod
     def rested(cls, s: ModelStructure, first: float, at: float, branch: float = 0.0, *, creep: bool) -> Start:
-        """A start at rest at ``at`` on a branch, as of ``OperatorState.at_rest``, then driven to the first input."""
+        """A start at rest at ``at`` on a branch, in unit amplitudes, then driven to the first input."""
         r = s.thresholds
         z = np.clip(at + branch * r, first - r, first + r)
         return cls(first, tuple((np.diff(z) / np.diff(r)).tolist()), at if creep else None, branch)
 
     def state(self, s: ModelStructure, centre: float, half: float) -> OperatorState:
         """States of the operators; plays too wide for a drive of that centre and half range rest in the middle."""
-        r, state = padded_thresholds(s), OperatorState.at_rest(s, self.first)
-        steps = np.diff((0.0, *s.play_thresholds)) * np.array(self.slopes)
-        state.play[1 : s.n + 1] = self.first + np.cumsum(steps)
-        settled = state.play if self.level is None else self.level + self.branch * r
-        state.creep[:] = np.tile(settled, len(s.creep_rates))
-        state.play[r >= half] = centre
-        return state
+        r, play = padded_thresholds(s), np.full(s.lanes, self.first)
+        play[1 : s.n + 1] += np.cumsum(np.diff(s.thresholds) * np.array(self.slopes))
+        settled = play if self.level is None else self.level + self.branch * r
+        return OperatorState(np.where(r >= half, centre, play), np.tile(settled, len(s.creep_rates)))
 
 
 def find_initial_state(

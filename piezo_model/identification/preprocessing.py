@@ -89,7 +89,7 @@ def preprocess(
         return transient_end(errors(settled, longest, initial(settled, longest)[0]), longest)
 
     s = ranged(s, skip or 0)
-    rest = OperatorState.at_rest(s, float(s.unit_input(next(head.chunks(1))[0])[0]))
+    rest = OperatorState.settled_at(s, float(next(head.chunks(1))[0][0]))
     s = min((s, s.turned()), key=lambda signed: cost(signed, skip or 0, rest))
     if skip is None:
         longest = longest_transient(head, s)

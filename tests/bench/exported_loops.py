@@ -74,7 +74,7 @@ class Stage:
 
     def __init__(self, size: int, faulty: bool) -> None:
         self.model = a_model(n=9, m=2, rates=(30.0, 0.5), seed=7)
-        self.state = OperatorState.at_rest(self.model.structure)
+        self.state = OperatorState.settled_at(self.model.structure, self.model.structure.x_centre)
         self.noise = 0.03 * np.random.default_rng(3).standard_normal(size)
         self.faulty, self.done = faulty, 0
 

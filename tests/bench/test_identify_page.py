@@ -201,7 +201,7 @@ def test_cross_validation_finds_the_orders_and_creep_rates_that_the_data_were_ma
     rates: tuple[float, ...],
 ) -> None:
     usual, x, y = creeping(rates, (0.05, 0.03, 0.02))
-    found = select(x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set")
+    found = select(x, y, usual, OperatorState.settled_at(usual, usual.x_centre), 0, "box_active_set")
     assert found is not None
     assert (found.chosen.n, found.chosen.m, found.chosen.creep_rates) == (2, 0, rates)
     assert found.best.error_percent <= found.chosen.error_percent < 0.95 * found.default.error_percent
@@ -220,7 +220,15 @@ def test_given_orders_and_rates_are_kept() -> None:
 def test_errors_of_candidates_are_those_of_fits_to_the_samples_themselves() -> None:
     usual, x, y = creeping((10.0, 0.3), (0.05, 0.03, 0.02))
     found = select(
-        x, y, usual, OperatorState.at_rest(usual), 0, "box_active_set", ns=(5,), ms=(3,), rates=usual.creep_rates
+        x,
+        y,
+        usual,
+        OperatorState.settled_at(usual, usual.x_centre),
+        0,
+        "box_active_set",
+        ns=(5,),
+        ms=(3,),
+        rates=usual.creep_rates,
     )
     assert found is not None
     (only,) = found.candidates
@@ -228,7 +236,10 @@ def test_errors_of_candidates_are_those_of_fits_to_the_samples_themselves() -> N
     edges = [0, *(int(bottoms[np.argmin(np.abs(bottoms - at))]) for at in np.linspace(0, x.size, 6)[1:-1]), x.size]
     errors = []
     for out in range(5):
-        fitted, judged = DataBasis(usual, OperatorState.at_rest(usual)), DataBasis(usual, OperatorState.at_rest(usual))
+        fitted, judged = (
+            DataBasis(usual, OperatorState.settled_at(usual, usual.x_centre)),
+            DataBasis(usual, OperatorState.settled_at(usual, usual.x_centre)),
+        )
         for fold, (begin, end) in enumerate(pairwise(edges)):
             fitted.update(x[begin:end], y[begin:end], count=fold != out)
             judged.update(x[begin:end], y[begin:end], count=fold == out)

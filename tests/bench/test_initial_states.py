@@ -8,6 +8,7 @@ import pytest
 from command_line import CommandLine
 
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState
+from piezo_model.operator_state import padded_thresholds
 from piezo_model.recordings import write_table
 
 SAMPLE_TIME = 1e-3
@@ -24,7 +25,8 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     )
     t = np.arange(12_000) * SAMPLE_TIME
     x = 50.0 + 48.0 * np.cos(2 * np.pi * 0.7 * t) * (0.5 + 0.5 * np.cos(2 * np.pi * 0.11 * t))
-    y = truth.simulate(x, OperatorState.at_rest(structure, 0.9, branch=0.8))
+    settled = 0.9 + 0.8 * padded_thresholds(structure)
+    y = truth.simulate(x, OperatorState(settled, np.tile(settled, len(structure.creep_rates))))
     write_table(folder / "stage.csv", {"time_s": t, "voltage_V": x, "displacement_um": y})
     write_table(folder / "wanted.csv", {"time_s": t, "reference_um": y})
     call = piezobench("identify", "stage.csv", "--out", "model.json", *ORDERS, folder=folder)

@@ -50,7 +50,7 @@ def data_basis(repeats: int) -> list[Row]:
     s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 125e-6)
     x = multi_sine(duration_s=SAMPLES * s.sample_time, sample_time=s.sample_time, low=0.0, high=150.0)
     y = (x - 75.0) / 4.0 + 0.5 * np.sin(x / 10.0)
-    basis, moving, check = DataBasis(s), DataBasis(s), DataBasis(s, OperatorState.at_rest(s))
+    basis, moving, check = DataBasis(s), DataBasis(s), DataBasis(s, OperatorState.settled_at(s, s.x_centre))
     unit_x, unit_y = s.unit_input(x), s.unit_output(y)
     check.update(x, y)
     np.testing.assert_allclose(check.P, numpy_gram_matrix(s, unit_x, unit_y)[1:, 1:] / SAMPLES, rtol=1e-9, atol=1e-12)
@@ -115,7 +115,7 @@ def learning_loop(repeats: int) -> list[Row]:
             s,
             0.1,
             learn_s=100.0,
-            state=OperatorState.at_rest(s, -1.0, 1.0),
+            state=OperatorState.settled_at(s, s.x_range[0], came_from="above"),
             samples_to_solve=1,
             find_centre=False,
             **options,

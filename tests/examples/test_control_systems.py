@@ -99,7 +99,7 @@ def test_a_closed_loop_with_a_plant_has_our_trajectory() -> None:
     z = np.concatenate([[0.0], initial_states(s), initial_states(s)])
     found = response(loop, wanted, z)
 
-    compensator, state, total = Compensator(model, (0.0, 150.0)), OperatorState.at_rest(s), 0.0
+    compensator, state, total = Compensator(model, (0.0, 150.0)), OperatorState.settled_at(s, s.x_centre), 0.0
     expected = np.empty(wanted.size)
     for k in range(wanted.size):
         expected[k] = plant.simulate([compensator.step(total)], state)[0]
@@ -111,7 +111,7 @@ def test_a_closed_loop_with_a_plant_has_our_trajectory() -> None:
 def test_the_states_of_another_structure_are_refused() -> None:
     other = ModelStructure.equidistant(n=12, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(), sample_time=1e-3)
     with pytest.raises(ValueError, match="those of another structure"):
-        initial_states(a_model().structure, OperatorState.at_rest(other))
+        initial_states(a_model().structure, OperatorState.settled_at(other, 0.0))
 
 
 def test_run_alone_the_compensator_follows_and_the_straight_line_does_not() -> None:

@@ -87,7 +87,7 @@ def test_box_and_cone_admit_the_same_weights(case: Case, seed: int) -> None:
 @pytest.mark.parametrize("rates", [(), (1.0,), (10.0, 1.0, 0.1)])
 def test_the_weights_of_a_model_in_the_class_are_recovered(offset: bool, rates: tuple[float, ...]) -> None:
     s = structure(offset=offset, creep_rates=rates)
-    truth, state, x = true_model(s), OperatorState.at_rest(s, 0.2), a_drive()
+    truth, state, x = true_model(s), OperatorState.settled_at(s, s.x_centre + 0.2 * s.x_scale), a_drive()
     model = identify(x, truth.simulate(x, state.copy()), s, state=state, proximal=1e-14)
     np.testing.assert_allclose(model.weights, truth.weights, rtol=0, atol=1e-7)
     assert model.report["fit"]["skipped"] == 0

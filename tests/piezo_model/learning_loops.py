@@ -43,6 +43,5 @@ def learner_for(
     """A learner of an actuator at the low end of its drive."""
     structure = structure_for(plant, offset)
     chosen = {"reset_s": 0.1, "build_s": 4.0, "learn_s": 0.5, "hand_over_s": 0.02, "samples_to_solve": 5, **options}
-    return SelfLearningCompensator(
-        structure, solver=solver, mode=mode, state=OperatorState.at_rest(structure, -1.0, 1.0), **chosen
-    )
+    start = OperatorState.settled_at(structure, structure.x_range[0], came_from="above")
+    return SelfLearningCompensator(structure, solver=solver, mode=mode, state=start, **chosen)

@@ -70,7 +70,7 @@ class Loop:
             mode=mode,
             hand_over_s=0.1,
             find_centre=False,
-            state=OperatorState.at_rest(s, -1.0, 1.0),
+            state=OperatorState.settled_at(s, s.x_range[0], came_from="above"),
         )
         self.y_ref = references(1)[:, 0]
 
@@ -99,7 +99,7 @@ class Bank:
         self.bank, self.y_ref = CompensatorBank(structure(), count, hand_over_s=0.1), references(count)
         self.random = np.random.default_rng(1)
         wide = ModelStructure.equidistant(9, 3, (0.0, 150.0), (-20.0, 20.0), (30.0, 3.0, 0.3), T)
-        self.models, self.states = [], [OperatorState.at_rest(wide) for _ in range(count)]
+        self.models, self.states = [], [OperatorState.settled_at(wide, wide.x_centre) for _ in range(count)]
         for _ in range(count):
             w_H = np.r_[1.0, self.random.uniform(0.0, 0.1, 9)]
             w_K, w_S = self.random.uniform(0.0, 0.02, 10), np.r_[0.02, 0.03, 0.02, 1.0, 0.03, 0.02, 0.04]

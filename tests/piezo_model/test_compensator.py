@@ -63,6 +63,6 @@ def model() -> HysteresisCreepModel:
 
 
 def test_the_state_handed_in_is_copied(model: HysteresisCreepModel) -> None:
-    state = OperatorState.at_rest(model.structure, 0.5)
+    state = OperatorState.settled_at(model.structure, 75.0)
     Compensator(model, state=state).run([1.0, -3.0])
     np.testing.assert_array_equal(state.play, np.full(8, 0.5))

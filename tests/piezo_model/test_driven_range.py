@@ -30,7 +30,7 @@ def test_a_model_straight_between_the_new_thresholds_is_unchanged_in_other_range
     model = HysteresisCreepModel.from_weights(old, [0.3, 0.0, 0.0, 1.3, 0.02, 0.01, 0.0, 0.0, 0.1])
     carried = carried_over(model, new)
     x = 5.0 + 5.0 * h + 1.2 * drive(np.random.default_rng(seed), 400)
-    begin = OperatorState.at_rest(old, h)
+    begin = OperatorState.settled_at(old, old.x_centre + h * old.x_scale)
     after = begin.on(old, new)
     np.testing.assert_allclose(carried.simulate(x, after), model.simulate(x, begin), atol=1e-12)
 
@@ -73,7 +73,7 @@ def test_ranges_given_half_or_three_times_as_wide_are_mended(mode: str, guess: f
         one = sensor()
         true = structure_for(one)
         s = replace(true, x_scale=factor * true.x_scale, y_scale=factor * true.y_scale)
-        state = OperatorState.at_rest(s, -1.0 / factor, 1.0)
+        state = OperatorState.settled_at(s, true.x_range[0], came_from="above")
         learner = SelfLearningCompensator(
             s,
             0.1,

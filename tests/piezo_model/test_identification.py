@@ -11,7 +11,7 @@ from piezo_model.identification import sensor_lag
 from piezo_model.identification.identify import identify
 from piezo_model.identification.sensor_lag import shift_output
 from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
+from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 
 
@@ -31,7 +31,8 @@ def test_the_default_solver_and_another_one_give_the_same_model() -> None:
 
 def test_an_unknown_start_is_found_and_every_sample_counts() -> None:
     s, x = structure(), a_drive()
-    state = OperatorState.at_rest(s, 0.4, branch=0.7)  # came down from somewhere: no one knows
+    r = padded_thresholds(s)  # came down from somewhere: no one knows
+    state = OperatorState(0.4 + 0.7 * r, np.tile(0.4 + 0.7 * r, len(s.creep_rates)))
     model = identify(x, true_model(s).simulate(x, state.copy()), s)
     assert model.report["fit"]["skipped"] == 0
     assert model.report["fit"]["max_percent"] < 0.5
@@ -40,7 +41,7 @@ def test_an_unknown_start_is_found_and_every_sample_counts() -> None:
 @pytest.mark.parametrize("rest", [0.0, 0.9, -0.9])
 def test_the_weight_of_a_threshold_beyond_the_drive_keeps_its_reference(rest: float) -> None:
     s, x = structure(creep_rates=(0.1,)), 50 + 0.6 * (a_drive() - 50)
-    model = identify(x, true_model(s).simulate(x, OperatorState.at_rest(s, rest)), s)
+    model = identify(x, true_model(s).simulate(x, OperatorState.settled_at(s, s.x_centre + rest * s.x_scale)), s)
     assert s.play_thresholds[-1] * s.x_scale > np.ptp(x) / 2 > s.play_thresholds[-2] * s.x_scale
     assert model.report["fit"]["skipped"] == 0
     assert "w_H3" in model.report["excitation"]["unreached"]
@@ -66,7 +67,9 @@ def test_a_whole_and_a_fractional_lag_are_identified_and_reported(tenths: int, c
     fine, size = 10, 4000
     s, fine_s = structure(creep_rates=()), structure(creep_rates=(), sample_time=5e-4)
     x = a_drive(size, fine)
-    y = np.roll(true_model(fine_s).simulate(x, OperatorState.at_rest(s, 0.2)), tenths)[fine * 20 :: fine]
+    y = np.roll(true_model(fine_s).simulate(x, OperatorState.settled_at(s, s.x_centre + 0.2 * s.x_scale)), tenths)[
+        fine * 20 :: fine
+    ]
     model = identify(x[fine * 20 :: fine], y, s, lag=choice)
     found = model.report["lag"]
     assert found["samples"] == pytest.approx(tenths / fine, abs=0.03)
@@ -88,7 +91,7 @@ def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
     s, fine_s = structure(creep_rates=()), structure(creep_rates=(), sample_time=5e-4)
     # one large swing, then growing ones
     x = 50 + 45 * np.sin(t / 12) * np.where(t < 12 * np.pi, 1.0, 0.1 + 0.9 * t / 2000)
-    state = OperatorState.at_rest(s)
+    state = OperatorState.settled_at(s, s.x_centre)
     y = np.roll(true_model(fine_s).simulate(x, state.copy()), 24)
     y[:24] = y[24]
     model = identify(x[::fine], y[::fine], s, lag="remove", state=state)
@@ -110,7 +113,7 @@ def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeyp
         x[4:],
         true_model(s).simulate(x)[:-4],
         s,
-        state=OperatorState.at_rest(s, float(s.unit_input(50.0))),
+        state=OperatorState.settled_at(s, 50.0),
         skip=100,
         force=True,
     )

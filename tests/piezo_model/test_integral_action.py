@@ -23,7 +23,11 @@ def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = Fal
     ``added`` to its output."""
     model = replace(MODEL, structure=STRUCTURE.turned()) if turned else MODEL
     compensator = Compensator(model, LIMITS, integral_gain=gain / T)
-    state, x, error = OperatorState.at_rest(model.structure), np.empty(y_ref.size), np.empty(y_ref.size)
+    state, x, error = (
+        OperatorState.settled_at(model.structure, STRUCTURE.x_centre),
+        np.empty(y_ref.size),
+        np.empty(y_ref.size),
+    )
     for k in range(y_ref.size):
         x[k] = compensator.step(y_ref[k])
         y = model.simulate(x[k : k + 1], state)[0] + added[k]

@@ -3,7 +3,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from random_models import Case, cases, drive, model_of, structure_of
 from piezo_model.atomic_file import write_text
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
+from piezo_model.structure import ModelStructure
 
 # Simulation.
 
@@ -33,7 +34,9 @@ def test_without_states_the_actuator_rested_at_the_centre_of_its_range() -> None
     rng = np.random.default_rng(0)
     model = model_of(rng, structure_of(rng, 4, 2, 3, 2, True))
     x = model.structure.x_centre + drive(rng, 50)
-    np.testing.assert_array_equal(model.simulate(x), model.simulate(x, OperatorState.at_rest(model.structure)))
+    np.testing.assert_array_equal(
+        model.simulate(x), model.simulate(x, OperatorState.settled_at(model.structure, model.structure.x_centre))
+    )
 
 
 @pytest.fixture
@@ -42,8 +45,33 @@ def model() -> HysteresisCreepModel:
     return model_of(rng, structure_of(rng, 5, 3, 2, 3, True))
 
 
+@pytest.mark.parametrize(("came_from", "before"), [("above", 800.0), ("below", -800.0), (None, 20.0)])
+def test_the_settled_states_are_those_after_a_long_time_at_the_input(
+    came_from: Literal["above", "below"] | None, before: float
+) -> None:
+    s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-1.0, 1.0), (10.0, 1.0), 1e-3)
+    model = HysteresisCreepModel.from_weights(s, s.straight_line)
+    held = OperatorState.settled_at(s, before)
+    model.simulate(np.full(40_000, 20.0), held)
+    settled = OperatorState.settled_at(s, 20.0, came_from)
+    np.testing.assert_allclose(settled.play, held.play, atol=1e-12)
+    np.testing.assert_allclose(settled.creep, held.creep, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("x", "came_from", "sentence"),
+    [
+        (math.nan, None, "x must be a finite number, not nan"),
+        (20.0, "left", "came_from must be 'above', 'below' or None, not 'left'"),
+    ],
+)
+def test_an_input_or_a_direction_that_does_not_exist_is_refused(x: float, came_from: Any, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        OperatorState.settled_at(ModelStructure.equidistant(3, 1, (0, 1), (0, 1), (), 1e-3), x, came_from)
+
+
 def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepModel) -> None:
-    state = OperatorState.at_rest(model.structure, 0.3)
+    state = OperatorState.settled_at(model.structure, 0.3)
     model.simulate([0.1, 0.7], state)
     before = state.copy()
     assert np.all(np.isfinite(model.simulate([math.nan], state)))

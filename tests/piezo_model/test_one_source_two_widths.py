@@ -61,7 +61,7 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
             mode="continuous",
             find_centre=False,
             follow_range=False,
-            state=OperatorState.at_rest(structure),
+            state=OperatorState.settled_at(structure, structure.x_centre),
             **options,
         )
         assert single._block == bank.block

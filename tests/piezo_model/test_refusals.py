@@ -24,7 +24,7 @@ from piezo_model.stage.stage import Stage
 PLANT = plants.get("relay_preisach", sample_time=T)
 STRUCTURE, OTHER = structure_for(PLANT), structure_for(PLANT, n=12)
 MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
-ELSEWHERE = OperatorState.at_rest(OTHER)
+ELSEWHERE = OperatorState.settled_at(OTHER, 0.0)
 WALK = random_walk(duration_s=2.0, sample_time=T, low=0.0, high=150.0, seed=0, spread_per_root_s=3.0)
 NOT_FINITE = np.where(np.arange(10).reshape(5, 2) == 7, np.nan, 0.0)
 

@@ -308,7 +308,7 @@ def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
         mode=mode,
         hand_over_s=0.02,
         samples_to_solve=5,
-        state=OperatorState.at_rest(structure, -1.0, 1.0),
+        state=OperatorState.settled_at(structure, structure.x_range[0], came_from="above"),
     )
     assert error_of(learner, y_ref, one.run, one, slice(-6000, None)) < 1.3 * 100.0 * NOISE
 

@@ -151,7 +151,7 @@ def loops(one):
                 "box_active_set",
                 each.x_range,
                 samples_to_solve=7,
-                state=OperatorState.at_rest(structure, -1.0, 1.0),
+                state=OperatorState.settled_at(structure, each.x_range[0], came_from="above"),
             )
         )
     return SelfLearningStage(learners, np.linalg.inv(one.C))
