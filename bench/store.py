@@ -192,8 +192,8 @@ class Run:
         return run
 
     def discard(self) -> None:
-        """Remove the folder, unless a task is done."""
-        if not self._task_files():
+        """Remove the folder, unless a task is done or the race finished."""
+        if (self.path / "tasks").is_dir() and not self._task_files():
             shutil.rmtree(self.path)
 
     @contextmanager

@@ -123,7 +123,7 @@ def deploy_verb(
         refuse(context, ("problem", "simulated"), "selects a model of the run, and --model gives another")
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
-    check_writable(target)
+    check_writable(target, others=filter(None, [model]))
     rule = Rule(accuracy, deadline, tuple(lane or (Lane.KERNEL, Lane.DIRECT)), misses)
     with progress_bar() as progress:
         progress("weighing the solvers", 0, 2)

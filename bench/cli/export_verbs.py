@@ -110,7 +110,7 @@ def realtime_verb(
 ) -> None:
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
     if out is not None:
-        check_writable(out)
+        check_writable(out, others=[model])
     loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
     result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:

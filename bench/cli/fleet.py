@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from bench.cli.options import PARALLEL, refuse
-from bench.fleet.fleet import done, drawn, parts_of
+from bench.fleet.fleet import done, drawn, parts_of, products_of_others
 from bench.fleet.report import DISTANT, report, table_of, write
 from bench.fleet.storage import folder_here, matching
 from bench.fleet.works import Work
@@ -20,7 +20,8 @@ OutDir = Annotated[
     typer.Option(
         "--out-dir",
         help="For many recordings: folder or URL for the result of each and for a table and a page of all. Results "
-        "that are there already, of the same content and settings, are kept.",
+        "that are there already, of the same content and settings, are kept; others of the same name are replaced, and "
+        "nothing is deleted.",
     ),
 ]
 PAGES = 100
@@ -53,12 +54,13 @@ def process(
 ) -> None:
     """Do the work on all recordings, write table and page, and show them; then RecordingError if any was refused."""
     workers.check()
-    parts = list(parts_of(work, matching(recordings), out))
+    parts = parts_of(work, matching(recordings), out)
     with folder_here(out):  # fails before the work if the folder cannot be written
         pass
     try:
         with progress_bar() as progress:
-            table = table_of(done(parts, workers, progress))
+            rows = done(parts, workers, progress)
+            table, others = table_of(rows), products_of_others(work, rows, out)
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
             pages = dict(drawn([part for part in parts if part.name in outliers], workers, progress))
             found = report(
@@ -66,6 +68,7 @@ def process(
                 table,
                 what,
                 {name: {"file": work.made.format(name), "page": pages.get(name, "")} for name in table.name},
+                others,
             )
             write(out, table, found)
     except KeyboardInterrupt:
@@ -76,8 +79,8 @@ def process(
     if len(reasons) > MOST_REFUSED:
         reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
     below = [*(["Refused:", *reasons] if reasons else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"]
-    document = {"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records")}
-    print_report(report(title, table, what), document, as_json, below)
+    document = {"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records"), "not_of_this_run": others}
+    print_report(report(title, table, what, others=others), document, as_json, below)
     if len(refused):
         raise RecordingError(
             f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why"

@@ -79,7 +79,7 @@ def live_verb(
             raise typer.BadParameter(
                 f"{record} is written as Parquet, so its name must end in .parquet", param_hint="--record"
             )
-        check_writable(record, "--record")
+        check_writable(record, "--record", filter(None, [reference, model]))
     if not integral_gain <= rate:
         raise typer.BadParameter(
             f"must be at most the rate, {rate:g} 1/s, not {integral_gain:g}", param_hint="--integral-gain"

@@ -66,9 +66,9 @@ def validate_verb(
             as_json,
         )
         return
-    if page is not None:
-        check_writable(page, "--page")
     file = Path(only(context, recording, out_dir))
+    if page is not None:
+        check_writable(page, "--page", [file, model])
     opened, loaded, result = work.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
@@ -91,7 +91,7 @@ def simulate_verb(
     as_json: AsJson = False,
 ) -> None:
     """Compute the output of the model for a drive."""
-    check_writable(out)
+    check_writable(out, others=[drive, model])
     loaded = HysteresisCreepModel.load(model)
     s = loaded.structure
     given = read_reference(drive, time=time, column=input, role="input", **reading)

@@ -90,10 +90,10 @@ def identify_verb(
         )
         return
     file = Path(only(context, recording, out_dir))
-    check_writable(out)
+    check_writable(out, others=[file])
     opened = work.opened(file)
     if page is not None:
-        check_writable(page, "--page")
+        check_writable(page, "--page", [file, out])
     if not as_json:
         console.print(opened.describe())
     with progress_bar() as progress:
@@ -174,7 +174,7 @@ def compensate_verb(
         )
         return
     file = Path(only(context, reference, out_dir))
-    check_writable(out)
+    check_writable(out, others=[file, model])
     result = work.do(file, [Path(model)], out)
     follows = f"to {100.0 * FOLLOWED:g} % of its range"
     misses = quantity(result["largest_error"], result["output_unit"], 3)

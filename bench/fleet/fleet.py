@@ -4,8 +4,9 @@
     OUT/rows/NAME.json      figures of the row, with a SHA-256 of the program's version, the work's settings, the files
                             that were read and the product
 
-The row is written last and removed first, and each file is replaced whole, so an interruption costs only the
-recordings in progress. A recording is processed again if the digest differs, and if it was refused.
+The row is written last and each file is replaced whole, so an interruption costs only the recordings in progress. A
+recording is processed again if the digest differs, and if it was refused. Nothing is ever deleted: products of earlier
+runs, of recordings that are refused now or were not given, stay in the folder, and the report names them.
 """
 
 import hashlib
@@ -14,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
@@ -23,7 +24,10 @@ from bench.messages.progress import Progress
 from bench.processes.engine import Workers, parallel_map
 from piezo_model.atomic_file import write_text
 from piezo_model.json_file import decoded, packed, unpacked
+from piezo_model.recordings import RecordingError
 
+TABLES = ("fleet.csv", "fleet.parquet")
+"""Files of the table of all recordings."""
 Row = dict[str, Any]
 """``recording``, ``name`` and ``refused``, a sentence or ""; without a refusal, the figures of the work."""
 
@@ -103,7 +107,6 @@ def row_of(part: Part) -> Row:
             recording, *further = inputs
             figures = _stored(part, inputs)
             if figures is None:
-                _remove(part.out, part.row)
                 with folder_here(part.out) as folder:
                     product = folder / part.product
                     figures = part.work.do(recording, further, product)
@@ -113,7 +116,6 @@ def row_of(part: Part) -> Row:
                     write_text(folder / f"{part.name}.json", f"{stored}\n")
         return {**row, **figures}
     except Exception as error:
-        _remove(part.out, part.row, part.product)
         sentence = _sentence(error)
         return {**row, "refused": sentence.replace(str(recording), recording.name) if recording else sentence}
 
@@ -136,14 +138,23 @@ def _stored(part: Part, inputs: Sequence[Path]) -> Row | None:
         return None
 
 
-def _remove(out: str, *files: str) -> None:
+def products_of_others(work: Work, rows: Sequence[Row], out: str) -> list[str]:
+    """Names of the files in the folder that look like products of the work, but were not made of these recordings."""
     fs, path = filesystem(out)
-    for file in files:
-        if fs.isfile(f"{path}/{file}"):
-            fs.rm_file(f"{path}/{file}")
+    pattern, own = work.made.format("*"), {work.made.format(row["name"]) for row in rows if not row["refused"]}
+    files = [PurePosixPath(file) for file in fs.ls(path, detail=False)] if fs.isdir(path) else []
+    return sorted({file.name for file in files if work.made and file.match(pattern)} - own)
 
 
-def parts_of(work: Work, recordings: Sequence[str], out: str) -> Iterator[Part]:
-    """One part for each recording, with absolute places, which do not depend on a worker's current folder."""
-    for recording, name in zip(recordings, names_of(recordings), strict=True):
-        yield Part(work, absolute(recording), name, absolute(out))
+def parts_of(work: Work, recordings: Sequence[str], out: str) -> list[Part]:
+    """One part for each recording, with absolute places, which do not depend on a worker's current folder.
+
+    RecordingError if a recording would be replaced by a file of the fleet.
+    """
+    named = zip(recordings, names_of(recordings), strict=True)
+    parts = [Part(work, absolute(recording), name, absolute(out)) for recording, name in named]
+    written = {filesystem(f"{absolute(out)}/{file}")[1] for file in (*TABLES, *(part.product for part in parts))}
+    for recording in recordings:
+        if filesystem(recording)[1] in written:
+            raise RecordingError(f"{recording}: would be replaced by a file of that name; name another --out-dir")
+    return parts

@@ -18,11 +18,11 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bench.fleet.fleet import Row
+from bench.fleet.fleet import TABLES, Row
 from bench.fleet.storage import folder_here
 from bench.report.plot import PALETTE, ROW, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
-from bench.report.words import number
+from bench.report.words import joined, number
 from bench.report.writing import write_page
 from piezo_model.atomic_file import replacing
 
@@ -34,6 +34,8 @@ LEAST_PERCENT = 1e-9
 """Smaller errors are replaced by this one."""
 FIGURES = {"rms_percent": "RMS error, %", "max_percent": "largest, %", "line_percent": "with a line, %"}
 """Columns of the short table, if the work has them."""
+NAMED = 4
+"""Most files that a sentence names."""
 BINS = 24
 BLUE, RED = PALETTE[:2]
 SHARES = {"lowest": 0.0, "low": 0.05, "median": 0.5, "high": 0.95, "highest": 1.0}
@@ -66,8 +68,8 @@ def _score(measure: pd.Series, least: float) -> pd.Series:
     return deviation / max(1.4826 * deviation.median(), least)
 
 
-def sentences(table: pd.DataFrame, what: str) -> list[str]:
-    """Number of recordings, of outliers, and distribution of the errors."""
+def sentences(table: pd.DataFrame, what: str, others: Sequence[str] = ()) -> list[str]:
+    """Number of recordings, of outliers, distribution of the errors, and files that are not of this run."""
     fine = table[table.refused == ""]
     found = [f"{len(fine)} of {len(table)} recordings {what}."]
     if len(fine):
@@ -77,11 +79,21 @@ def sentences(table: pd.DataFrame, what: str) -> list[str]:
             f"{high:.2g} % in nine of ten. Unlike the others by more than {DISTANT:g} standard deviations: "
             f"{int((fine.distance > DISTANT).sum())}."
         )
+    if others:
+        named = joined([*others[:NAMED], f"{len(others) - NAMED} more"] if len(others) > NAMED else others)
+        found.append(f"Not of this run, but in the folder: {named}.")
     return found
 
 
-def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mapping[str, str]] | None = None) -> Report:
-    """The fleet's report; ``links`` maps each name to its files by kind, "" for none."""
+def report(
+    title: str,
+    table: pd.DataFrame,
+    what: str,
+    links: Mapping[str, Mapping[str, str]] | None = None,
+    others: Sequence[str] = (),
+) -> Report:
+    """The fleet's report; ``links`` maps each name to its files by kind, "" for none, and ``others`` are files in the
+    folder that are not of this run."""
     fine, refused = table[table.refused == ""], table[table.refused != ""]
     errors, links = [name for name in FIGURES if name in fine], links or {}
     pages, outliers = sum(bool(each["page"]) for each in links.values()), int((fine.distance > DISTANT).sum())
@@ -103,7 +115,7 @@ def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mappi
     ]
     headings = ("recording", *(FIGURES[name] for name in errors), "most unlike in", "standard deviations", *kinds)
     return Report(
-        sentences(table, what),
+        sentences(table, what, others),
         Table(
             "Those most unlike the others first",
             headings,
@@ -112,7 +124,10 @@ def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mappi
             note="Errors of the output as a share of its range."
             + (f" The {pages} most unlike have pages." if 0 < pages < outliers else ""),
         ),
-        tables=[Table("Refused", ("recording", "why"), refused[["recording", "refused"]].values.tolist(), 2)],
+        tables=[
+            Table("Refused", ("recording", "why"), refused[["recording", "refused"]].values.tolist(), 2),
+            Table("In the folder, but not of this run", ("file",), [[name] for name in others], 1),
+        ],
         figures=figures(fine),
         title=title,
     )
@@ -121,7 +136,7 @@ def report(title: str, table: pd.DataFrame, what: str, links: Mapping[str, Mappi
 def write(out: str, table: pd.DataFrame, found: Report) -> None:
     """Write ``fleet.csv``, ``fleet.parquet`` and the page ``fleet.html``."""
     with folder_here(out) as folder:
-        for name, put in (("fleet.csv", table.to_csv), ("fleet.parquet", table.to_parquet)):
+        for name, put in ((TABLES[0], table.to_csv), (TABLES[1], table.to_parquet)):
             with replacing(folder / name) as temporary:
                 put(temporary, index=False)
         write_page(found, folder / "fleet.html", "fleet-figures")

@@ -29,13 +29,15 @@ def stream_beside(path: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """FileExistsError if an earlier run left its stream, which would be overwritten."""
-    if stream_beside(path).exists():
-        raise FileExistsError(
-            errno.EEXIST,
-            f"was left by a run that did not come to its end; move it away, or choose another name than {path.name}",
-            str(stream_beside(path)),
-        )
+    """FileExistsError if there is a recording of that name, or the stream that an interrupted run left of it."""
+    for there, what in (
+        (path, "is a recording"),
+        (stream_beside(path), "was left by a run that did not come to its end"),
+    ):
+        if there.exists():
+            raise FileExistsError(
+                errno.EEXIST, f"{what}; move it away, or choose another name than {path.name}", str(there)
+            )
 
 
 def record(board: Board, path: Path, names: tuple[str, ...]) -> str:

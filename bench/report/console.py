@@ -60,8 +60,11 @@ def progress_bar() -> Iterator[progress.Progress]:
         yield lambda what, done, total: bar.update(shown, description=terminal(what), completed=done, total=total)
 
 
-def check_writable(out: Path, option: str = "--out") -> None:
-    """Refuse an output file that cannot be written, before the work starts."""
+def check_writable(out: Path, option: str = "--out", others: Iterable[str | Path] = ()) -> None:
+    """Refuse an output file that cannot be written, or that is one of the call's other files, before the work
+    starts."""
+    if os.path.realpath(out) in map(os.path.realpath, others):
+        raise typer.BadParameter(f"{out} is another file of this command; name a new one", param_hint=option)
     if not out.parent.is_dir():
         raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint=option)
     if out.exists() and not out.is_file():  # writing would replace it, even /dev/null

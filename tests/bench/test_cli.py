@@ -338,6 +338,19 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
             )
         ),
         ((*IDENTIFY, "--page", "nowhere/page.html"), ["--page"]),
+        # Outputs that would replace a file that the call reads, or its other output.
+        (("identify", "stage.csv", "--out", "./stage.csv"), ["--out: stage.csv is another file of this command"]),
+        ((*IDENTIFY, "--page", "stage.csv"), ["--page: stage.csv is another file of this command; name a new one"]),
+        ((*IDENTIFY, "--page", IDENTIFY[-1]), ["--page", "is another file of this command"]),
+        (("compensate", "model.json", "path.csv", "--out", "path.csv"), ["--out: path.csv is another file"]),
+        (("compensate", "model.json", "path.csv", "--out", "model.json"), ["--out: model.json is another file"]),
+        (("validate", "model.json", "stage.csv", "--page", "stage.csv"), ["--page: stage.csv is another file"]),
+        (("simulate", "model.json", "path.csv", "--out", "path.csv"), ["--out: path.csv is another file"]),
+        (("realtime", "model.json", "--out", "model.json"), ["--out: model.json is another file"]),
+        (
+            ("live", "--simulate", "duhem", "--reference", "path.parquet", "--record", "path.parquet"),
+            ["--record: path.parquet is another file"],
+        ),
         # Races.
         ((*RACE, "--solver", "best"), ["no solver 'best'", "daqp"]),
         ((*RACE, "--solver", "best.py"), ["best.py", "not a file"]),

@@ -132,6 +132,55 @@ def test_a_product_that_was_truncated_or_changed_is_made_again(recordings: list[
             assert made.read_bytes() == whole
 
 
+def kept_files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.glob("*.json")}
+
+
+def test_a_repeated_fleet_deletes_no_model_of_a_recording_that_is_gone_and_names_it_as_not_of_this_run(
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path
+) -> None:
+    chosen = [tmp_path / path.name for path in recordings[:3]]
+    for source, path in zip(recordings, chosen, strict=False):
+        path.write_bytes(source.read_bytes())
+    out = tmp_path / "models"
+    words = ("--out-dir", out, "--n", 2, "--m", 0, "--rates", "none")
+    out.mkdir()
+    (out / "torn.json").write_text("my own")  # a user's file with the name of a product
+    assert piezobench("identify", *chosen, *words).status == 0
+    before = kept_files(out)
+    chosen[1].unlink()
+    torn = tmp_path / "torn.csv"
+    torn.write_text("no numbers")
+    call = piezobench("identify", *chosen[:2], torn, *words)
+    assert "2 of 3 recordings are refused" in call.refusal
+    assert kept_files(out) == before
+    assert "Not of this run, but in the folder: stage1.json, stage2.json and torn.json." in call.stdout
+    table = table_in(out).set_index("name")
+    assert table.refused["stage1"]
+    assert "stage2" not in table.index
+    page = (out / "fleet.html").read_text()
+    assert '<a href="stage0.json">' in page
+    assert '<a href="stage1.json">' not in page
+    assert "In the folder, but not of this run" in page
+    found = json.loads(piezobench("identify", chosen[0], *words, "--json").stdout)
+    assert found["not_of_this_run"] == ["stage1.json", "stage2.json", "torn.json"]
+    chosen[1].write_bytes(recordings[1].read_bytes())
+    assert piezobench("identify", *chosen, *words).status == 0
+    assert kept_files(out) == before
+
+
+@pytest.mark.parametrize("recording", ["fleet.csv", "a-drive.csv"])
+def test_a_fleet_that_would_replace_one_of_its_recordings_is_refused(
+    piezobench: CommandLine, serial: tuple[Path, Finished], tmp_path: Path, recording: str
+) -> None:
+    for name in ("a.csv", recording):
+        write_table(tmp_path / name, {"time_s": np.arange(200) * SAMPLE_TIME, "reference_um": np.ones(200)})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    call = piezobench("compensate", serial[0] / "stage0.json", "a.csv", recording, "--out-dir", ".", folder=tmp_path)
+    assert f"{recording}: would be replaced by a file of that name; name another --out-dir" in call.refusal
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 @TWO_CORES
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
@@ -234,7 +283,9 @@ def test_recordings_and_models_may_be_given_by_url(recordings: list[Path], capsy
     memory = fsspec.filesystem("memory")
     for path in recordings[:2]:
         memory.pipe_file(f"/bucket/{path.name}", path.read_bytes())
-    for found in (2, 2):
+    for found, others in ((2, []), (2, []), (1, ["stage1.json"])):
+        if others:
+            memory.rm(f"/bucket/{recordings[1].name}")
         process(
             Identifying(n=2, m=0, creep_rates=()),
             ["memory://bucket/*"],
@@ -244,7 +295,9 @@ def test_recordings_and_models_may_be_given_by_url(recordings: list[Path], capsy
             "gave a model",
             as_json=True,
         )
-        assert json.loads(capsys.readouterr().out)["sentences"][0] == f"{found} of 2 recordings gave a model."
+        shown = json.loads(capsys.readouterr().out)
+        assert shown["sentences"][0] == f"{found} of {found} recordings gave a model."
+        assert shown["not_of_this_run"] == others
     assert {"stage0.json", "stage1.json", "fleet.csv", "fleet.parquet", "fleet.html", "rows"} <= {
         Path(path).name for path in memory.ls("/models", detail=False)
     }

@@ -345,11 +345,15 @@ def test_a_port_in_use_is_refused_before_anything_moves(piezobench: CommandLine)
     )
 
 
-def test_the_stream_of_an_unfinished_run_is_not_overwritten(piezobench: CommandLine, tmp_path: Path) -> None:
-    (tmp_path / "run.arrow").write_text("precious")
+@pytest.mark.parametrize("name", ["run.arrow", "run.parquet"])
+def test_a_recording_and_the_stream_of_an_unfinished_run_are_not_overwritten(
+    piezobench: CommandLine, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).write_text("precious")
     refusal = piezobench("live", "--simulate", "duhem", "--no-page", "--record", tmp_path / "run.parquet").refusal
-    assert "run.arrow" in refusal
-    assert (tmp_path / "run.arrow").read_text() == "precious"
+    assert name in refusal
+    assert "move it away, or choose another name than run.parquet" in refusal
+    assert (tmp_path / name).read_text() == "precious"
 
 
 def test_the_board_hands_over_samples_and_events_in_their_order() -> None:

@@ -181,6 +181,19 @@ def test_an_existing_run_is_not_overwritten(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
+def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race, tmp_path: Path) -> None:
+    shutil.copytree(clean_race.run.path, tmp_path / "finished")
+    Run(tmp_path / "finished").discard()
+    assert (tmp_path / "finished" / "rows.parquet").is_file()
+    new = Run.create(tmp_path, {}, "new")
+    (new.path / "tasks" / "one.npz").touch()
+    new.discard()
+    assert new.path.is_dir()
+    (new.path / "tasks" / "one.npz").unlink()
+    new.discard()
+    assert not new.path.exists()
+
+
 @pytest.mark.parametrize("version", [1, 2, 4])
 def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_opens_it(
     clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int
