@@ -22,14 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
 from piezo_model.compensator import drive_memory, drive_settings, fade_factor
-from piezo_model.core import State, bindings
+from piezo_model.core import State, Stateful, bindings
 from piezo_model.json_file import Number, Versioned, decoded
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
 from piezo_model.learning.settings import require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.regressors import write_slope_regressors
 from piezo_model.structure import ModelStructure
-from solvers.core import block
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -40,8 +39,10 @@ LANES = 8
 GOLDEN = 0.6180339887498949
 """Tile t begins late by the fractional part of t times this number in intervals, which is evenly spread for any number
 of tiles, and by t whole intervals, which spreads the checkpoints too."""
+TABLES = ("driver", "learner", "note")
+"""Parts of a tile, in the order of their addresses; each has the rows of all tiles one after the other."""
 LANE_BY_LANE = ("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "memory", "in_use", "candidate", "gram")
-"""Parts of a tile with a number for each of its actuators."""
+"""Parts of these with a number for each of the tile's actuators."""
 MOST_TILES = 2**24
 
 
@@ -67,7 +68,7 @@ class BankFile(Versioned):
     options: Options
 
 
-class CompensatorBank:
+class CompensatorBank(Stateful):
     """Self-learning compensators of ``count`` actuators.
 
     Parameters
@@ -129,13 +130,13 @@ class CompensatorBank:
         self._pool: ThreadPoolExecutor | None = None
         self._tiles = 0
         self._place(np.empty(0, np.int64))
-        self._tables: list[Matrix] = []
         self._allocate(-(-count // LANES))
         self.add(count, x_limits, learn)
 
     def _allocate(self, tiles: int) -> None:
         """Allocate tiles and keep the existing ones."""
-        s, shape, before, tiles_before = self.structure, self.structure.shape, self._tables, self._tiles
+        s, shape, tiles_before = self.structure, self.structure.shape, self._tiles
+        before = [self._table(part) for part in TABLES if tiles_before]
         self._tiles = tiles
         core = State(
             bindings.bank_bytes(*shape, tiles, self.block),
@@ -148,24 +149,29 @@ class CompensatorBank:
         )
         write_settings(self._numbers, core["settings"])
         write_slope_regressors(core, s)
-        offsets = core.offsets
-        self._views, self._tables = {}, []
-        for part in ("driver", "learner", "note"):
-            first, numbers = offsets[part]
-            table = core.block[first : first + 8 * numbers * tiles].view(np.float64).reshape(tiles, numbers)
-            self._tables.append(table)
-            for name in LANE_BY_LANE:
-                begin, length = (offsets[name][0] - first) // 8, offsets[name][1]
-                if begin >= 0 and begin + length <= numbers:
-                    self._views[name] = table[:, begin : begin + length].reshape(tiles, length // LANES, LANES)
-        for table, old in zip(self._tables, before, strict=False):
-            table[:tiles_before] = old
+        for part, old in zip(TABLES, before, strict=False):
+            self._table(part)[:tiles_before] = old
         checkpoints = int(self._numbers["checkpoint"]) // self.interval
         for tile in range(tiles_before, tiles):
             late = math.floor(tile * GOLDEN % 1.0 * self.interval) + tile % checkpoints * self.interval
             bindings.bank_prepare(core.block, tile, late)
-        self._views["w_H"][tiles_before:, 0] = 1.0
-        self._workspaces = [block(bindings.bank_workspace_bytes(*shape, self.block)) for _ in range(self.threads)]
+        self._view("w_H")[tiles_before:, 0] = 1.0
+        workspace = bindings.bank_workspace_bytes(*shape, self.block)
+        self._workspaces = [State(workspace, lambda block: {}) for _ in range(self.threads)]
+
+    def _table(self, part: str) -> Matrix:
+        """View (tiles, numbers) of one of `TABLES`."""
+        first, numbers = self._core.offsets[part]
+        table = self._core.block[first : first + 8 * numbers * self._tiles].view(np.float64)
+        return table.reshape(self._tiles, numbers)
+
+    def _view(self, name: str) -> Matrix:
+        """View (tiles, numbers, LANES) of one of `LANE_BY_LANE`."""
+        offsets = self._core.offsets
+        at, length = offsets[name]
+        table = [part for part in TABLES if offsets[part][0] <= at][-1]
+        begin = (at - offsets[table][0]) // 8
+        return self._table(table)[:, begin : begin + length].reshape(self._tiles, length // LANES, LANES)
 
     def _place(self, slots: Index) -> None:
         """Set the lane of each actuator, numbered over all tiles."""
@@ -176,10 +182,10 @@ class CompensatorBank:
         return self._slots.size
 
     def _get(self, name: str, slots: Index) -> Matrix:
-        return self._views[name][slots // LANES, :, slots % LANES]
+        return self._view(name)[slots // LANES, :, slots % LANES]
 
     def _set(self, name: str, slots: Index, values: ArrayLike) -> None:
-        self._views[name][slots // LANES, :, slots % LANES] = values
+        self._view(name)[slots // LANES, :, slots % LANES] = values
 
     def add(self, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None, learn: ArrayLike = True) -> None:
         """Append actuators, at rest at the centre of the range, with the straight line through the ranges as model."""
@@ -192,7 +198,7 @@ class CompensatorBank:
             self._allocate(-(-(taken.size + count) // LANES))
         new = np.setdiff1d(np.arange(self._tiles * LANES), taken)[:count]
         self._place(np.concatenate([taken, new]))
-        for name in self._views:
+        for name in LANE_BY_LANE:
             self._set(name, new, 0.0)
         self._set("drive_memory", new, drive_memory(s, low, high).T)
         self._take(new, HysteresisCreepModel.from_weights(s, s.straight_line))
@@ -208,7 +214,7 @@ class CompensatorBank:
                 f"there are actuators 0 to {len(self) - 1}, and not {which[0] if which[0] < 0 else which[-1]}"
             )
         gone = self._slots[which]
-        self._views["memory"][gone // LANES, 0, gone % LANES] = 0.0
+        self._view("memory")[gone // LANES, 0, gone % LANES] = 0.0
         self._place(np.delete(self._slots, which))
 
     def take(self, actuator: int, model: HysteresisCreepModel) -> None:
@@ -240,7 +246,7 @@ class CompensatorBank:
     @learning.setter
     def learning(self, which: ArrayLike) -> None:
         slots = self._slots
-        self._views["memory"][slots // LANES, 0, slots % LANES] = np.broadcast_to(
+        self._view("memory")[slots // LANES, 0, slots % LANES] = np.broadcast_to(
             np.asarray(which, dtype=bool), slots.shape
         )
 
@@ -297,7 +303,7 @@ class CompensatorBank:
 
         def share(i: int) -> None:
             first, last = (self._tiles * end // self.threads for end in (i, i + 1))
-            bindings.bank_run(self._core.block, y_ref, y, x, self._workspaces[i], first, last)
+            bindings.bank_run(self._core.block, y_ref, y, x, self._workspaces[i].block, first, last)
 
         with self._core.alone():
             if self.threads > 1:
@@ -313,6 +319,9 @@ class CompensatorBank:
         full = np.full((values.shape[0], self._tiles * LANES), math.nan)
         full[:, self._slots] = values
         return full
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_pool": None}  # a copy starts threads of its own
 
     def memory(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import json_file
-from piezo_model.core import State, bindings
+from piezo_model.core import State, Stateful, bindings
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorState, write_operators
 from piezo_model.structure import ModelStructure
@@ -72,7 +72,7 @@ def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:
     return memory
 
 
-class Compensator:
+class Compensator(Stateful):
     """Compensation of hysteresis and creep, open-loop or with integral action if a sensor stays in the loop.
 
     Parameters

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
-from piezo_model.core import bindings
+from piezo_model.core import Stateful, bindings
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import full_gram, new_basis
@@ -25,7 +25,7 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector
 
 
-class DataBasis:
+class DataBasis(Stateful):
     """Streaming P, q and c of equation (6).
 
     Parameters
@@ -111,8 +111,7 @@ class DataBasis:
         total_weight = float(self.samples)
         if self.forgetting < 1.0:
             total_weight = float(-np.expm1(self.samples * np.log(self.forgetting)) / (1.0 - self.forgetting))
-        with self._core.alone():
-            finished = copy.deepcopy(self._core)
+        finished = copy.copy(self._core)
         bindings.basis_finish(finished.block)
         return full_gram(finished["gram"], self.structure) / total_weight
 

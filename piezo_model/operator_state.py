@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
-from piezo_model.core import State
+from piezo_model.core import State, Stateful
 from piezo_model.json_file import Number
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.structure import ModelStructure
@@ -34,7 +34,7 @@ class States(TypedDict):
 
 
 @dataclass
-class OperatorState:
+class OperatorState(Stateful):
     """States of the play and creep operators, which are in unit amplitudes inside.
 
     Attributes

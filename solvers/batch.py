@@ -10,6 +10,7 @@ in compiled code, without the interpreter's lock.
 import os
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +114,10 @@ class BoxBatch:
         if np.count_nonzero(found) < count:
             x[~found] = np.nan
         return x, found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a copy has threads and workspaces of its own
+        return BoxBatch, (self.d, self.threads), {"statuses": self.statuses.copy()}
 
     def reason(self, b: int) -> str:
         """Why program b of the last batch has no answer, in a sentence; "" if it has one."""

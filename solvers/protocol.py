@@ -15,7 +15,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 from qpsolvers import Problem, Solution
@@ -192,6 +192,13 @@ class Solver(Entrant):
 
     def __init__(self, **settings: Any) -> None:
         self.settings: dict[str, Any] = {**self.always, **settings}
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse copies of any kind: they would share the memory of a library, or lose it."""
+        raise TypeError(
+            f"the solver {self.name} has memory in compiled code and cannot be copied or pickled; set up another one, "
+            f"by solvers.get({self.name!r}, **settings) and setup(problem)"
+        )
 
     @abstractmethod
     def setup(self, problem: Problem) -> None:

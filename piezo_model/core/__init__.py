@@ -3,11 +3,12 @@
 The headers of this folder document the functions, ``solvers/core/README.md`` how the core is built and extended.
 """
 
+import copy
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,10 @@ bindings: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.bindin
 
 
 class State:
-    """A state of the core with views of its vectors, ``state["play"]``; deep and pickled copies are independent.
+    """A state of the core with views of its vectors, ``state["play"]``; all copies are independent.
+
+    A copy in the making counts as use (:meth:`alone`). Whoever owns a state stores no view of it, since a copy of the
+    owner would have a view of other memory.
 
     Parameters
     ----------
@@ -65,7 +69,8 @@ class State:
         take(self.block, aligned)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _copied, (self.block.tobytes(), self.offsets)
+        with self.alone():
+            return _copied, (self.block.tobytes(), self.offsets)
 
 
 def _copied(data: bytes, offsets: Mapping[str, tuple[int, int]]) -> State:
@@ -74,3 +79,10 @@ def _copied(data: bytes, offsets: Mapping[str, tuple[int, int]]) -> State:
         return offsets
 
     return State(len(data), fill)
+
+
+class Stateful:
+    """Base of the objects that change with every sample: a shallow copy would share the state, so each copy is deep."""
+
+    def __copy__(self) -> Self:
+        return copy.deepcopy(self)

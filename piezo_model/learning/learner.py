@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.compensator import Compensator
-from piezo_model.core import State, bindings
+from piezo_model.core import State, Stateful, bindings
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.learning import layout
 from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
@@ -35,7 +35,7 @@ MESSAGES = {
 """Log entries of continuous operation; its further hand-overs and refusals are only counted."""
 
 
-class Learner:
+class Learner(Stateful):
     """Base of :class:`piezo_model.self_learning.SelfLearningCompensator`: settings, state and event handling."""
 
     def __init__(self, compensator: Compensator, settings: LearningSettings) -> None:

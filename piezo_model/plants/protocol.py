@@ -1,8 +1,7 @@
 """The protocol of a plant y(k) = Γ[x](k), from a drive voltage to a displacement, sample by sample.
 
 A plant is the truth of an experiment, so it is implemented independently of the identified model. A run in chunks gives
-the same bits as a single run. A copy (``copy.deepcopy``) includes the state (hysteresis, creep, noise) and is
-independent.
+the same bits as a single run. A copy of any kind includes the state (hysteresis, creep, noise) and is independent.
 """
 
 from abc import ABC, abstractmethod
@@ -10,10 +9,11 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model.core import Stateful
 from solvers.arrays import Vector
 
 
-class Plant(ABC):
+class Plant(Stateful, ABC):
     """An actuator, or an actuator with its sensor, sampled every ``sample_time`` seconds."""
 
     x_range: tuple[float, float]

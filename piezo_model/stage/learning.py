@@ -10,12 +10,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model.core import Stateful
 from piezo_model.self_learning import SelfLearningCompensator
 from piezo_model.stage.stage import coupled
 from solvers.arrays import Matrix
 
 
-class SelfLearningStage:
+class SelfLearningStage(Stateful):
     """Two self-learning compensators behind a decoupling matrix.
 
     Parameters

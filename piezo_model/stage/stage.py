@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
+from piezo_model.core import Stateful
 from piezo_model.stage.axis import Axis
 from solvers.arrays import Matrix
 
@@ -25,7 +26,7 @@ def coupled(C: Matrix, p: Matrix) -> Matrix:
 
 
 @dataclass(kw_only=True, eq=False)
-class Stage:
+class Stage(Stateful):
     """The positioning system of the module.
 
     Parameters

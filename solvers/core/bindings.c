@@ -111,7 +111,7 @@ static const char *take_state(Arguments *a, PyObject *given, Value *value, const
     }
     value->memory = view->buf;
     const StateHead *const head = view->buf;
-    if (((uintptr_t)view->buf & 7) != 0 || view->len < (Py_ssize_t)sizeof *head
+    if ((uintptr_t)view->buf % 64 != 0 || view->len < (Py_ssize_t)sizeof *head
         || (kind != 0 && (head->kind != kind || view->len < head->bytes))) {
         refuse_argument(a, "is not the state that this function wants");
     } else if (kind != 0) {

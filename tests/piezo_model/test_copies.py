@@ -1,0 +1,162 @@
+"""Copies of every object with a state, by ``copy`` and ``pickle``: the same bits from then on, and nothing shared."""
+
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from learning_loops import MODES, T, learner_for, sensor, structure_for
+
+import solvers
+from piezo_model import Compensator, CompensatorBank, DataBasis, HysteresisCreepModel, OperatorState, Recording, plants
+from piezo_model.stage.axis import Axis
+from piezo_model.stage.learning import SelfLearningStage
+from piezo_model.stage.stage import Stage
+
+PLANT = plants.get("relay_preisach", sample_time=T)
+STRUCTURE = structure_for(PLANT)
+MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
+COPIES: dict[str, Callable[[Any], Any]] = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda thing: pickle.loads(pickle.dumps(thing)),
+}
+each_way = pytest.mark.parametrize("way", COPIES)
+
+
+def signal(seed: int, *shape: int) -> np.ndarray:
+    """Slow random signals in −1 to 1 with a little noise, along the first axis."""
+    random = np.random.default_rng(seed)
+    phase = random.uniform(0.0, 6.0, shape[1:]) + random.uniform(0.02, 0.05) * np.arange(shape[0]).reshape(
+        -1, *[1] * (len(shape) - 1)
+    )
+    return 0.9 * np.sin(phase) + 0.01 * random.normal(size=shape)
+
+
+def volts(u: np.ndarray) -> np.ndarray:
+    return 75.0 + 75.0 * u
+
+
+def micrometres(u: np.ndarray) -> np.ndarray:
+    return 20.0 * u
+
+
+@dataclass(frozen=True)
+class Case:
+    """An object in the middle of its work, and a use that goes on from there and returns all that can be seen."""
+
+    make: Callable[[], Any]
+    use: Callable[[Any, int], Any]
+
+
+def used(make: Callable[[], Any], use: Callable[[Any, int], Any]) -> Case:
+    def in_the_middle() -> Any:
+        thing = make()
+        use(thing, 100)
+        return thing
+
+    return Case(in_the_middle, use)
+
+
+def stage() -> Stage:
+    axes = tuple(Axis(actuators=(plants.get(name, sample_time=T),)) for name in ("relay_preisach", "bouc_wen"))
+    return Stage(axes=axes, noise_um=0.01)
+
+
+def update(basis: DataBasis, seed: int) -> Any:
+    x = volts(signal(seed, 333))
+    basis.update(x, micrometres(signal(seed, 333)))
+    return basis.P, basis.q, basis.c, basis.samples, basis.state.play, basis.excitation
+
+
+def learn(learner: Any, seed: int) -> Any:
+    y_ref = micrometres(signal(seed, 1500))
+    x = learner.replay(y_ref, y_ref + 0.1 * signal(seed + 1, 1500))
+    return x, learner.samples, learner.counts, learner.learned_weights, [asdict(event) for event in learner.log]
+
+
+def run_bank(bank: CompensatorBank, seed: int) -> Any:
+    y_ref = micrometres(signal(seed, 600, len(bank)))
+    return bank.run(y_ref, y_ref + 0.1 * signal(seed + 1, 600, len(bank))), bank.weights, bank.counts, bank.learning
+
+
+def solve_batch(batch: solvers.BoxBatch, seed: int) -> Any:
+    q = signal(seed, 300, 4)
+    P, bounds = np.tile(np.eye(4), (300, 1, 1)), np.ones((300, 4))
+    P[seed % 300] = np.nan
+    return *batch.solve(P, q, -bounds, 0.5 * bounds), batch.statuses
+
+
+def move_states(state: OperatorState, seed: int) -> Any:
+    before = state.play.copy(), state.creep.copy()
+    state.play[:], state.creep[:] = signal(seed, state.play.size), signal(seed, state.creep.size)
+    return before
+
+
+CASES = {
+    "a compensator": used(
+        lambda: Compensator(MODEL, (0.0, 150.0), rate_limit=1e5, integral_gain=5.0),
+        lambda one, seed: [(one.step(y), one.correct(y + 0.1)) for y in micrometres(signal(seed, 100)).tolist()],
+    ),
+    "a data basis": used(lambda: DataBasis(STRUCTURE, forgetting=0.999), update),
+    **{f"a learner, {mode}": used(partial(learner_for, PLANT, mode, build_s=1.0), learn) for mode in MODES},
+    **{
+        f"a bank of {threads} threads": used(partial(CompensatorBank, STRUCTURE, 19, threads=threads), run_bank)
+        for threads in (1, 2)
+    },
+    **{
+        f"the plant {name}": used(
+            partial(plants.get, name, sample_time=T), lambda plant, seed: plant.run(volts(signal(seed, 200)))
+        )
+        for name in plants.names()
+    },
+    "a sensor": used(partial(sensor, lag_s=0.01, delay_samples=3), lambda one, seed: one.run(volts(signal(seed, 200)))),
+    "a stage": used(stage, lambda one, seed: one.run(volts(signal(seed, 200, 2)))),
+    "the loops of a stage": used(
+        lambda: SelfLearningStage([learner_for(PLANT, "continuous") for _ in range(2)], np.eye(2)),
+        lambda loops, seed: [loops.step(y, y + 0.1) for y in micrometres(signal(seed, 300, 2))],
+    ),
+    "states of operators": used(partial(OperatorState.settled_at, STRUCTURE, 40.0, "above"), move_states),
+    "a batch of programs": used(partial(solvers.BoxBatch, 4, threads=2), solve_batch),
+    "a recording": Case(
+        lambda: Recording.from_arrays(volts(signal(0, 200)), micrometres(signal(0, 200)), T, name="here"),
+        lambda recording, seed: (recording.arrays(), recording.describe()),
+    ),
+    "a model": Case(lambda: MODEL, lambda model, seed: (model.simulate(volts(signal(seed, 200))), model.to_dict())),
+}
+
+
+@each_way
+@pytest.mark.parametrize("what", CASES)
+def test_a_copy_goes_on_as_the_original_would_and_neither_disturbs_the_other(what: str, way: str) -> None:
+    case, again = CASES[what], COPIES[way]
+    original = case.make()
+    one, other = again(original), again(original)
+    case.use(one, 1)
+    expected = case.use(case.make(), 2)
+    np.testing.assert_equal(case.use(other, 2), expected)
+    np.testing.assert_equal(case.use(original, 2), expected)
+    # … and on: what one of them learned is of no effect on the others
+    np.testing.assert_equal(case.use(again(other), 3), case.use(original, 3))
+
+
+@each_way
+def test_a_copied_bank_has_settings_of_its_own(way: str) -> None:
+    bank = CompensatorBank(STRUCTURE, 19)
+    other = COPIES[way](bank)
+    other.learning = False
+    other.take(3, HysteresisCreepModel.from_weights(STRUCTURE, 2.0 * STRUCTURE.straight_line))
+    other.add(30)
+    other.remove(0)
+    assert (len(bank), bank.learning.all()) == (19, True)
+    np.testing.assert_array_equal(bank.weights, CompensatorBank(STRUCTURE, 19).weights)
+
+
+def test_an_object_in_use_by_another_thread_is_not_copied() -> None:
+    bank = CompensatorBank(STRUCTURE, 8)
+    with bank._core.alone(), pytest.raises(RuntimeError, match="in use by another thread"):
+        copy.copy(bank)
