@@ -168,7 +168,7 @@ class HysteresisCreepModel:
         Parameters
         ----------
         x : array (N,) or Recording
-            Input in the structure's input unit.
+            Input in the structure's input unit; a recording in other units is converted.
         state : OperatorState, optional
             States before the first sample; updated in place to those after the last one, so that a signal can be
             simulated chunk by chunk. By default, for a recording the states that fit it best, as in the identification;
@@ -191,6 +191,7 @@ class HysteresisCreepModel:
         if _is_recording(x):
             from piezo_model.identification.validation import start_and_transient  # which simulates with this method
 
+            x = x.in_units(s.input_unit, s.output_unit)
             state, x = start_and_transient(self, x)[0] if state is None else state, x.arrays()[0]
         state = OperatorState.settled_at(s, s.x_centre) if state is None else state
         state.require(s)
@@ -223,6 +224,8 @@ class HysteresisCreepModel:
         ------
         IdentificationError
             The recording does not fit the model.
+        UnitError
+            It is in units that cannot be converted to the model's.
         """
         from piezo_model.identification.validation import validate  # which simulates with this class
 

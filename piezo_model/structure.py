@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from piezo_model.json_file import LARGEST
+from piezo_model.units import conversion
 from solvers.arrays import Matrix, Vector
 from solvers.core import padded
 
@@ -166,6 +167,33 @@ class ModelStructure:
             self,
             y_scale=-self.y_scale,
             dead_zone_thresholds=tuple(0.0 - r for r in reversed(self.dead_zone_thresholds)),
+        )
+
+    def in_units(self, input_unit: str, output_unit: str, name: str = "structure") -> ModelStructure:
+        """Return the structure in other units, with the same unit amplitudes; where a unit is unknown, values are kept.
+
+        Raises
+        ------
+        UnitError
+            A unit measures something else; the sentence begins with ``name``.
+
+        Examples
+        --------
+        >>> structure = ModelStructure.equidistant(n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0),
+        ...                                        creep_rates=(), sample_time=1e-3)
+        >>> structure.in_units("V", "nm").y_scale
+        20000.0
+        """
+        gain_x, _ = conversion(name, "input", self.input_unit, input_unit)
+        gain_y, _ = conversion(name, "output", self.output_unit, output_unit)
+        return replace(
+            self,
+            x_centre=gain_x * self.x_centre,
+            x_scale=gain_x * self.x_scale,
+            y_centre=gain_y * self.y_centre,
+            y_scale=gain_y * self.y_scale,
+            input_unit=input_unit or self.input_unit,
+            output_unit=output_unit or self.output_unit,
         )
 
     @property

@@ -96,6 +96,12 @@ NO_UNITS = frozenset(
 PREFIXED = ("rad", "V", "m", "s", "A", "N")
 PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _PREFIX_OF = {factor: prefix for prefix, factor in PREFIXES.items()}
+
+
+class UnitError(ValueError):
+    """A unit that measures something else than the wanted one; the message is one sentence."""
+
+
 SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
 
 
@@ -132,7 +138,8 @@ def canonical(text: str) -> str:
             return SPELLINGS[spelling]
     if len(plain) < 2 or plain.lower() in NO_UNITS or not re.fullmatch(r"[^\W\d][\w°^*/·-]*", plain):
         return ""
-    return _by_pint(plain)
+    unit = _parsed(plain)
+    return "" if unit is None else _ascii(f"{unit:~C}")
 
 
 def seconds(unit: str) -> float | None:
@@ -147,6 +154,43 @@ def seconds(unit: str) -> float | None:
         return None
     registry = _registry()
     return float(registry(unit).to("s").magnitude) if registry.is_compatible_with(unit, "s") else None
+
+
+def conversion(name: str, role: str, unit: str, to: str) -> tuple[float, str]:
+    """Factor from the unit of a signal to another one, and a clause if that changes values or one unit is not known.
+
+    An unknown unit is "", and values are then taken as they are. A unit that pint does not know, such as digits, is
+    compatible with itself only.
+
+    Raises
+    ------
+    UnitError
+        The units measure different things; the sentence names the file, the role and both.
+
+    Examples
+    --------
+    >>> conversion("stage.csv", "output", "nm", "µm")
+    (0.001, 'the output is converted from nm to µm')
+    >>> conversion("stage.csv", "output", "um", "µm")
+    (1.0, '')
+    >>> conversion("stage.csv", "output", "", "um")
+    (1.0, 'the output is taken as it is, since only one unit is known (µm)')
+    """
+    own, other = (canonical(text) or text.strip() for text in (unit, to))
+    if own == other:
+        return 1.0, ""
+    if not (own and other):
+        return 1.0, f"the {role} is taken as it is, since only one unit is known ({shown(own or other)})"
+    (factor, root), (other_factor, other_root) = (
+        (1.0, text) if (parsed := _parsed(text)) is None else _registry().get_root_units(parsed)
+        for text in (own, other)
+    )
+    if str(root) != str(other_root):
+        raise UnitError(
+            f"{name}: the {role} is in {shown(own)}, which cannot be converted to {shown(other)}; name another column, "
+            "or the unit that the values are really in"
+        )
+    return float(f"{factor / other_factor:.15g}"), f"the {role} is converted from {shown(own)} to {shown(other)}"
 
 
 def shown(unit: str) -> str:
@@ -191,10 +235,11 @@ def _registry() -> Any:
 
 
 @cache
-def _by_pint(text: str) -> str:
+def _parsed(text: str) -> Any:
+    """The unit of pint, or None for a text that is not one."""
     import pint
 
     try:
-        return _ascii(f"{_registry().parse_units(text):~C}")
-    except (pint.errors.PintError, ValueError, AssertionError, AttributeError, TypeError):
-        return ""
+        return _registry().parse_units(text)
+    except (pint.errors.PintError, ArithmeticError, ValueError, AssertionError, AttributeError, TypeError):
+        return None

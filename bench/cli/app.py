@@ -171,6 +171,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from bench.store import RunError
     from piezo_model import IdentificationError, ModelError, StructureError
     from piezo_model.recordings import RecordingError
+    from piezo_model.units import UnitError
     from solvers import Unsupported
     from solvers.registry import RegistrationError
 
@@ -184,6 +185,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
         ModelError,
         StructureError,
         RecordingError,
+        UnitError,
         RegistrationError,
         ExportError,
         DeviceError,

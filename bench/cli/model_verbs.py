@@ -23,7 +23,7 @@ from bench.fleet.works import Validating
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, print_result
 from piezo_model import HysteresisCreepModel
-from piezo_model.recordings import RecordingError, read_reference, write_table
+from piezo_model.recordings import read_reference, write_table
 from piezo_model.units import quantity
 
 
@@ -94,13 +94,8 @@ def simulate_verb(
     check_writable(out, others=[drive, model])
     loaded = HysteresisCreepModel.load(model)
     s = loaded.structure
-    given = read_reference(drive, time=time, column=input, role="input", **reading)
-    if abs(given.sample_time / s.sample_time - 1.0) > 0.01:
-        raise RecordingError(
-            f"{drive}: is sampled every {given.sample_time:g} s and the model every {s.sample_time:g} s"
-        )
-    if given.unit and s.input_unit and given.unit != s.input_unit:
-        raise RecordingError(f"{drive}: is in {given.unit} and the model's input in {s.input_unit}")
+    read = read_reference(drive, time=time, column=input, role="input", **reading)
+    given = read.suited(s.sample_time, s.input_unit, "input")
     y, began = loaded.simulate(given.values, loaded.initial_state(start)), start if loaded.start is not None else "rest"
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
@@ -113,10 +108,12 @@ def simulate_verb(
         "highest": highest,
         "unit": s.output_unit,
         "start": began,
+        "units": given.units,
         "forced": loaded.warning,
     }
     lines = [
         loaded.warning,
+        given.units,
         STARTS[began],
         f"{y.size} samples of output from {quantity(lowest, s.output_unit)} to {quantity(highest, s.output_unit)}.",
         f"Output: {out}",

@@ -185,6 +185,7 @@ def compensate_verb(
         if result["share_followed"] < 1.0
         else f"The model follows all of the reference, {follows}.",
         STARTS[result["start"]],
+        result["units"],
         result["forced"],
         f"{result['samples']} samples of drive from {lowest} to {highest}; "
         + (

@@ -120,6 +120,7 @@ class Validating(WithModel):
             **{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
             "forced": model.warning,
             "shift": found.shift,
+            "units": found.units,
             "beyond_percent": found.beyond_percent,
             "output_unit": model.structure.output_unit,
         }
@@ -152,16 +153,12 @@ class Compensating(WithModel):
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the drive; return how well the model follows the reference with it, and the share at the limits.
 
-        RecordingError if sampling time or unit of the reference are not the model's, or the limits are not ascending.
+        RecordingError if the sampling time of the reference is not the model's, or the limits are not ascending;
+        UnitError if it is in a unit that cannot be converted to the model's.
         """
         model = HysteresisCreepModel.load(further[0])
-        s, reference = model.structure, read_reference(recording, **self.opening)
-        if abs(reference.sample_time / s.sample_time - 1.0) > 0.01:
-            raise RecordingError(
-                f"{recording}: is sampled every {reference.sample_time:g} s and the model every {s.sample_time:g} s"
-            )
-        if reference.unit and s.output_unit and reference.unit != s.output_unit:
-            raise RecordingError(f"{recording}: is in {reference.unit} and the model's output in {s.output_unit}")
+        s = model.structure
+        reference = read_reference(recording, **self.opening).suited(s.sample_time, s.output_unit)
         limits = (
             s.x_centre - s.x_scale if self.low is None else self.low,
             s.x_centre + s.x_scale if self.high is None else self.high,
@@ -175,6 +172,7 @@ class Compensating(WithModel):
         error, span = np.abs(model.simulate(x, state) - reference.values), 2.0 * abs(s.y_scale)
         return {
             "forced": model.warning,
+            "units": reference.units,
             "start": self.start if model.start is not None else "rest",
             "samples": x.size,
             "lowest": float(x.min()),

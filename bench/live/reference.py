@@ -80,15 +80,9 @@ def staircase(text: str, unit: str, centre: float, sample_time: float) -> Refere
 
 
 def of_file(path: Path, unit: str, sample_time: float) -> Reference:
-    """The reference column of a file; ReferenceError if its sampling time or unit is another one."""
-    found = read_reference(path)
-    if abs(found.sample_time / sample_time - 1.0) > 0.01:
-        raise ReferenceError(
-            f"{path}: is sampled every {found.sample_time:g} s and the loop runs every {sample_time:g} s"
-        )
-    if found.unit and unit and found.unit != unit:
-        raise ReferenceError(f"{path}: is in {shown(found.unit)} and the stage measures in {shown(unit)}")
-    return Reference(found.values, path.name)
+    """The reference column of a file, as of :meth:`piezo_model.recordings.Reference.suited`."""
+    found = read_reference(path).suited(sample_time, unit)
+    return Reference(found.values, found.units.rstrip(".") or path.name)
 
 
 def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> list[float]:

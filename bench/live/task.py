@@ -1,10 +1,10 @@
 """Settings of a live run, and its first model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from bench.live.device import Declared, DeviceError, DeviceFile, Simulated
+from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.reference import Reference
 from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, json_file
 from piezo_model.deployment import Deployment
@@ -38,9 +38,10 @@ class Task:
 
 
 def first_model(file: Path | None, declared: Declared, sample_time: float) -> HysteresisCreepModel:
-    """The model in a file of ``identify`` or ``deploy``; without a file, the straight line through the ranges.
+    """The model in a file of ``identify`` or ``deploy``, in the units of the stage; without a file, the straight line
+    through the ranges.
 
-    DeviceError if its units are not those of the stage, ModelError if the file holds no model of this sampling time.
+    UnitError if its units measure something else, ModelError if the file holds no model of this sampling time.
     """
     if file is None:
         structure = ModelStructure.equidistant(
@@ -61,10 +62,4 @@ def first_model(file: Path | None, declared: Declared, sample_time: float) -> Hy
         raise ModelError(
             f"{file}: the model is sampled at {1.0 / s.sample_time:g} Hz; use --rate {1.0 / s.sample_time:g}"
         )
-    for what, own, other in (
-        ("input", s.input_unit, declared.input_unit),
-        ("output", s.output_unit, declared.output_unit),
-    ):
-        if own and other and own != other:
-            raise DeviceError(f"{file}: has its {what} in {own} and the stage in {other}")
-    return model
+    return replace(model, structure=s.in_units(declared.input_unit, declared.output_unit, str(file)))

@@ -135,6 +135,7 @@ class FitReport:
     offset: Offset | None
     resting_input: float | None
     creep_rates_chosen: bool
+    units: str
 
     def to_dict(self, structure: ModelStructure) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
@@ -145,7 +146,7 @@ class FitReport:
             "headline": headline,
             "findings": findings[:FINDINGS],
             "advice": list(self._advice()),
-            "sentences": [headline, *findings, *self._facts(structure)],
+            "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(structure)],
         }
 
     def _findings(self, s: ModelStructure) -> Iterator[tuple[float, str]]:

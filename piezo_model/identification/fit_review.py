@@ -52,7 +52,7 @@ class Review:
     x: Vector
     y: Vector
     y_model: Vector
-    """Input, measured and modelled output in the recording's units, shape (N,), without a removed lag or offset."""
+    """Input, measured and modelled output in the model's units, shape (N,), without a removed lag or offset."""
     skipped: int
     """Samples at the start that are not counted."""
     weights: tuple[Weight, ...]
@@ -103,7 +103,7 @@ class Review:
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:
     """Review the fit of a recording, with the start, skip and lag of its identification, or a validation."""
     s, report = model.structure, model.report
-    part, shift = recording.head(LONGEST), 0.0
+    part, shift = recording.head(LONGEST).in_units(s.input_unit, s.output_unit), 0.0
     if validation is not None:
         state, skip, shift = validation.start, validation.fit.skipped, validation.shift
         sentences = tuple(validation.sentences())

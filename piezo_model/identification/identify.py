@@ -112,7 +112,7 @@ def identify(
     Parameters
     ----------
     x : array (N,) or Recording
-        Input in the structure's input unit, or a recording of both.
+        Input in the structure's input unit, or a recording of both, which is converted to the structure's units.
     y : array (N,)
         Measured output; not with a recording.
     structure : ModelStructure, optional
@@ -288,6 +288,7 @@ def _fitted(
     """The model of a recording; InadequateError for a recording that it does not describe."""
     own_structure = structure is None
     structure = structure_of(recording, n, m, creep_rates) if structure is None else structure
+    recording = recording.in_units(structure.input_unit, structure.output_unit)
     if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
         raise IdentificationError(
             f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
@@ -330,6 +331,7 @@ def _fitted(
         _offset(problem, w, solver) if structure.offset else None,
         None if rest is None else structure.x_centre + structure.x_scale * rest,
         own_structure and creep_rates is None,
+        recording.units,
     )
     return replace(model, report=report.to_dict(structure), start=start)
 

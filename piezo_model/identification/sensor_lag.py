@@ -12,6 +12,7 @@ of the variance of white noise, which would look like a better fit, and this ker
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -134,13 +135,16 @@ def without_lag(
     start = DataBasis(s, state)
     start.update(x[: kept.start], y[: kept.start], count=False)
     return (
-        Recording.from_arrays(
-            x[kept],
-            values,
-            recording.sample_time,
-            name=recording.name,
-            input_unit=recording.input_unit,
-            output_unit=recording.output_unit,
+        replace(
+            Recording.from_arrays(
+                x[kept],
+                values,
+                recording.sample_time,
+                name=recording.name,
+                input_unit=recording.input_unit,
+                output_unit=recording.output_unit,
+            ),
+            units=recording.units,
         ),
         max(skip - kept.start, 0),
         start.state,

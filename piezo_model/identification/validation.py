@@ -53,6 +53,8 @@ class Validation:
     """Excess of the drive over the range of the identification, per cent of that range."""
     outlier: str
     """A clause about a single outlier of the output; "" without one."""
+    units: str
+    """What the recording's units needed to be the model's, in a sentence; "" if they are the same."""
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
@@ -61,9 +63,7 @@ class Validation:
     def sentences(self) -> Iterator[str]:
         """The headline, then the other important sentences."""
         unit = self.model.structure.output_unit
-        if self.model.warning:
-            yield self.model.warning
-        yield self.fit.headline(unit, "on this recording")
+        yield from filter(None, (self.model.warning, self.fit.headline(unit, "on this recording"), self.units))
         if self.outlier:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
@@ -131,10 +131,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     s = model.structure
-    for role in ("input", "output"):
-        own, other = getattr(recording, f"{role}_unit"), getattr(s, f"{role}_unit")
-        if own and other and own != other:
-            raise IdentificationError(f"{recording.name}: its {role} is in {own} and that of the model in {other}")
+    recording = recording.in_units(s.input_unit, s.output_unit)
     (state, skip), lag = start_and_transient(model, recording), model.report.get("lag")
     (low, high), start = y_range(recording, skip), state.copy()
     span = high - low
@@ -150,4 +147,5 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
         start,
         max(0.0, 50.0 * (farthest - 1.0)),
         "" if (at := outlier(y)) is None else outlier_sentence(y, at, 0, s.output_unit),
+        recording.units,
     )

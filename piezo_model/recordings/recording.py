@@ -26,7 +26,7 @@ from piezo_model.recordings.sampling import CHUNK, TIME_TOLERANCE
 from piezo_model.recordings.scan import Scan, ValueCheck, scan
 from piezo_model.recordings.tables import Column, ReadOptions
 from piezo_model.structure import SMALLEST
-from piezo_model.units import canonical, quantity, shown
+from piezo_model.units import canonical, conversion, quantity, shown
 from solvers.arrays import Matrix, Vector
 
 HELD = 5_000_000
@@ -47,11 +47,19 @@ class Source:
     """Reason of the guess by role; not of the columns that the user named."""
     form: str = ""
     """Format and dialect of the file, as a clause: "text, separated by tabs, header in row 3"."""
+    units: str = ""
+    """What :meth:`in_units` has converted, or taken as it is since a unit is not known, in a sentence."""
 
     def _describe_signal(self, role: str, unit: str, span: tuple[float, float]) -> str:
         column = f" {self.columns[role]!r}" if role in self.columns else ""
         low, high = (f"{value:.4g}" if unit else quantity(value, "") for value in span)
         return f"{role}{column} from {low} to {high} {shown(unit) if unit else '(unit unknown)'}"
+
+    def _conversions(self, pairs: Mapping[str, tuple[str, str]]) -> tuple[tuple[float, ...], str]:
+        """Factors by role, from the first unit to the second, and the new value of ``units``."""
+        gains, clauses = zip(*(conversion(self.name, role, *pair) for role, pair in pairs.items()), strict=True)
+        said = " and ".join(filter(None, clauses))
+        return gains, f"{self.name}: {said}." if said else self.units
 
     def _describe_guesses(self) -> str:
         if not self.reasons:
@@ -230,6 +238,36 @@ class Recording(Source):
             return self.in_memory()
         return replace(self, length=samples, _signals=partial(iter, (np.stack(next(self.chunks(samples))),)))
 
+    def in_units(self, input_unit: str, output_unit: str) -> Recording:
+        """Return the recording in other units; where one of two units is unknown, the values are kept.
+
+        Raises
+        ------
+        UnitError
+            The recording is in units that measure something else, such as nm where V is wanted.
+
+        Examples
+        --------
+        >>> recording = Recording.from_arrays([0.0, 1500.0], [0.0, 8.0], 1e-3, input_unit="mV", output_unit="um")
+        >>> converted = recording.in_units("V", "um")
+        >>> converted.x_range, converted.input_unit, converted.units
+        ((0.0, 1.5), 'V', 'arrays: the input is converted from mV to V.')
+        """
+        (gain_x, gain_y), units = self._conversions(
+            {"input": (self.input_unit, input_unit), "output": (self.output_unit, output_unit)}
+        )
+        return replace(
+            self,
+            x_range=(gain_x * self.x_range[0], gain_x * self.x_range[1]),
+            y_range=(gain_y * self.y_range[0], gain_y * self.y_range[1]),
+            input_unit=input_unit or self.input_unit,
+            output_unit=output_unit or self.output_unit,
+            units=units,
+            _signals=self._signals
+            if gain_x == gain_y == 1.0
+            else partial(_combined, self._signals, np.diag((gain_x, gain_y))),
+        )
+
     def swapped(self) -> Recording:
         """Return the recording with input and output swapped."""
         other = {"input": "output", "output": "input"}
@@ -241,7 +279,7 @@ class Recording(Source):
             output_unit=self.input_unit,
             columns={other.get(role, role): name for role, name in self.columns.items()},
             reasons={other.get(role, role): why for role, why in self.reasons.items()},
-            _signals=partial(_swapped, self._signals),
+            _signals=partial(_combined, self._signals, np.array([[0.0, 1.0], [1.0, 0.0]])),
         )
 
     def describe(self) -> str:
@@ -271,6 +309,18 @@ class Reference(Source):
     def __iter__(self) -> Iterator[Any]:
         """Sampling period, values and unit."""
         return iter((self.sample_time, self.values, self.unit))
+
+    def suited(self, sample_time: float, unit: str, role: str = "reference") -> Reference:
+        """Return the signal in the unit of a model or a stage.
+
+        RecordingError for another sampling time in s than theirs, UnitError for a unit that measures something else.
+        """
+        if abs(self.sample_time / sample_time - 1.0) > 0.01:
+            raise RecordingError(
+                f"{self.name}: is sampled every {self.sample_time:g} s, and every {sample_time:g} s is needed"
+            )
+        (gain,), units = self._conversions({role: (self.unit, unit)})
+        return replace(self, values=gain * self.values, unit=unit or self.unit, units=units)
 
     def describe(self) -> str:
         """Describe in a sentence the samples, and the columns that were guessed."""
@@ -338,8 +388,8 @@ def _read(
     return source, samples, [column for role, column in columns.items() if role != "time"]
 
 
-def _swapped(signals: Callable[[], Iterable[Matrix]]) -> Iterator[Matrix]:
-    return (chunk[::-1] for chunk in signals())
+def _combined(signals: Callable[[], Iterable[Matrix]], gains: Matrix) -> Iterator[Matrix]:
+    return (gains @ chunk for chunk in signals())
 
 
 def _unit(given: str | None, column: Column) -> str:

@@ -45,7 +45,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     header, *rows = (folder / "stage.csv").read_text().splitlines()
     rows[69] = f"{rows[69].split(',')[0]},high,1"
     write_table(folder / "slow.csv", {"time_s": 2 * t, "reference_um": t})
-    write_table(folder / "nm.csv", {"time_s": t, "reference_nm": t})
+    write_table(folder / "volts.csv", {"time_s": t, "reference_V": t})
     for name in ("empty", "foreign", "broken"):
         (folder / name).mkdir()
     for name, text in (
@@ -323,7 +323,18 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         ((*COMPENSATE, "--rate-limit", "0"), ["--rate-limit", "positive"]),
         ((*COMPENSATE, "--rate-limit", "nan"), ["--rate-limit"]),
         (("compensate", "model.json", "slow.csv", "--out", "drive.csv"), ["slow.csv", "every 0.002 s"]),
-        (("compensate", "model.json", "nm.csv", "--out", "drive.csv"), ["nm.csv", "in nm"]),
+        (
+            ("compensate", "model.json", "volts.csv", "--out", "drive.csv"),
+            ["volts.csv: the reference is in V, which cannot be converted to µm"],
+        ),
+        (
+            ("simulate", "model.json", "stage.csv", "--input", "displacement_um", "--out", "output.csv"),
+            ["stage.csv: the input is in µm, which cannot be converted to V"],
+        ),
+        (
+            ("validate", "model.json", "stage.csv", "--input", "displacement_um", "--output", "voltage_V"),
+            ["stage.csv: the input is in µm, which cannot be converted to V"],
+        ),
         (("compensate", "model.json", "nan.csv", "--out", "drive.csv"), ["nan.csv", "data row 2"]),
         (("compensate", "model.json", "missing.csv", "--out", "drive.csv"), ["missing.csv", "no such file"]),
         # Outputs that cannot be written, before the work.

@@ -14,6 +14,7 @@ import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -26,12 +27,13 @@ from exported_loops import a_model
 from bench.live.board import Board
 from bench.live.device import Declared, DeviceError, DeviceFile, Simulated
 from bench.live.recorder import stream_beside
-from bench.live.reference import sine
+from bench.live.reference import of_file, sine
+from bench.live.task import first_model
 from piezo_model import HysteresisCreepModel, Recording, plants
 from piezo_model.recordings import write_table
 from piezo_model.recordings.formats.arrow import whole_batches
 from piezo_model.signals import decaying_triangle, multi_sine
-from piezo_model.units import quantity
+from piezo_model.units import UnitError, quantity
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
 RATE, LIMIT, STEP = 500, 150.0, 3_000.0 / 500
@@ -285,6 +287,33 @@ def test_an_invalid_run_is_refused_in_a_sentence_before_anything_moves(
     words: tuple[object, ...], message: str, piezobench: CommandLine
 ) -> None:
     assert message in piezobench("live", "--no-page", *words).refusal
+
+
+def test_a_reference_and_a_model_in_other_units_are_converted_to_those_of_the_stage(tmp_path: Path) -> None:
+    wanted = {"time_s": np.arange(4) * 1e-3, "reference_nm": [0.0, 1000.0, 2000.0, -500.0]}
+    write_table(tmp_path / "path.csv", wanted)
+    found = of_file(tmp_path / "path.csv", "µm", 1e-3)
+    assert found.samples.tolist() == [0.0, 1.0, 2.0, -0.5]
+    assert found.words == f"{tmp_path / 'path.csv'}: the reference is converted from nm to µm"
+    with pytest.raises(UnitError, match=r"path\.csv: the reference is in nm, which cannot be converted to V;"):
+        of_file(tmp_path / "path.csv", "V", 1e-3)
+    model, x = a_model(), np.linspace(0.0, 100.0, 50)
+    s = model.structure
+    model.save(tmp_path / "model.json")
+    declared = Declared("mV", "nm", (0.0, 1e5), (-1e4, 1e4), 1.0, 0.0)
+    converted = first_model(tmp_path / "model.json", declared, s.sample_time)
+    assert (converted.structure.input_unit, converted.structure.output_unit) == ("mV", "nm")
+    np.testing.assert_allclose(converted.simulate(1e3 * x), 1e3 * model.simulate(x), rtol=1e-9, atol=1e-9)
+    with pytest.raises(UnitError, match=r"model\.json: the output is in µm, which cannot be converted to mrad;"):
+        first_model(tmp_path / "model.json", msgspec.structs.replace(declared, output_unit="mrad"), s.sample_time)
+
+
+def test_a_reference_of_another_kind_than_the_stage_measures_is_refused_before_anything_moves(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    write_table(tmp_path / "path.csv", {"time_s": np.arange(4) * 1e-3, "reference_V": [0.0, 1.0, 2.0, 1.0]})
+    words = ("live", "--no-page", "--simulate", "duhem", "--reference", tmp_path / "path.csv")
+    assert "path.csv: the reference is in V, which cannot be converted to µm;" in piezobench(*words).refusal
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,24 @@ def test_a_model_with_a_ten_percent_larger_error_is_refused_with_both_errors(
     assert not (tmp_path / "c.json").exists()
 
 
+def test_a_model_in_other_units_than_the_recording_of_the_race_is_judged_in_its_own(
+    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+) -> None:
+    made, run = recorded
+    opened = Recording.open(made.path)
+    identify(opened.in_units("mV", "nm"), n=5, m=3, creep_rates=(10.0, 1.0)).save(tmp_path / "small.json")
+    identify(opened, n=5, m=3, creep_rates=(10.0, 1.0)).save(tmp_path / "model.json")
+    errors = []
+    for name in ("small.json", "model.json"):
+        call = piezobench(
+            "deploy", run.path, *LONG, "--model", tmp_path / name, "--out", tmp_path / f"c-{name}", "--json"
+        )
+        assert call.status == 0, call.stderr
+        errors.append(json.loads(call.stdout)["unseen_error_percent"])
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+    assert Deployment.load(tmp_path / "c-small.json").model.structure.input_unit == "mV"
+
+
 @pytest.mark.slow
 def test_an_equally_good_model_of_a_file_or_a_problem_is_accepted_with_its_error(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path

@@ -11,10 +11,12 @@ from scipy.signal import lfilter
 
 from piezo_model import IdentificationError, Recording, identify
 from piezo_model.identification import initial_state
+from piezo_model.identification.fit_review import review
+from piezo_model.identification.identify import structure_of
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operators import play
 from piezo_model.recordings import RecordingError
-from piezo_model.units import quantity
+from piezo_model.units import UnitError, quantity
 
 SEED, SEEDS = 11, st.integers(0, 10_000)
 
@@ -184,7 +186,8 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"), [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "mV"}, "in mV")]
+    ("changes", "words"),
+    [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "nm"}, "the input is in nm, .* to V;")],
 )
 def test_a_recording_with_another_period_or_unit_than_the_model_is_refused(
     changes: dict[str, object], words: str
@@ -192,8 +195,39 @@ def test_a_recording_with_another_period_or_unit_than_the_model_is_refused(
     made = recording(DESCRIBABLE["hysteresis"], 0)
     x, y = made.arrays()
     options = {"sample_time": SAMPLE_TIME, "input_unit": "V", **changes}
-    with pytest.raises(IdentificationError, match=words):
+    with pytest.raises((IdentificationError, UnitError), match=words):
         identify(made).validate(Recording.from_arrays(x, y, **options))  # type: ignore[arg-type]
+
+
+def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_that_in_V_and_um() -> None:
+    made = recording(DESCRIBABLE["hysteresis and creep"], 3)
+    x, y = made.arrays()
+    small = Recording.from_arrays(1e3 * x, 1e3 * y, SAMPLE_TIME, input_unit="mV", output_unit="nm", name="small.csv")
+    said = "small.csv: the input is converted from mV to V and the output is converted from nm to µm."
+    structure = structure_of(made, 3, 1)
+    model, other = identify(made, structure=structure), identify(small, structure=structure)
+    np.testing.assert_allclose(other.weights, model.weights, rtol=1e-6, atol=1e-9)
+    assert other.structure == model.structure
+    assert said in other.report["sentences"]
+    assert said not in model.report["sentences"]
+    found, expected = model.validate(small), model.validate(made)
+    assert found.fit.rms == pytest.approx(expected.fit.rms, rel=1e-9)
+    assert said in found.sentences()
+    assert said not in expected.sentences()
+    np.testing.assert_allclose(model.simulate(small), model.simulate(made), atol=1e-9 * np.ptp(y))
+    drawn = review(small, model, found)
+    np.testing.assert_allclose(drawn.y + found.shift, y, rtol=1e-12)
+
+
+def test_a_recording_without_units_is_taken_in_those_of_the_model_with_a_sentence() -> None:
+    made = recording(DESCRIBABLE["hysteresis"], 3)
+    model = identify(made)
+    found = model.validate(Recording.from_arrays(*made.arrays(), SAMPLE_TIME, name="bare.csv"))
+    assert found.fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-9)
+    assert (
+        "bare.csv: the input is taken as it is, since only one unit is known (V) and the output is taken as it is, "
+        "since only one unit is known (µm)."
+    ) in found.sentences()
 
 
 # A transient at the start.

@@ -1,5 +1,7 @@
+import re
 import tracemalloc
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from programs import real_recording
 from recording_files import ROWS, signals, text_file, with_times
 
 from piezo_model.recordings import Recording, RecordingError, read_reference, write_table
+from piezo_model.units import UnitError
 
 
 @pytest.fixture(params=[".csv", ".parquet"])
@@ -102,6 +105,49 @@ def test_the_real_recording_is_read_as_its_authors_describe_it() -> None:
 
 
 # Arrays in memory.
+
+
+@pytest.mark.parametrize(
+    ("units", "wanted", "gains"),
+    [
+        (("mV", "nm"), ("V", "um"), (1e-3, 1e-3)),
+        (("V", "um"), ("kV", "µm"), (1e-3, 1.0)),
+        (("uV", "microns"), ("V", "μm"), (1e-6, 1.0)),
+        (("V", "micrometer"), ("V", "mm"), (1.0, 1e-3)),
+        (("V", "µrad"), ("V", "mrad"), (1.0, 1e-3)),
+        (("V", "pm"), ("V", "m"), (1.0, 1e-12)),
+        (("counts", "arcsec"), ("counts", "urad"), (1.0, np.pi / 180 / 3600 * 1e6)),
+        (("", "um"), ("V", "um"), (1.0, 1.0)),
+    ],
+)
+def test_a_recording_is_converted_to_other_units_chunk_by_chunk(
+    stage: Path, units: tuple[str, str], wanted: tuple[str, str], gains: tuple[float, float]
+) -> None:
+    given = {f"{role}_unit": unit for role, unit in zip(("input", "output"), units, strict=True) if unit}
+    opened = replace(Recording.open(stage, **given), **({} if units[0] else {"input_unit": ""}))
+    converted = opened.in_units(*wanted)
+    for signal, expected, gain in zip(
+        map(np.concatenate, zip(*converted.chunks(7), strict=True)), opened.arrays(), gains, strict=True
+    ):
+        np.testing.assert_allclose(signal, gain * expected, rtol=1e-14)
+    for role, signal in zip("xy", converted.arrays(), strict=True):
+        assert getattr(converted, f"{role}_range") == (signal.min(), signal.max())
+    assert (converted.input_unit, converted.output_unit) == (wanted[0], wanted[1])
+    again = converted.in_units(*wanted)
+    assert (again.x_range, again.y_range, again.units) == (converted.x_range, converted.y_range, converted.units)
+    assert bool(converted.units) == (gains != (1.0, 1.0) or "" in units)
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted"), [("V", "µm"), ("nm", "V"), ("counts", "V"), ("rad", "µm"), ("%", "rad"), ("LSB", "counts")]
+)
+def test_units_of_different_kinds_are_refused_by_name_and_the_recording_stays(unit: str, wanted: str) -> None:
+    recording = Recording.from_arrays([0.0, 1.0], [0.0, 2.0], 1e-3, input_unit=unit, output_unit="um", name="a.csv")
+    sentence = f"a.csv: the input is in {unit}, which cannot be converted to {wanted}; name another column"
+    with pytest.raises(UnitError, match=re.escape(sentence)):
+        recording.in_units(wanted, "nm")
+    assert (recording.input_unit, recording.output_unit, recording.y_range) == (unit, "um", (0.0, 2.0))
+    assert recording.units == ""
 
 
 def test_arrays_are_copied_in_and_out() -> None:
