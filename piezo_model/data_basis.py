@@ -58,7 +58,7 @@ class DataBasis(Stateful):
         state = OperatorState.settled_at(structure, structure.x_centre) if state is None else state
         state.require(structure)
         self.state.play[:], self.state.creep[:] = state.play, state.creep
-        self._start = state
+        self._start = state.copy()
         self._span = np.array([np.inf, -np.inf, np.inf, -np.inf])
 
     @property

@@ -12,7 +12,7 @@ import re
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_origin
+from typing import Annotated, Any, ClassVar, Literal, NoReturn, TypeVar, get_origin
 
 import msgspec
 import numpy as np
@@ -93,6 +93,27 @@ def convert(data: Any, schema: type[T]) -> T:
     if unknown:
         raise ValueError(f"there is no field {unknown!r}")
     return result
+
+
+class ReadOnly(dict[str, Any]):
+    """JSON types that cannot be changed."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        super().__init__({name: _read_only(value) for name, value in values.items()})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ReadOnly, (dict(self),)
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise TypeError("it is read-only; change a copy, dict(…), and pass that to dataclasses.replace")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
+
+
+def _read_only(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return tuple(map(_read_only, value))
+    return ReadOnly(value) if isinstance(value, Mapping) else value
 
 
 class PackedArray(msgspec.Struct):

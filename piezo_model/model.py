@@ -24,12 +24,12 @@ from numpy.typing import ArrayLike
 
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
-from piezo_model.core import bindings
+from piezo_model.core import Immutable, bindings
 from piezo_model.inverse import invert_superposition
-from piezo_model.json_file import Number
+from piezo_model.json_file import Number, ReadOnly
 from piezo_model.operator_state import OperatorState, States, operator_arrays, pad
 from piezo_model.structure import SMALLEST, ModelStructure
-from solvers.arrays import Vector
+from solvers.arrays import Vector, read_only
 from solvers.core import padded
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class ModelFile(json_file.Versioned):
 
 
 @dataclass(frozen=True, eq=False)
-class HysteresisCreepModel:
+class HysteresisCreepModel(Immutable):
     """A valid model: structure, weights and, after an identification, its report.
 
     Parameters
@@ -77,6 +77,8 @@ class HysteresisCreepModel:
     start : OperatorState, optional
         Identified states before the first sample of the recording that the model was identified from.
 
+    All of it is copied and read-only.
+
     Raises
     ------
     ModelError
@@ -94,13 +96,16 @@ class HysteresisCreepModel:
     def __post_init__(self) -> None:
         s = self.structure
         for name, size in (("w_H", s.n + 1), ("w_S_inverse", s.dead_zones), ("w_K", s.creep_weights)):
-            values = np.array(getattr(self, name), dtype=np.float64)
+            values = read_only(getattr(self, name))
             if values.shape != (size,):
                 raise ModelError(f"{name} must have {size} values for this structure, not shape {values.shape}")
             if not np.all(np.isfinite(values)):
                 raise ModelError(f"{name}[{int(np.flatnonzero(~np.isfinite(values))[0])}] is not a finite number")
-            values.flags.writeable = False
             object.__setattr__(self, name, values)
+        object.__setattr__(self, "report", ReadOnly(self.report))
+        if self.start is not None:
+            self.start.require(s)
+            object.__setattr__(self, "start", OperatorState(*map(read_only, (self.start.play, self.start.creep))))
         if not math.isfinite(self.offset):
             raise ModelError("offset is not a finite number")
         if self.offset and not s.offset:
@@ -150,8 +155,7 @@ class HysteresisCreepModel:
         """Slopes of the piecewise linear S⁻¹, from the outermost negative to the outermost positive piece."""
         s = self.structure
         block = s.slices[1]
-        slopes: Vector = s.inverse_slope_map[block, block] @ self.w_S_inverse
-        return slopes
+        return read_only(s.inverse_slope_map[block, block] @ self.w_S_inverse)
 
     @cached_property
     def _arrays(self) -> tuple[Vector | float, ...]:
@@ -170,9 +174,8 @@ class HysteresisCreepModel:
         x : array (N,) or Recording
             Input in the structure's input unit; a recording in other units is converted.
         state : OperatorState, optional
-            States before the first sample; updated in place to those after the last one, so that a signal can be
-            simulated chunk by chunk. By default, for a recording the states that fit it best, as in the identification;
-            for an array, at rest at the centre of the range.
+            States before the first sample. By default, for a recording the states that fit it best, as in the
+            identification; for an array the model's :attr:`start`, and without one at rest at the centre of the range.
 
         Returns
         -------
@@ -187,18 +190,45 @@ class HysteresisCreepModel:
         >>> model.simulate([0.0, 1.0, 0.0]).tolist()
         [0.0, 0.75, 0.25]
         """
-        s = self.structure
         if _is_recording(x):
             from piezo_model.identification.validation import start_and_transient  # which simulates with this method
 
-            x = x.in_units(s.input_unit, s.output_unit)
-            state, x = start_and_transient(self, x)[0] if state is None else state, x.arrays()[0]
-        state = OperatorState.settled_at(s, s.x_centre) if state is None else state
+            x = x.in_units(self.structure.input_unit, self.structure.output_unit)
+            return self.simulate(x.arrays()[0], start_and_transient(self, x)[0] if state is None else state)
+        return self.advance(x, self.initial_state() if state is None else state)[0]  # type: ignore[arg-type]
+
+    def advance(self, x: ArrayLike, state: OperatorState) -> tuple[Vector, OperatorState]:
+        """Output of the model for a part of a signal.
+
+        Parameters
+        ----------
+        x : array (N,)
+            Input in the structure's input unit.
+        state : OperatorState
+            States before the first sample.
+
+        Returns
+        -------
+        y : array (N,)
+            Output in the structure's output unit.
+        state : OperatorState
+            States after the last sample, for the next part.
+
+        Examples
+        --------
+        >>> structure = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(),
+        ...                                        sample_time=1e-3)
+        >>> model = HysteresisCreepModel.from_weights(structure, [1.0, 2.0])
+        >>> y, state = model.advance([0.0, 1.0], model.initial_state())
+        >>> y.tolist(), model.advance([0.0], state)[0].tolist()
+        ([0.0, 0.75], [0.25])
+        """
+        s, state = self.structure, state.copy()
         state.require(s)
         unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
         y = np.empty_like(unit_x)
         bindings.model_simulate(*self._arrays, state.play, state.creep, unit_x, y)
-        return s.y_centre + s.y_scale * y
+        return s.y_centre + s.y_scale * y, state
 
     @property
     def warning(self) -> str:

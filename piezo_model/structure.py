@@ -22,9 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model.core import Immutable
 from piezo_model.json_file import LARGEST
 from piezo_model.units import conversion
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Matrix, Vector, read_only
 from solvers.core import padded
 
 SMALLEST = 1.0 / LARGEST
@@ -47,7 +48,7 @@ class StructureError(ValueError):
 
 
 @dataclass(frozen=True)
-class ModelStructure:
+class ModelStructure(Immutable):
     """Orders, thresholds, creep rates, ranges and units of a modified Prandtl–Ishlinskii model with creep.
 
     Parameters
@@ -239,7 +240,7 @@ class ModelStructure:
     @cached_property
     def thresholds(self) -> Vector:
         """The thresholds 0 = r_0 < r_1 < … < r_n of play and creep, shape (n + 1,)."""
-        return np.array((0.0, *self.play_thresholds))
+        return read_only((0.0, *self.play_thresholds))
 
     @property
     def slices(self) -> tuple[slice, slice, slice]:
@@ -267,7 +268,7 @@ class ModelStructure:
                 T[i, i - 1] = -1.0
             elif i < middle:
                 T[i, i + 1] = -1.0
-        return T
+        return read_only(T)
 
     @cached_property
     def inverse_slope_map(self) -> Matrix:
@@ -276,7 +277,7 @@ class ModelStructure:
         first, middle, last = self.n, self.n + self.middle, self.n + self.dead_zones
         for i in range(first, last):
             S[i, min(i, middle) : max(i, middle) + 1] = 1.0
-        return S
+        return read_only(S)
 
     def lower_bounds(self, min_slope: float) -> Vector:
         """Lower bounds of v: 0 for w_H and w_K, ``min_slope`` (unit amplitudes) for slopes, −∞ for the offset."""
@@ -291,7 +292,7 @@ class ModelStructure:
         """Weights of the line that maps the input range to the output range: the prior without data."""
         w = np.zeros(self.d)
         w[self.n + self.middle] = 1.0
-        return w
+        return read_only(w)
 
     def unit_input(self, x: Vector) -> Vector:
         """Input in unit amplitudes."""

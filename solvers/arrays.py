@@ -4,13 +4,20 @@ import ctypes
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Index = NDArray[np.int64]
 Nanoseconds = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+def read_only(values: ArrayLike) -> NDArray[np.float64]:
+    """A copy, as an array of doubles that cannot be written to."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
 
 
 def address(array: NDArray[Any] | None) -> ctypes.c_void_p:

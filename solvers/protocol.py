@@ -11,6 +11,7 @@ name of the file is its name (see :mod:`solvers.registry`). Its accuracy is chos
 :meth:`Solver.ladder`.
 """
 
+import copy
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -289,7 +290,7 @@ def box_solution(problem: Problem, x: Vector, found: bool, **extras: Any) -> Sol
 
     The duals follow from the gradient g = P x + q, see :func:`box_duals`.
     """
-    nothing = np.zeros(0)
+    nothing, problem = np.zeros(0), copy.deepcopy(problem)  # whose arrays may be the solver's own
     return Solution(
         problem,
         found=found,

@@ -107,7 +107,7 @@ class Validation:
             model = HysteresisCreepModel.from_weights(self.structure, w)
         except ValueError:
             return float("nan")
-        error = model.simulate(self.x, self.state.copy()) - self.y
+        error = model.simulate(self.x, self.state) - self.y
         return float(100.0 * np.sqrt(np.mean(error**2)) / self.span_um)
 
     @property

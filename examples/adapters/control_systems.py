@@ -77,8 +77,8 @@ def model_system(model: HysteresisCreepModel, name: str = "actuator") -> control
     s = model.structure
 
     def advance(z: Vector, u: Vector) -> tuple[float, OperatorState]:
-        state = _operators(s, z)
-        return float(model.simulate(np.array([u[0]]), state)[0]), state
+        y, state = model.advance([u[0]], _operators(s, z))
+        return float(y[0]), state
 
     return _system(s, advance, "drive", "displacement", name)
 

@@ -7,6 +7,7 @@ import copy
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -86,3 +87,10 @@ class Stateful:
 
     def __copy__(self) -> Self:
         return copy.deepcopy(self)
+
+
+class Immutable:
+    """Base of frozen dataclasses whose arrays are read-only: a copy is made of the fields, like the original."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]

@@ -93,7 +93,7 @@ def check_adequacy(
     held_out = cross_validate(recording, s, skip, state, solver, proximal) if recording.length <= HEAD else None
     baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
     x, y = recording.head(HEAD + moving).arrays()
-    own = ((y - model.simulate(x, state.copy())) / fit.span)[skip:]
+    own = ((y - model.simulate(x, state)) / fit.span)[skip:]
     x, y = x[skip:], y[skip:]
     first = max(0, min(moving - skip - 1, x.size - WINDOW))  # while the drive rests, explanations cannot differ
     window = slice(first, first + WINDOW)
@@ -226,7 +226,7 @@ def cross_validate(
             return None
         model = HysteresisCreepModel.from_weights(s, _weights(x, y, s, fitted, state, solver, proximal))
         errors = [models.residual(models.polynomials(s.unit_input(x), degree), y, fitted) for degree in (1, 3)]
-        errors.append(model.simulate(x, state.copy()) - y)
+        errors.append(model.simulate(x, state) - y)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
     span = 2.0 * abs(s.y_scale)
     line, cubic, model_error = 100.0 * np.sqrt(squares / counted.sum()) / span

@@ -113,7 +113,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
     if report["lag"] is not None and report["lag"]["removed"]:
         part, _, state = without_lag(part, s, report["lag"]["samples"], 0, state)
     x, y = part.arrays()
-    y_model, y = model.simulate(x, state.copy()), y - shift
+    y_model, y = model.simulate(x, state), y - shift
     problem = accumulate(Recording.from_arrays(x, y, part.sample_time), s, skip, state, 1e-10)
     return Review(
         model,

@@ -98,11 +98,12 @@ def forward_error(
     The offset is the mean error within the model's range, since extrapolation has errors of its own; 0 if the drive is
     hardly ever there.
     """
-    s, state, counted = model.structure, state.copy(), recording.length - skipped
+    s, counted = model.structure, recording.length - skipped
     skipped_worst, low, high = 0.0, math.inf, -math.inf
     sums, stride, thinned = np.zeros(4), max(1, recording.length // BASELINE_SAMPLES), []
     for x, y, head in skipping(recording, skipped):
-        error = y - model.simulate(x, state)
+        y_model, state = model.advance(x, state)
+        error = y - y_model
         skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
         x, y, error = x[head:], y[head:], error[head:]
         low, high = float(np.min(error, initial=low)), float(np.max(error, initial=high))

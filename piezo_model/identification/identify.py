@@ -301,7 +301,7 @@ def _fitted(
         require(recording, structure, counted.skip)
     structure, skip, state, rest = counted
     low, high = y_range(recording, skip)
-    start, found_lag = state.copy(), None
+    start, found_lag = state, None
     if lag != "ignore":
         found_lag = estimate_lag(recording, structure, skip, solver, state, proximal, remove=lag == "remove")
         if found_lag is not None and found_lag.removed:

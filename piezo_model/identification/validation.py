@@ -105,7 +105,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
     (x, y), longest = head.arrays(), longest_transient(head, s)
 
     def error(state: OperatorState, skip: int) -> Vector:
-        unit_error: Vector = ((model.simulate(x, state.copy()) - y) / (2.0 * s.y_scale))[skip:]
+        unit_error: Vector = ((model.simulate(x, state) - y) / (2.0 * s.y_scale))[skip:]
         return unit_error
 
     def initial(skip: int) -> OperatorState:
@@ -119,7 +119,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
     if model.start is not None and fit is not None:
         own = error(model.start, fit["skipped"])
         if own.size and 2.0 * abs(s.y_scale) * np.sqrt(np.mean(own**2)) <= SAME * fit["rms"]:
-            return model.start.copy(), transient(model.start, fit["skipped"])
+            return model.start, transient(model.start, fit["skipped"])
     state = initial(0)
     if longest and np.max(np.abs(error(state, 0)[:longest])) > np.max(np.abs(error(state, longest))):
         settled = initial(longest)
@@ -133,7 +133,7 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     s = model.structure
     recording = recording.in_units(s.input_unit, s.output_unit)
     (state, skip), lag = start_and_transient(model, recording), model.report.get("lag")
-    (low, high), start = y_range(recording, skip), state.copy()
+    (low, high), start = y_range(recording, skip), state
     span = high - low
     if lag is not None and lag["removed"]:
         recording, skip, state = without_lag(recording, s, lag["samples"], skip, state)

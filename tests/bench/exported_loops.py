@@ -82,7 +82,8 @@ class Stage:
         """Measured output for samples of the drive."""
         k = np.arange(self.done, self.done + x.size)
         self.done += x.size
-        y = self.model.simulate(x, self.state) + self.noise[k]
+        y, self.state = self.model.advance(x, self.state)
+        y += self.noise[k]
         if self.faulty:
             y[k % 9000 == 5] = np.nan
             y[k % 25000 == 7] = 30.0  # implausible

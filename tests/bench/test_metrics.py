@@ -101,7 +101,7 @@ def test_the_stage_excess_is_the_error_of_the_model_beyond_the_optimums_in_units
     assert judge(problem, "scaled", answered(best)).stage_excess == pytest.approx(0.0, abs=1e-9)
     worse = judge(problem, "scaled", answered(1.05 * best))
     model = HysteresisCreepModel.from_weights(problem.validation.structure, form.to_weights @ (1.05 * best))
-    error_um = model.simulate(problem.validation.x, problem.validation.state.copy()) - problem.validation.y
+    error_um = model.simulate(problem.validation.x, problem.validation.state) - problem.validation.y
     optimum_um = problem.optimum_error_percent / 100.0 * np.ptp(problem.validation.y)
     assert worse.stage_excess == pytest.approx((np.sqrt(np.mean(error_um**2)) - optimum_um) / noise_um)
 

@@ -46,8 +46,8 @@ def test_the_unknowns_of_the_identification_make_the_same_model_when_the_first_w
     np.testing.assert_allclose(again.weights, case.model.weights, rtol=1e-15)
     x = case.structure.x_centre + drive(case.rng, 30)  # a common factor in w_H, w_K, offset and S⁻¹ does not show
     np.testing.assert_allclose(
-        again.simulate(x, case.state.copy()),
-        case.model.simulate(x, case.state.copy()),
+        again.simulate(x, case.state),
+        case.model.simulate(x, case.state),
         rtol=0,
         atol=1e-11 * case.structure.y_scale + 1e-12 * abs(case.structure.y_centre),
     )

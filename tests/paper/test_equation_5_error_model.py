@@ -43,7 +43,7 @@ def test_the_papers_case_has_eighteen_unknowns_in_the_papers_order() -> None:
 def test_the_error_model_vanishes_at_the_weights_that_made_the_data(case: Case) -> None:
     s = case.structure
     x = s.x_centre + s.x_scale * drive(case.rng, 200)
-    y = case.model.simulate(x, case.state.copy())
+    y = case.model.simulate(x, case.state)
     basis = DataBasis(s, case.state)
     basis.update(x, y)
     problem = basis.problem()

@@ -107,12 +107,9 @@ class Bank:
         self.before = np.full(count, math.nan)
 
     def actuators(self, x: Matrix) -> Matrix:
-        y = np.column_stack(
-            [
-                model.simulate(x[:, i], state)
-                for i, (model, state) in enumerate(zip(self.models, self.states, strict=True))
-            ]
-        )
+        y = np.empty_like(x)
+        for i, model in enumerate(self.models):
+            y[:, i], self.states[i] = model.advance(x[:, i], self.states[i])
         return y + self.random.normal(scale=NOISE_UM, size=y.shape)
 
     def chunks(self) -> Iterator[slice]:

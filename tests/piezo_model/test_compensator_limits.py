@@ -47,12 +47,12 @@ def test_without_limits_the_drive_stays_finite_too(case: Case) -> None:
 @settings(max_examples=30)
 @given(cases())
 def test_after_a_spoiled_reference_the_model_is_met_again_at_once(case: Case) -> None:
-    s, actuator = case.structure, case.state.copy()
-    good = case.model.simulate(s.x_centre + 0.5 * s.x_scale * drive(case.rng, 60), case.state.copy())
+    s = case.structure
+    good = case.model.simulate(s.x_centre + 0.5 * s.x_scale * drive(case.rng, 60), case.state)
     y_ref = np.concatenate([spoiled(good, float(good.min()), float(good.max()) + 1e-9, 1, 20), good])
     compensator = Compensator(case.model, (s.x_centre - 3 * s.x_scale, s.x_centre + 3 * s.x_scale), state=case.state)
     x = compensator.run(y_ref)
-    y = case.model.simulate(x, actuator)
+    y = case.model.simulate(x, case.state)
     free = (np.abs(x - s.x_centre) < 2.999 * s.x_scale) & (np.arange(x.size) >= 60)
     np.testing.assert_allclose(
         y[free], y_ref[free], rtol=0, atol=1e-10 * s.y_scale + 8 * np.spacing(abs(s.y_centre) + s.y_scale)

@@ -33,7 +33,7 @@ def test_an_unknown_start_is_found_and_every_sample_counts() -> None:
     s, x = structure(), a_drive()
     r = padded_thresholds(s)  # came down from somewhere: no one knows
     state = OperatorState(0.4 + 0.7 * r, np.tile(0.4 + 0.7 * r, len(s.creep_rates)))
-    model = identify(x, true_model(s).simulate(x, state.copy()), s)
+    model = identify(x, true_model(s).simulate(x, state), s)
     assert model.report["fit"]["skipped"] == 0
     assert model.report["fit"]["max_percent"] < 0.5
 
@@ -92,7 +92,7 @@ def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
     # one large swing, then growing ones
     x = 50 + 45 * np.sin(t / 12) * np.where(t < 12 * np.pi, 1.0, 0.1 + 0.9 * t / 2000)
     state = OperatorState.settled_at(s, s.x_centre)
-    y = np.roll(true_model(fine_s).simulate(x, state.copy()), 24)
+    y = np.roll(true_model(fine_s).simulate(x, state), 24)
     y[:24] = y[24]
     model = identify(x[::fine], y[::fine], s, lag="remove", state=state)
     assert model.report["lag"]["samples"] == pytest.approx(2.4, abs=0.03)

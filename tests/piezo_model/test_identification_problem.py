@@ -43,7 +43,7 @@ def problem_of(
 ) -> IdentificationProblem:
     """Problem of a drive in unit amplitudes, answered by :func:`true_model`."""
     x_V, state = s.x_centre + s.x_scale * x, OperatorState.settled_at(s, s.x_centre + rest * s.x_scale)
-    y = true_model(s).simulate(x_V, state.copy()) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
+    y = true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
     basis = DataBasis(s, state)
     basis.update(x_V, y)
     return basis.problem(reference, proximal=proximal)

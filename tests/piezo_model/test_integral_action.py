@@ -30,7 +30,8 @@ def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = Fal
     )
     for k in range(y_ref.size):
         x[k] = compensator.step(y_ref[k])
-        y = model.simulate(x[k : k + 1], state)[0] + added[k]
+        (y,), state = model.advance(x[k : k + 1], state)
+        y += added[k]
         compensator.correct(y)
         error[k] = y_ref[k] - y
     return x, error

@@ -94,8 +94,8 @@ def test_sign_offset_and_unit_change_the_model_by_scale_alone(
     assert other.structure.falling == (scale < 0.0)
     assert one.start is not None
     assert other.start is not None
-    expected = scale * one.simulate(u, one.start.copy()) + offset
-    found = other.simulate(x_scale * u + x_offset, other.start.copy())
+    expected = scale * one.simulate(u, one.start) + offset
+    found = other.simulate(x_scale * u + x_offset, other.start)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.ptp(scale * y))
     np.testing.assert_allclose(other.report["fit"]["rms_percent"], one.report["fit"]["rms_percent"], rtol=1e-9)
 

@@ -1,5 +1,7 @@
+import copy
 import json
 import math
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from random_models import Case, cases, drive, model_of, structure_of
 
+from piezo_model import identify
 from piezo_model.atomic_file import write_text
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
@@ -22,12 +25,15 @@ from piezo_model.structure import ModelStructure
 def test_a_drive_in_chunks_gives_the_same_bits_as_the_whole(case: Case) -> None:
     s = case.structure
     x = s.x_centre + s.x_scale * drive(case.rng, 80)
-    one, other = case.state.copy(), case.state.copy()
-    whole = case.model.simulate(x, one)
-    parts = [case.model.simulate(part, other) for part in np.split(x, np.sort(case.rng.integers(0, 80, 4)))]
+    whole, end = case.model.advance(x, case.state)
+    parts, state = [], case.state
+    for part in np.split(x, np.sort(case.rng.integers(0, 80, 4))):
+        y, state = case.model.advance(part, state)
+        parts.append(y)
     np.testing.assert_array_equal(np.concatenate(parts), whole)
-    np.testing.assert_array_equal(other.play, one.play)
-    np.testing.assert_array_equal(other.creep, one.creep)
+    np.testing.assert_array_equal(state.play, end.play)
+    np.testing.assert_array_equal(state.creep, end.creep)
+    np.testing.assert_array_equal(case.model.simulate(x, case.state), whole)
 
 
 def test_without_states_the_actuator_rested_at_the_centre_of_its_range() -> None:
@@ -37,6 +43,72 @@ def test_without_states_the_actuator_rested_at_the_centre_of_its_range() -> None
     np.testing.assert_array_equal(
         model.simulate(x), model.simulate(x, OperatorState.settled_at(model.structure, model.structure.x_centre))
     )
+
+
+def identified() -> tuple[HysteresisCreepModel, np.ndarray, np.ndarray]:
+    """A model, and the recording of an actuator that came from above, which it was identified from."""
+    s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-10.0, 10.0), (10.0,), 1e-3, offset=True)
+    truth = HysteresisCreepModel.from_weights(s, [0.3, 0.2, 0.1, 0.05, 1.5, 0.02, 0.05, 0.04, 0.03, 0.02, 0.01])
+    x = 50.0 + 45.0 * np.sin(np.arange(6000) / 150) * np.linspace(0.5, 1.0, 6000)
+    y = truth.simulate(x, OperatorState.settled_at(s, 50.0, "above"))
+    return identify(x, y + 0.01 * np.random.default_rng(0).normal(size=x.size), s), x, y
+
+
+def test_an_array_is_simulated_from_the_start_that_was_identified_and_any_number_of_times() -> None:
+    model, x, y = identified()
+    assert model.start is not None
+    before = model.to_dict()
+    errors = [
+        float(np.sqrt(np.mean((output - y) ** 2)))
+        for output in (model.simulate(x), model.simulate(x, model.start), model.simulate(x, model.start))
+    ]
+    assert errors == [errors[0]] * 3
+    assert errors[0] < model.report["fit"]["rms"] * 1.1
+    assert model.to_dict() == before
+    rested = model.simulate(x, model.initial_state("rest"))
+    assert np.sqrt(np.mean((rested - y) ** 2)) > 5.0 * errors[0]
+
+
+COPIES = (lambda it: it, copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it)), replace)
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_nothing_of_a_model_can_be_changed_in_place_nor_of_a_copy_of_it(
+    way: Callable[[HysteresisCreepModel], HysteresisCreepModel],
+) -> None:
+    model = way(identified()[0])
+    assert model.start is not None
+    s, before = model.structure, model.to_dict()
+    arrays = (model.w_H, model.w_S_inverse, model.w_K, model.slopes, model.start.play, model.start.creep)
+    for array in (*arrays, s.thresholds, s.slope_map, s.inverse_slope_map, s.straight_line):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 7.0
+    for change in (
+        lambda report: report.update(fit=None),
+        lambda report: report.pop("fit"),
+        lambda report: report["fit"].clear(),
+        lambda report: report["fit"].__setitem__("rms", 0.0),
+        lambda report: report.__ior__({"lag": 0}),
+    ):
+        with pytest.raises(TypeError, match="read-only"):
+            change(model.report)
+    assert model.to_dict() == before
+    assert json.loads(json.dumps(before)) == json.loads(json.dumps(identified()[0].to_dict()))
+
+
+def test_a_model_keeps_nothing_of_what_it_was_made_from(model: HysteresisCreepModel) -> None:
+    report, start = {"fit": {"rms": 1.0}, "sentences": ["one"]}, OperatorState.settled_at(model.structure, 0.3)
+    made = replace(model, report=report, start=start)
+    before = made.to_dict()
+    report["fit"]["rms"], start.play[:] = 2.0, 9.0
+    report["sentences"].append("two")
+    assert made.to_dict() == before
+
+
+def test_a_start_of_another_structure_is_refused(model: HysteresisCreepModel) -> None:
+    other = structure_of(np.random.default_rng(0), 12, 1, 1, 1, True)
+    with pytest.raises(ValueError, match="the operator states are those of another structure"):
+        replace(model, start=OperatorState.settled_at(other, 0.0))
 
 
 @pytest.fixture
@@ -51,8 +123,7 @@ def test_the_settled_states_are_those_after_a_long_time_at_the_input(
 ) -> None:
     s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-1.0, 1.0), (10.0, 1.0), 1e-3)
     model = HysteresisCreepModel.from_weights(s, s.straight_line)
-    held = OperatorState.settled_at(s, before)
-    model.simulate(np.full(40_000, 20.0), held)
+    held = model.advance(np.full(40_000, 20.0), OperatorState.settled_at(s, before))[1]
     settled = OperatorState.settled_at(s, 20.0, came_from)
     np.testing.assert_allclose(settled.play, held.play, atol=1e-12)
     np.testing.assert_allclose(settled.creep, held.creep, atol=1e-12)
@@ -71,10 +142,9 @@ def test_an_input_or_a_direction_that_does_not_exist_is_refused(x: float, came_f
 
 
 def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepModel) -> None:
-    state = OperatorState.settled_at(model.structure, 0.3)
-    model.simulate([0.1, 0.7], state)
-    before = state.copy()
-    assert np.all(np.isfinite(model.simulate([math.nan], state)))
+    before = model.advance([0.1, 0.7], OperatorState.settled_at(model.structure, 0.3))[1]
+    y, state = model.advance([math.nan], before)
+    assert np.all(np.isfinite(y))
     np.testing.assert_array_equal(state.play, before.play)
     np.testing.assert_array_equal(state.creep, before.creep)
 

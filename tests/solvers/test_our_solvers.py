@@ -139,3 +139,19 @@ def test_many_updates_and_solves_allocate_nothing_that_stays(name: str) -> None:
         solver.solve()
 
     assert left_by(update_and_solve, 500) < 1024
+
+
+@each_solver
+def test_a_solution_is_the_callers_own(name: str) -> None:
+    P, q, lb, ub = random_program(7, 12, 2.0)
+    solver = ready(name, Problem(P, q, lb=lb, ub=ub))
+    solver.solve()
+    first = solver.solution()
+    kept = solver.solution()
+    for array in (first.x, first.z_box, first.problem.P, first.problem.q, first.problem.lb, first.problem.ub):
+        array[...] = 7.0
+    again = solver.solution()
+    for which in ("x", "z_box"):
+        np.testing.assert_array_equal(getattr(again, which), getattr(kept, which))
+    for which in ("P", "q", "lb", "ub"):
+        np.testing.assert_array_equal(getattr(again.problem, which), getattr(kept.problem, which))
