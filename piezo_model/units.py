@@ -96,13 +96,16 @@ NO_UNITS = frozenset(
 PREFIXED = ("rad", "V", "m", "s", "A", "N")
 PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _PREFIX_OF = {factor: prefix for prefix, factor in PREFIXES.items()}
+LONGEST_NAME, LONGEST_UNIT = 200, 40
+"""Characters of a column's name in which a unit is looked for, and of a unit that pint is asked for."""
+_FACTOR = r"[^\W\d][\w°]*(?:(?:\^|\*\*)-?\d)?"
+COMPOUND = re.compile(rf"{_FACTOR}(?:[*/·]{_FACTOR})*")
+"""Units with exponents of one digit; pint would raise numbers of a file to the power of others for hours."""
+SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
 
 
 class UnitError(ValueError):
     """A unit that measures something else than the wanted one; the message is one sentence."""
-
-
-SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
 
 
 def split_unit(column: str) -> tuple[str, str]:
@@ -112,6 +115,8 @@ def split_unit(column: str) -> tuple[str, str]:
     (('displacement', 'um'), ('Weg', 'um'), ('U', 'V'), ('height (piezo)', ''))
     """
     plain = _ascii(column)
+    if len(plain) > LONGEST_NAME:
+        return plain, ""
     for bracketed in reversed(list(re.finditer(r"[\s_]*[\[(]([^\[\]()]*)[\])]", plain))):
         unit = canonical(bracketed[1])
         if unit:
@@ -136,7 +141,7 @@ def canonical(text: str) -> str:
             return spelling
         if spelling in SPELLINGS:
             return SPELLINGS[spelling]
-    if len(plain) < 2 or plain.lower() in NO_UNITS or not re.fullmatch(r"[^\W\d][\w°^*/·-]*", plain):
+    if not 2 <= len(plain) <= LONGEST_UNIT or plain.lower() in NO_UNITS or not COMPOUND.fullmatch(plain):
         return ""
     unit = _parsed(plain)
     return "" if unit is None else _ascii(f"{unit:~C}")

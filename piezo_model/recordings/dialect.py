@@ -23,7 +23,7 @@ NULLS = {case(cell) for cell in MISSING for case in (str.lower, str.upper, str.c
 """The spellings of MISSING."""
 FLAGS = frozenset({"true", "false", "yes", "no", "on", "off"})
 DECIMAL = {
-    mark: re.compile(rf"[+-]?(?:(?:\d+[{mark}]?\d*|[{mark}]\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
+    mark: re.compile(rf"[+-]?(?:(?:\d++[{mark}]?\d*+|[{mark}]\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
     for mark in ".,"
 }
 THOUSANDS = {
@@ -31,6 +31,8 @@ THOUSANDS = {
     for mark, other in (".,", ",.")
 }
 REMARKS_BELOW_HEADER = 2
+LONGEST_VALUE = 100
+"""Characters of a number or a clock; a longer cell is text, so that no hostile one is searched for long."""
 WORTH: dict[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
 """Score of a cell by its kind."""
 THOUSANDS_WORTH = 1.4
@@ -51,7 +53,7 @@ class Dialect:
         line = line.rstrip("\r\n")
         if self.separator == " ":
             return line.split()
-        return [cell.strip() for cell in next(csv.reader([line.strip(" ")], delimiter=self.separator), [])]
+        return [cell.strip() for cell in _cells(line.strip(" "), self.separator)]
 
     def is_comment(self, line: str) -> bool:
         """Whether a line is a comment; a leading semicolon may also be the separator after an empty first cell."""
@@ -64,6 +66,8 @@ class Dialect:
         cell = cell.strip()
         if cell.lower() in MISSING:
             return "empty"
+        if len(cell) > LONGEST_VALUE:
+            return "text"
         if DECIMAL[self.decimal].fullmatch(cell):
             return "number"
         if cell.lower() in FLAGS:
@@ -118,16 +122,21 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | No
     return _headed(lines, dialect, start, kinds, header)
 
 
+def _cells(line: str, separator: str) -> list[str]:
+    """Cells of a line with quotes; a line that has a cell beyond the parser's limit is one cell."""
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        return [line]
+
+
 def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, list[int]]:
     """Score of the rows of the best width, the dialect with its thousands separator, and those rows."""
     rows: defaultdict[int, list[int]] = defaultdict(list)
     scores: defaultdict[int, float] = defaultdict(float)
     marks: Counter[str] = Counter()
     for at, line in enumerate(lines[first:], start=first):
-        try:
-            cells = [] if dialect.is_comment(line) else dialect.split(line)
-        except csv.Error:
-            continue
+        cells = [] if dialect.is_comment(line) else dialect.split(line)
         kinds = [dialect.kind(cell) for cell in cells]
         texts = [cell for cell, kind in zip(cells, kinds, strict=True) if kind == "text"]
         in_row = [mark for mark in map(dialect.thousands_mark, texts) if mark]
@@ -202,7 +211,7 @@ def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[st
     width, cells = len(kinds), dialect.split(_uncommented(dialect, line))
     if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
         return None
-    joint = re.fullmatch(r"(\D*?\w?[^\W\d][^\d.+-]*)([+-]?[\d.].*)", cells[width - 1])
+    joint = re.fullmatch(r"(\D{0,99}?\w?[^\W\d][^\d.+-]{0,99})([+-]?[\d.].*)", cells[width - 1])
     row = [joint[2], *cells[width:]] if joint else []
     if not joint or any(dialect.kind(cell) != kind for cell, kind in zip(row, kinds, strict=True)):
         return None
@@ -243,7 +252,7 @@ def _splits(dialect: Dialect, text: str) -> list[list[str]]:
         return [
             wide,
             bare,
-            *(next(csv.reader([text], delimiter=mark), []) for mark in ",;" if mark in text),
+            *(_cells(text, mark) for mark in ",;" if mark in text),
             re.findall(r'"[^"]*"', text),
         ]
     ways = [dialect.split(text)]

@@ -11,6 +11,8 @@ from types import ModuleType
 from piezo_model.recordings.chunks import RecordingError, first_line
 from piezo_model.recordings.tables import HEAD_BYTES, ReadOptions, Table
 
+MOST_COLUMNS = 10_000
+
 
 def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
     """Open a table of any known format.
@@ -33,16 +35,22 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
         for name in ("header_row", "decimal", "sheet"):
             if getattr(options, name) is not None and name not in getattr(format, "READS", ()):
                 raise RecordingError(f"{path}: is {format.NAME}, for which no {name.replace('_', ' ')} can be given")
-        if not getattr(format, "SUBPROCESS", False):
-            return format.open_table(path, options)
-        if sys.platform != "linux":
-            raise RecordingError(
-                f"{path}: is {format.NAME}, which is read in a process of its own, Linux only; text and Parquet are "
-                "read everywhere"
-            )
-        from piezo_model.recordings import subprocess_reader
+        if getattr(format, "SUBPROCESS", False):
+            if sys.platform != "linux":
+                raise RecordingError(
+                    f"{path}: is {format.NAME}, which is read in a process of its own, Linux only; text and Parquet "
+                    "are read everywhere"
+                )
+            from piezo_model.recordings import subprocess_reader
 
-        return subprocess_reader.open_table(format, path, options)
+            table = subprocess_reader.open_table(format, path, options)
+        else:
+            table = format.open_table(path, options)
+        if len(table.columns) > MOST_COLUMNS:
+            raise RecordingError(
+                f"{path}: has {len(table.columns)} columns, and no recording has more than {MOST_COLUMNS}"
+            )
+        return table
     except ModuleNotFoundError as error:
         if error.name == "pyarrow":  # which the formats import at once
             raise RecordingError(

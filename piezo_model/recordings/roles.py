@@ -225,7 +225,8 @@ def words_of(column: Column) -> set[str]:
 
 def _find_time_by_name(search: _Search) -> None:
     ranks = {k: rank for k in search.free() if (rank := _time_rank(search.table.columns[k])) is not None}
-    search.assign("time", [k for k, rank in ranks.items() if rank == min(ranks.values())], "by name")
+    best = min(ranks.values(), default=None)
+    search.assign("time", [k for k, rank in ranks.items() if rank == best], "by name")
 
 
 def _find_time_by_values(search: _Search) -> None:
@@ -242,7 +243,8 @@ def _time_rank(column: Column) -> tuple[int, int] | None:
     stem = column.stem.casefold()
     if stem in TIME_WORDS:
         return 0, TIME_WORDS.index(stem)
-    within = [at for at, word in enumerate(TIME_WORDS) if word in words_of(column)]
+    words = words_of(column)
+    within = [at for at, word in enumerate(TIME_WORDS) if word in words]
     if within:
         return 1, within[0]
     return (2, 0) if column.unit in SECONDS else None
@@ -282,9 +284,11 @@ def _find_signals(search: _Search) -> None:
 def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
     columns = search.table.columns
     votes = {k: vote(columns[k]) for k in likely if k not in search.at.values()}
-    search.assign("input", [k for k in votes if votes[k] == max(votes.values()) > 0], "by name")
+    highest = max(votes.values(), default=0)
+    search.assign("input", [k for k in votes if votes[k] == highest > 0], "by name")
     votes = {k: n for k, n in votes.items() if k not in search.at.values() and not is_setpoint(columns[k])}
-    search.assign("output", [k for k in votes if votes[k] == min(votes.values()) < 0], "by name")
+    lowest = min(votes.values(), default=0)
+    search.assign("output", [k for k in votes if votes[k] == lowest < 0], "by name")
 
 
 def _question(table: Table, missing: Sequence[str], roles: Sequence[str]) -> str:

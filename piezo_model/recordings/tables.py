@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -206,7 +207,8 @@ def distinct(names: Sequence[str]) -> list[str]:
     >>> distinct(["u", "y", "u"])
     ['u (1)', 'y', 'u (3)']
     """
-    return [f"{name} ({k + 1})" if names.count(name) > 1 else name for k, name in enumerate(names)]
+    counts = Counter(names)
+    return [f"{name} ({k + 1})" if counts[name] > 1 else name for k, name in enumerate(names)]
 
 
 def columns_of(name: str, array: Any) -> Iterator[tuple[str, Any]]:

@@ -25,7 +25,7 @@ from piezo_model.recordings.tables import Table
 LONGEST_LINE = 1 << 20
 LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 TAIL_BYTES = 1 << 16
-MARGINS = re.compile(r"^[ \t]+|[ \t]+(?=\r?$)", re.MULTILINE)
+MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
 QUOTED = re.compile(r'"[^"\n]*"')
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.sampling_remark import sample_time_in
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
@@ -52,6 +53,7 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
 
     datasets: list[Any] = []
     with parsed(path, "HDF5"), h5py.File(path, "r") as file:
+        refuse_other_files(path, file)
         file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
         datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
         stated = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
@@ -68,6 +70,19 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
             for name, item in columns.items()
         }
     return in_memory(path, "HDF5", arrays, units=units, sample_time=stated)
+
+
+def refuse_other_files(path: Path, file: Any) -> None:
+    """Refuse an open HDF5 file that takes values from others: it would show the bytes of any file of this machine."""
+    import h5py
+
+    def elsewhere(name: str, item: Any) -> str | None:  # None goes on
+        outside = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+        return name if outside or isinstance(item, h5py.ExternalLink) else None
+
+    name = file.visititems(elsewhere) or file.visititems_links(elsewhere)
+    if name is not None:
+        raise RecordingError(f"{path}: takes {name!r} from another file, and only values in the file are read")
 
 
 def _stated(holders: list[Any], datasets: list[Any]) -> float | None:

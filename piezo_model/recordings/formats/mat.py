@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.recordings.formats.hdf5 import refuse_other_files
 from piezo_model.recordings.sampling_remark import sample_time_in_scalars
 from piezo_model.recordings.tables import ArrayTable, ReadOptions, in_memory, parsed
 
@@ -32,7 +33,11 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     with path.open("rb") as file:
         modern = file.read(10) == b"MATLAB 7.3"
     if modern:
+        import h5py
         from pymatreader import read_mat as read
+
+        with parsed(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
+            refuse_other_files(path, file)
     else:
         from scipy.io import loadmat
 

@@ -18,6 +18,9 @@ from piezo_model.recordings.tables import ArrayTable, ReadOptions, parsed
 NAME = "an Excel workbook"
 READS = ("header_row", "sheet")
 DAY_US = 86400e6
+MOST_CELLS = 20_000_000
+LARGE, DENSEST = 10_000_000, 30
+"""Bytes of a part of a workbook, and its compression beyond which it is no table: numbers are compressed ninefold."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -32,6 +35,9 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     """Read a sheet like a text: header, units and first row are found in the same way."""
     import openpyxl
 
+    with parsed(path, "Excel"), zipfile.ZipFile(path) as archive:
+        if any(part.file_size > max(LARGE, DENSEST * part.compress_size) for part in archive.infolist()):
+            raise RecordingError(f"{path}: is compressed far more than a table of numbers is")
     # Opened here, since openpyxl checks the suffix of a name. It warns of unknown styles and extensions.
     with parsed(path, "Excel"), path.open("rb") as file, warnings.catch_warnings(action="ignore"):
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
@@ -40,7 +46,7 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
             raise RecordingError(
                 f"{path}: has no sheet {options.sheet!r}; its sheets are {', '.join(map(repr, names))}"
             )
-        sheets = {name: list(book[name].iter_rows(values_only=True)) for name in names if options.sheet in (None, name)}
+        sheets = {name: _rows(path, book[name]) for name in names if options.sheet in (None, name)}
         book.close()
     tables = {name: table for name, rows in sheets.items() if (table := _layout(rows, options))}
     if not tables:
@@ -55,6 +61,18 @@ def open_table(path: Path, options: ReadOptions) -> ArrayTable:
     arrays = [_values(path, layout, k, rows, name) for k in range(len(layout.columns))]
     columns = tuple(replace(column, rows=len(rows), sample_time=stated) for column in layout.columns)
     return ArrayTable(path, form, columns, arrays)
+
+
+def _rows(path: Path, sheet: Any) -> list[tuple[Any, ...]]:
+    """The rows of a sheet, as long as they are, whatever the file states."""
+    sheet.reset_dimensions()
+    rows, cells = [], 0
+    for row in sheet.iter_rows(values_only=True):
+        rows.append(row)
+        cells += len(row)
+        if cells > MOST_CELLS:
+            raise RecordingError(f"{path}: has more than {MOST_CELLS} cells in sheet {sheet.title!r}")
+    return rows
 
 
 def _layout(rows: list[tuple[Any, ...]], options: ReadOptions) -> tuple[Layout, int] | None:
