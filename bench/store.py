@@ -122,10 +122,11 @@ class Planned(TypedDict):
 
 
 class ModelNote(TypedDict):
-    """Error of a recording's model on unseen data, in per cent of the output's range, or the reason for its absence."""
+    """As of ``ProblemSet.model`` and ``digests``, or the reason why there is no model."""
 
     error_percent: NotRequired[float]
     refused: NotRequired[str]
+    digests: dict[str, str]
 
 
 class RunFile(TypedDict):

@@ -248,7 +248,7 @@ class HysteresisCreepModel(Immutable):
         )
 
     def validate(self, recording: Recording) -> Validation:
-        """Judge the model on a recording that its identification has not seen.
+        """Judge the model on a recording, other than that of its identification if it is to be evidence.
 
         Raises
         ------

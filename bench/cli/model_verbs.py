@@ -48,10 +48,10 @@ def validate_verb(
     scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
-    """Check a model against a recording that it was not identified from, or against many.
+    """Check a model against another recording than that of its identification, or against many.
 
     The initial states are estimated as in identify; an offset of the sensor between the two sessions is removed and
-    reported.
+    reported. A sentence says if the model was fitted to the recording itself.
     """
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Validating(absolute(model), opening)

@@ -1,25 +1,37 @@
 """The model of the controller: from the recording of the race, from a file, or from a problem of the run.
 
-A race on a recording stores the model that `identify` makes of the first four fifths, with its error on the last fifth.
-Any other model is validated on that fifth, too, and refused if its error is more than 1.1 times as large.
+A race on a recording stores the model that `identify` makes of all of it, with the error on the last fifth of the one
+that it makes of the rest. Any other model is validated on that fifth, too, and refused if its error is more than 1.1
+times as large. A model that was fitted to that fifth has an advantage there, so its refusal is fair, and its acceptance
+no evidence.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from bench import problems
 from bench.derived.table import ONESHOT
-from bench.problems.recorded import Recorded, kept_back
+from bench.problems.recorded import FITTED, HELD_OUT, Recorded, kept_back
 from bench.races.metrics import relative_gap
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel
 
 WORSE = 1.1
-"""Largest ratio of another model's error to that of the stored model."""
+"""Largest ratio of another model's error to that of the model of the first four fifths."""
+REFITTED, UNKNOWN = "held out, then fitted", "not known"
+SENTENCES = {
+    REFITTED: "Fitted to the first four fifths alone, it errs by {:.3g} % of the range on the last, which was held "
+    "out.",
+    HELD_OUT: "On the last fifth of the recording, which was held out, its RMS error is {:.3g} % of the range.",
+    FITTED: "On the last fifth of the recording, to which it was fitted, its RMS error is {:.3g} % of the range.",
+    UNKNOWN: "On the last fifth of the recording its RMS error is {:.3g} % of the range; whether it was fitted to it "
+    "is not known.",
+}
+"""What the error means, by what the last fifth is to the model."""
 SIMULATED = "simulated"
 
 
@@ -32,25 +44,20 @@ class ChosenModel:
     certificate: Mapping[str, Any] = field(default_factory=dict)
     error_percent: float | None = None
     """RMS error on the last fifth of the recording, % of the range; None if the race was not on a recording."""
+    last_fifth: str = ""
+    """What the last fifth is to the model, of ``SENTENCES``; "" if the race was not on a recording."""
 
     @property
     def sentence(self) -> str:
         """The error in words, "" if it is unknown."""
-        return (
-            ""
-            if self.error_percent is None
-            else (
-                f"On the last fifth of the recording, which was held out, its RMS error is "
-                f"{self.error_percent:.3g} % of the range."
-            )
-        )
+        return SENTENCES.get(self.last_fifth, "").format(self.error_percent)
 
     def evidence(self) -> dict[str, Any]:
         """Evidence for the file of the decision."""
         return {
             "model_from": self.source,
             "certificate": dict(self.certificate),
-            **({} if self.error_percent is None else {"unseen_error_percent": self.error_percent}),
+            **({"error_percent": self.error_percent, "last_fifth": self.last_fifth} if self.last_fifth else {}),
         }
 
 
@@ -67,7 +74,7 @@ def model_for(
     is worse than the stored one.
     """
     if model is not None:
-        return _validated(run, ChosenModel(model, source, dict(model.report.get("certificate", {}))))
+        return _validated(run, ChosenModel(model, source, dict(model.report.get("certificate") or {})))
     if run.settings.get("race", "oneshot") == STREAM_KIND:
         raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
     if problem is None and not simulated and Recorded.name in run.settings.get("models", {}):
@@ -87,28 +94,28 @@ def _stored(run: Run) -> ChosenModel:
             "give a model with --model, or name a problem with --problem"
         )
     model = HysteresisCreepModel.load(run.model_path(Recorded.name))
-    return ChosenModel(
-        model,
-        "the first four fifths of the recording",
-        dict(model.report.get("certificate", {})),
-        note["error_percent"],
-    )
+    certificate = dict(model.report["certificate"] or {})
+    return ChosenModel(model, "the recording of the race", certificate, note["error_percent"], REFITTED)
 
 
 def _validated(run: Run, found: ChosenModel) -> ChosenModel:
-    """The model with its error on the last fifth of the recording; RunError if the stored one is much better."""
+    """The model with its error on the last fifth of the recording; RunError if that of a model of the rest is much
+    smaller."""
     names = run.settings.get("problems", {}).get(Recorded.name, ())
     if not names:
         return found
     error = found.model.validate(kept_back(run.problem(Recorded.name, names[0]))).fit.rms_percent
-    known = run.settings.get("models", {}).get(Recorded.name, {}).get("error_percent")
+    note = run.settings.get("models", {}).get(Recorded.name, {"digests": {}})
+    known = note.get("error_percent")
     if known is not None and error > WORSE * known:
         raise RunError(
             f"{run.path}: the model from {found.source} errs by {error:.3g} % of the range on the last "
             "fifth of the recording, and "
-            f"the one that the run keeps by {known:.3g} %; leave out --model and --problem to take that one"
+            f"one of the first four fifths by {known:.3g} %; leave out --model and --problem to take the run's"
         )
-    return ChosenModel(found.model, found.source, found.certificate, error)
+    of_fitted = found.certificate.get("problem_of_run", "").startswith(f"{Recorded.name}/")
+    last_fifth = HELD_OUT if of_fitted else note["digests"].get(found.model.report.get("recording", ""), UNKNOWN)
+    return replace(found, error_percent=error, last_fifth=last_fifth)
 
 
 def _find_problem(run: Run, wanted: str | None, simulated: bool) -> tuple[str, str]:

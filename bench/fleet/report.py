@@ -79,6 +79,8 @@ def sentences(table: pd.DataFrame, what: str, others: Sequence[str] = ()) -> lis
             f"{high:.2g} % in nine of ten. Unlike the others by more than {DISTANT:g} standard deviations: "
             f"{int((fine.distance > DISTANT).sum())}."
         )
+    if own := int(fine.get("own", pd.Series(dtype=bool)).sum()):
+        found.append(f"Judged on the recording that the model was fitted to, which says little about others: {own}.")
     if others:
         named = joined([*others[:NAMED], f"{len(others) - NAMED} more"] if len(others) > NAMED else others)
         found.append(f"Not of this run, but in the folder: {named}.")

@@ -110,7 +110,7 @@ class WithModel(Work):
 
 @dataclass(frozen=True)
 class Validating(WithModel):
-    """Validation of a model on a recording that its identification has not used."""
+    """Validation of a model on a recording."""
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Return figures of the fit, and the change of the sensor's offset since the identification."""
@@ -122,6 +122,7 @@ class Validating(WithModel):
             "shift": found.shift,
             "units": found.units,
             "beyond_percent": found.beyond_percent,
+            "own": found.own,
             "output_unit": model.structure.output_unit,
         }
 

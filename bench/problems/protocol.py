@@ -304,8 +304,8 @@ class ProblemSet(ABC):
         """Make the problems one by one, each with its certified optimum."""
 
     def model(self) -> tuple[HysteresisCreepModel, float] | None:
-        """For a set made of one recording, the model that ``identify`` fits, and its error on the unseen rest in
-        percent.
+        """For a set made of one recording, the model that ``identify`` fits to it, and in percent the error on the last
+        fifth of one that it fits to the rest.
 
         Raises
         ------
@@ -313,3 +313,7 @@ class ProblemSet(ABC):
             The recording gives no model.
         """
         return None
+
+    def digests(self) -> dict[str, str]:
+        """For a set made of one recording, by the digest of data: what its last fifth is to a model fitted to them."""
+        return {}

@@ -5,8 +5,9 @@ with the initial states and the sign that `piezo_model.identification.preprocess
 of a switch-on transient or the start of the window, whichever is later. A recording has an unknown constant, so every
 model has an offset, a variable without bounds.
 
-The set also has a model: the one that `identify` fits to the same part, with the orders and rates of the first problem,
-so that the race's times apply to its size. Its error on the unseen part is that of ``HysteresisCreepModel.validate``.
+The set also has a model: the one that `identify` fits to the whole recording, with the orders and rates of the first
+problem, so that the race's times apply to its size. Its error is that of the model of the same orders that `identify`
+fits to the fitted part, by ``HysteresisCreepModel.validate`` on the unseen part.
 """
 
 from collections.abc import Iterator
@@ -26,6 +27,8 @@ ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 """Share of the fitted part that a window covers, up to its end."""
 KEPT_BACK = 0.2
+HELD_OUT, FITTED = "held out", "fitted"
+"""Whether the last fifth was held out from the fit of a model or is part of its data."""
 LONGEST_VALIDATION = 200_000
 """Largest number of unseen samples; every problem has its own copy."""
 READING = {
@@ -76,15 +79,15 @@ class Recorded(ProblemSet):
         return part(self._whole, slice(fitted)), part(self._whole, slice(fitted, fitted + LONGEST_VALIDATION))
 
     def model(self) -> tuple[HysteresisCreepModel, float]:
-        """The model of the fitted part, and its error on the unseen part."""
-        fitted, unseen = self._parts
-        model = identify(
-            fitted,
-            n=ORDERS[0][0],
-            m=ORDERS[0][1],
-            creep_rates=choose_creep_rates(fitted.sample_time, fitted.duration_s),
-        )
-        return model, model.validate(unseen).fit.rms_percent
+        """The model of the whole recording, and the error of that of the fitted part on the unseen part."""
+        (fitted, unseen), (n, m) = self._parts, ORDERS[0]
+        rates = choose_creep_rates(fitted.sample_time, fitted.duration_s)
+        judged, model = (identify(data, n=n, m=m, creep_rates=rates) for data in (fitted, self._whole))
+        return model, judged.validate(unseen).fit.rms_percent
+
+    def digests(self) -> dict[str, str]:
+        """What the unseen part is to a model of the fitted part and to one of the whole recording."""
+        return {self._parts[0].digest(): HELD_OUT, self._whole.digest(): FITTED}
 
     def problems(self) -> Iterator[RaceProblem]:
         """Accumulate and certify each window at each order; windows that are too short are left out."""

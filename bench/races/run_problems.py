@@ -48,11 +48,11 @@ def _save_model(run: Run, problem_set: ProblemSet, progress: Progress) -> None:
     """Save the model of a recording and note its error, or the reason for its absence; the problems are raced in either
     case."""
     progress(f"preparing {problem_set.name}", 0, 1)
-    note: ModelNote
+    note: ModelNote = {"digests": problem_set.digests()}
     try:
         identified = problem_set.model()
     except IdentificationError as error:
-        note = {"refused": str(error)}
+        note["refused"] = str(error)
     else:
         if identified is None:
             return
@@ -60,7 +60,7 @@ def _save_model(run: Run, problem_set: ProblemSet, progress: Progress) -> None:
         path = run.model_path(problem_set.name)
         path.parent.mkdir(exist_ok=True)
         model.save(path)
-        note = {"error_percent": error_percent}
+        note["error_percent"] = error_percent
     run.note_of_set(problem_set.name, models=note)
 
 

@@ -1,10 +1,10 @@
 """Whether a model of hysteresis and creep is adequate for a recording.
 
-A fit is compared with the best line and the best cubic on held-out data. It is refused if it is no better than the line
-or has more than twice the error of an explanation outside the model class (`alternative_models`); the refusal is one
-sentence that names the explanation. Data on a curve with noise are not refused: they have no hysteresis, and if
-the fit is no better than the line, the line is the model, since noise in the output biases the slope of (6) and not
-that of the line.
+A fit is compared with the best line and the best cubic, on held-out data unless the recording is long. It is refused if
+it is no better than the line or has more than twice the error of an explanation outside the model class
+(`alternative_models`); the refusal is one sentence that names the explanation. Data on a curve with noise are not
+refused: they have no hysteresis, and if the fit is no better than the line, the line is the model, since noise in the
+output biases the slope of (6) and not that of the line.
 
 For cross-validation the drive is cut into blocks of equal travel, up or down, or of equal time at rest, so that every
 branch of every loop has several blocks and one loop is enough. Line, cubic and model are fitted to every second block
@@ -89,9 +89,9 @@ def check_adequacy(
     """Compare a fit with a line, a cubic and other explanations of the recording."""
     s = model.structure
     moving = moving_from(recording, skip)
-    # with many samples and few weights, the error of the fit is also that on held-out data
+    # with many samples and few weights, the error of the fit is near that on held-out data
     held_out = cross_validate(recording, s, skip, state, solver, proximal) if recording.length <= HEAD else None
-    baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent)
+    baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent, held_out=False)
     x, y = recording.head(HEAD + moving).arrays()
     own = ((y - model.simulate(x, state)) / fit.span)[skip:]
     x, y = x[skip:], y[skip:]
@@ -230,7 +230,7 @@ def cross_validate(
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
     span = 2.0 * abs(s.y_scale)
     line, cubic, model_error = 100.0 * np.sqrt(squares / counted.sum()) / span
-    return Baseline(float(line), float(cubic), float(model_error))
+    return Baseline(float(line), float(cubic), float(model_error), held_out=True)
 
 
 def _weights(

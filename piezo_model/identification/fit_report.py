@@ -63,11 +63,13 @@ class Fit:
 
 @dataclass(frozen=True)
 class Baseline:
-    """RMS errors of the output on held-out data, per cent of its full range."""
+    """RMS errors of the output, per cent of its full range."""
 
     line_percent: float
     cubic_percent: float
     model_percent: float
+    held_out: bool
+    """Whether they are those on held-out data, and not on the data of the fits."""
 
     @property
     def pays(self) -> bool:
@@ -209,11 +211,12 @@ class FitReport:
             yield f"The data cannot separate the weights {names}."
         b = self.baseline
         yield (
-            f"On data left out, every second block of the drive: {percent(b.line_percent)} with a line, "
+            f"On {'data left out, every second block of the drive' if b.held_out else 'the data of the fit'}: "
+            f"{percent(b.line_percent)} with a line, "
             f"{percent(b.cubic_percent)} with a cubic, {percent(b.model_percent)} with this model."
         )
         if self.certificate is None:
-            yield "The model is the best straight line, since the fit of (6) is no better on data left out."
+            yield "The model is the best straight line, since the fit of (6) is no better on these data."
             return
         yield (
             f"Solved by {self.solver}; relative cost gap to the proven optimum {self.certificate.cost_gap:.1e}, "

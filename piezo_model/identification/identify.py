@@ -141,7 +141,8 @@ def identify(
     Returns
     -------
     HysteresisCreepModel
-        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences about them.
+        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences about them,
+        and the ``digest`` of the recording.
         Its structure is inverted if the output falls as the input rises.
 
     Raises
@@ -186,13 +187,13 @@ def identify(
         way_out = remedy(fitted, recording, skip or 0, usual_m if structure is None else 0, refusal.explained)
         raise IdentificationError(f"{refusal}{way_out}") from None
     if (
-        structure is not None
-        or None not in (n, m, creep_rates)
-        or not model.report["hysteresis"]
-        or model.report["refusal"] is not None
+        structure is None
+        and None in (n, m, creep_rates)
+        and model.report["hysteresis"]
+        and model.report["refusal"] is None
     ):
-        return model
-    return _selected(recording, model, fitted, n, m, creep_rates, solver, progress)
+        model = _selected(recording, model, fitted, n, m, creep_rates, solver, progress)
+    return replace(model, report={**model.report, "recording": recording.digest()})
 
 
 def _selected(

@@ -1,4 +1,4 @@
-"""Validation of a model on a recording that its identification has not used.
+"""Validation of a model on a recording, which is evidence if its identification has not used it.
 
 The weights stay. The unknowns of the recording are estimated: the states before the first sample (`initial_state`) by
 the variance of the output's error, and the change of the sensor's offset since the identification by its mean.
@@ -55,15 +55,18 @@ class Validation:
     """A clause about a single outlier of the output; "" without one."""
     units: str
     """What the recording's units needed to be the model's, in a sentence; "" if they are the same."""
+    own: bool
+    """Whether the model was fitted to exactly these samples."""
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
-        return {"fit": asdict(self.fit), "shift": self.shift, "sentences": list(self.sentences())}
+        return {"fit": asdict(self.fit), "shift": self.shift, "own": self.own, "sentences": list(self.sentences())}
 
     def sentences(self) -> Iterator[str]:
         """The headline, then the other important sentences."""
         unit = self.model.structure.output_unit
-        yield from filter(None, (self.model.warning, self.fit.headline(unit, "on this recording"), self.units))
+        own = "The model was fitted to this recording, so the errors say little about other recordings." * self.own
+        yield from filter(None, (self.model.warning, self.fit.headline(unit, "on this recording"), own, self.units))
         if self.outlier:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
@@ -131,6 +134,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     s = model.structure
+    own = model.report.get("recording") == recording.digest()
     recording = recording.in_units(s.input_unit, s.output_unit)
     (state, skip), lag = start_and_transient(model, recording), model.report.get("lag")
     (low, high), start = y_range(recording, skip), state
@@ -148,4 +152,5 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
         max(0.0, 50.0 * (farthest - 1.0)),
         "" if (at := outlier(y)) is None else outlier_sentence(y, at, 0, s.output_unit),
         recording.units,
+        own,
     )

@@ -9,6 +9,7 @@ of hours is no problem, since only its ranges are kept. Columns that the user do
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -227,6 +228,20 @@ class Recording(Source):
         """Input and output, each of shape (length,)."""
         (both,) = self.chunks(self.length)
         return both
+
+    def digest(self) -> str:
+        """SHA-256 of the samples, each as input and output in float64 (little-endian) in their units; it does not
+        depend on the file's format.
+
+        Examples
+        --------
+        >>> Recording.from_arrays([0.0, 1.0], [0.0, 2.0], 1e-3).digest()[:8]
+        '2cdf4361'
+        """
+        found = hashlib.sha256()
+        for samples in self.chunks():
+            found.update(np.column_stack(samples).astype("<f8").tobytes())
+        return found.hexdigest()
 
     def in_memory(self) -> Recording:
         """Return the same recording, held in memory."""

@@ -234,6 +234,7 @@ def test_options_that_a_race_does_not_use_are_refused_and_no_others(
 
 # Refusals.
 
+OWN = "The model was fitted to this recording, so the errors say little about other recordings."
 IDENTIFY = ("identify", "stage.csv", "--out", "other.json")
 COMPENSATE = ("compensate", "model.json", "path.csv", "--out", "drive.csv")
 RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
@@ -483,3 +484,18 @@ def test_validate_judges_a_model_on_other_data(piezobench: CommandLine, desk: Pa
     assert "with this model on this recording" in call.stdout
     assert "since the identification; that is removed" in call.stdout
     assert (tmp_path / "other.html").is_file()
+    assert OWN not in call.stdout
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_validate_says_if_the_model_was_fitted_to_the_recording_itself_whatever_its_file(
+    piezobench: CommandLine, desk: Path, identified: None, tmp_path: Path, suffix: str
+) -> None:
+    t, x, y = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1, unpack=True)
+    write_table(tmp_path / f"copy.{suffix}", {"t_s": t, "voltage_V": x, "displacement_um": y})
+    words = ("validate", desk / "model.json", f"copy.{suffix}", "--page", "copy.html")
+    call = piezobench(*words, folder=tmp_path)
+    assert (call.status, call.stderr) == (0, "")
+    assert OWN in call.stdout
+    assert OWN in (tmp_path / "copy.html").read_text()
+    assert json.loads(piezobench(*words, "--json", folder=tmp_path).stdout)["own"] is True

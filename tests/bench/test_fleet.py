@@ -236,6 +236,11 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     stranger.write_bytes(recordings[0].read_bytes())
     call = piezobench("validate", models, *chosen, stranger, "--out-dir", tmp_path / "judged")
     assert "1 of 3 recordings are refused" in call.refusal
+    own = "Judged on the recording that the model was fitted to, which says little about others: 2."
+    assert own in " ".join(call.stdout.split())
+    call = piezobench("validate", models / "stage0.json", recordings[1], "--out-dir", tmp_path / "others")
+    assert call.status == 0, call.stderr
+    assert "Judged on the recording that" not in " ".join(call.stdout.split())
     judged = table_in(tmp_path / "judged").set_index("name")
     assert judged.refused["stranger"] == f"{models / 'stranger.json'}: there is no such file"
     for path in chosen:

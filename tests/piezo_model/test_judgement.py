@@ -10,7 +10,7 @@ from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, d
 from scipy.signal import lfilter
 
 from piezo_model import IdentificationError, Recording, identify
-from piezo_model.identification import initial_state
+from piezo_model.identification import adequacy, initial_state
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import structure_of
 from piezo_model.model import HysteresisCreepModel
@@ -49,6 +49,16 @@ def test_data_in_the_model_class_are_accepted(kind: str) -> None:
 @pytest.mark.parametrize("seed", [5, 7, 8, 19])
 def test_a_slow_drive_whose_first_samples_are_a_short_arc_is_judged_by_all_samples(seed: int) -> None:
     assert identify(recording(DESCRIBABLE["a slow sine and a lag"], seed)).report["fit"]["samples"] > 50_000
+
+
+@pytest.mark.parametrize("where", ["On data left out, every second", "On the data of the fit: "])
+def test_errors_are_said_to_be_on_data_left_out_only_if_some_were(monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+    made = recording(DESCRIBABLE["hysteresis"], SEED)
+    if "fit" in where:
+        monkeypatch.setattr(adequacy, "HEAD", made.length - 1)
+    report = identify(made, n=2, m=0, creep_rates=()).report
+    assert [sentence.startswith(where) for sentence in report["sentences"]].count(True) == 1
+    assert report["baseline"]["held_out"] == ("left out" in where)
 
 
 def test_a_forced_model_reports_the_reason_against_it_first() -> None:

@@ -184,7 +184,7 @@ def _models(run: Run) -> list[str]:
     """Sentences about the models of recordings: their errors, or the reasons for their absence."""
     return [
         f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} "
-        "% of the range (RMS) on the last fifth; deploy takes it."
+        "% of the range (RMS) on the last fifth; deploy takes the one that it makes of the whole recording."
         if "error_percent" in note
         else f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
         for note in run.settings.get("models", {}).values()
