@@ -22,6 +22,7 @@ from bench.report.console import (
     progress_bar,
 )
 from bench.report.words import OURS_NOTE
+from bench.timing import machine
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
@@ -71,7 +72,9 @@ def compare_verb(
             comparisons, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
         )
     files = ["", OURS_NOTE, f"Comparison: {page}"]
-    print_report(report, comparison_report.to_dict(comparisons), as_json, lines_of(report.notes), files)
+    there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.settings["machine"])]
+    below = lines_of([*report.notes, *dict.fromkeys(there)])
+    print_report(report, comparison_report.to_dict(comparisons), as_json, below, files)
     bad = sum(
         comparison.differences if fail_on == "difference" else comparison.regressions for comparison in comparisons
     )
@@ -92,7 +95,7 @@ def deploy_verb(
     misses: Annotated[
         int,
         typer.Option(
-            min=0, help="Missed deadlines allowed beyond those that a solver that does nothing misses on this machine."
+            min=0, help="Missed deadlines allowed beyond those that a solver that does nothing misses in the run."
         ),
     ] = 0,
     lane: Annotated[
@@ -134,6 +137,7 @@ def deploy_verb(
         )
     made = deployment(decision, actuator)
     made.save(target)
+    elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.settings["machine"])
     document = {
         "file": target,
         "solver": made.solver,
@@ -147,12 +151,14 @@ def deploy_verb(
         "last_fifth": actuator.last_fifth,
         "rule": rule.sentence,
         "why": decision.sentences(),
+        "elsewhere": elsewhere,
         "figures": decision.chosen.figures(),
         "runners_up": [each.figures() for each in decision.runners_up],
         "refused": [{**each.figures(), "why": why} for each, why in decision.refused],
     }
     lines = [
         *decision.sentences(),
+        *elsewhere,
         *(f"Not qualified: {each.name} {why}." for each, why in decision.refused[:MOST_REFUSED]),
         actuator.model.warning,
         f"Model: from {actuator.source}.{actuator.sentence and f' {actuator.sentence}'}",

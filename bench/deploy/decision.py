@@ -16,6 +16,7 @@ from bench.deploy.rule import QUANTILES, Candidate, Rule
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.report.words import gap, number, solver_lanes
 from bench.store import Run, RunError
+from bench.timing import machine
 from bench.timing.percentiles import Percentile
 
 
@@ -41,7 +42,8 @@ class Decision:
             f"Rule: {self.rule.sentence}",
             f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, so right "
             f"{it.chosen.margin:g} times over; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} of "
-            f"them its own; {name} of an answer {number(it.time(self.by))} µs.",
+            f"them its own; {name} of an answer {number(it.time(self.by))} µs "
+            f"on the machine of the run ({machine.name(self.run.settings['machine'])}).",
         ]
         if self.by:
             least = next(each for each in (it, *self.runners_up) if each.tail[self.by - 1].value is None)

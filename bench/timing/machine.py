@@ -33,6 +33,26 @@ def describe() -> dict[str, Any]:
     }
 
 
+def name(described: Mapping[str, Any]) -> str:
+    """Processor, number of cores, and instruction set and compiler of our core, from a description.
+
+    Examples
+    --------
+    >>> name({"processor": "AMD EPYC", "cores": 2, "core": "AVX2, gcc 12.2.0"})
+    'AMD EPYC, 2 cores, AVX2, gcc 12.2.0'
+    """
+    return f"{described['processor']}, {described['cores']} core{'s' * (described['cores'] != 1)}, {described['core']}"
+
+
+def elsewhere(what: str, described: Mapping[str, Any]) -> list[str]:
+    """A sentence if ``what`` was measured on another machine than this one."""
+    here, there = (
+        name(each) for each in ({"processor": processor(), "cores": os.cpu_count(), "core": core()}, described)
+    )
+    sentence = f"{what} was measured on another machine, {there}. This one, {here}, has other times: race on it, too."
+    return [] if here == there else [sentence]
+
+
 def core() -> str:
     """Instruction set and compiler of our C core."""
     return f"{INSTRUCTION_SETS.get(bindings.instructions, bindings.instructions)}, {bindings.compiler}"

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -360,6 +361,34 @@ def test_the_reference_run_gives_a_compensator_that_runs_and_learns(piezobench: 
     assert np.ptp(x) > 0.3 * s.x_scale
     assert np.sqrt(np.mean((y - y_ref)[1000:] ** 2)) < 0.1 * s.y_scale
     assert any(event.what in ("hand-over", "refused") for event in learner.log)
+
+
+@pytest.mark.parametrize("verb", ["deploy", "report", "compare"])
+def test_times_of_another_machine_are_said_to_be_of_it_and_those_of_this_one_are_not(
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path, verb: str
+) -> None:
+    shutil.copytree(wide_race.run.path, tmp_path / "run")
+    run = Run(tmp_path / "run")
+    words: dict[str, tuple[object, ...]] = {
+        "deploy": ("deploy", "run", "--out", "c.json", "--deadline", 1e6, "--simulated"),
+        "report": ("report", "run"),
+        "compare": ("compare", "run", "run", "--out", "same"),
+    }
+    this = machine.name(machine.describe())
+    for there in (this, "Abacus 3000, 1 core, wood, hand 1.0"):
+        if there != this:
+            run.note(
+                machine={**run.settings["machine"], "processor": "Abacus 3000", "cores": 1, "core": "wood, hand 1.0"}
+            )
+        call = piezobench(*words[verb], folder=tmp_path)
+        assert (call.status, call.stderr) == (0, "")
+        output = " ".join(call.stdout.split())
+        if verb == "deploy":
+            assert f"µs on the machine of the run ({there})." in output
+        warning = (
+            f"The run run was measured on another machine, {there}. This one, {this}, has other times: race on it, too."
+        )
+        assert output.count(warning) == (there != this)
 
 
 @pytest.mark.parametrize(
