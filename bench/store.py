@@ -122,9 +122,11 @@ class Planned(TypedDict):
 
 
 class ModelNote(TypedDict):
-    """As of ``ProblemSet.model`` and ``digests``, or the reason why there is no model."""
+    """As of ``ProblemSet.model`` and ``digests``, and whether the recording leaves creep undetermined; or the reason
+    why there is no model."""
 
     error_percent: NotRequired[float]
+    one_frequency: NotRequired[bool]
     refused: NotRequired[str]
     digests: dict[str, str]
 

@@ -81,7 +81,7 @@ class Recorded(ProblemSet):
     def model(self) -> tuple[HysteresisCreepModel, float]:
         """The model of the whole recording, and the error of that of the fitted part on the unseen part."""
         (fitted, unseen), (n, m) = self._parts, ORDERS[0]
-        rates = choose_creep_rates(fitted.sample_time, fitted.duration_s)
+        rates = choose_creep_rates(fitted)
         judged, model = (identify(data, n=n, m=m, creep_rates=rates) for data in (fitted, self._whole))
         return model, judged.validate(unseen).fit.rms_percent
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from piezo_model.identification.one_frequency import ONE_FREQUENCY
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
@@ -138,6 +139,8 @@ class FitReport:
     resting_input: float | None
     creep_rates_chosen: bool
     units: str
+    one_frequency: bool
+    """Whether the model is without creep and the drive does not determine creep."""
 
     def to_dict(self, structure: ModelStructure) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
@@ -180,6 +183,8 @@ class FitReport:
                 "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
                 "barely be separated from curvature.",
             )
+        if self.one_frequency:
+            yield 95.0, ONE_FREQUENCY
         if self.offset is not None and self.offset.pays:
             yield (
                 self.offset.error_without_offset_percent - self.offset.error_percent,
@@ -199,7 +204,7 @@ class FitReport:
             yield _offset_sentence(self.offset, s.input_unit)
         if self.lag is not None and not self.lag.pays:
             yield "The sensor shows no lag that is worth removing."
-        if self.creep_rates_chosen:
+        if self.creep_rates_chosen and not self.one_frequency:
             rates = ", ".join(f"{rate:g}" for rate in s.creep_rates) or "none"
             yield f"Creep rates chosen to span sampling period and length of the recording: {rates} per second."
         if self.excitation.unreached:

@@ -33,6 +33,7 @@ from piezo_model.identification.model_selection import (
     candidate_rates,
     select,
 )
+from piezo_model.identification.one_frequency import has_one_frequency
 from piezo_model.identification.preprocessing import Preprocessed, preprocess, require
 from piezo_model.identification.remedies import remedy
 from piezo_model.identification.sensor_lag import estimate_lag, without_lag
@@ -64,20 +65,26 @@ class InadequateError(IdentificationError):
         self.explained = explained
 
 
-def choose_creep_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
-    """Creep rates in 1/s, one per decade, from the length of the recording to ten sampling periods.
+def choose_creep_rates(recording: Recording) -> tuple[float, ...]:
+    """Creep rates in 1/s, one per decade, from the length of the recording to ten sampling periods; none if its drive
+    has one frequency.
 
     Examples
     --------
-    >>> choose_creep_rates(1e-4, 10.0), choose_creep_rates(1e-3, 5e-3)
-    ((1000.0, 100.0, 10.0, 1.0, 0.1), ())
+    >>> import numpy as np
+    >>> t = np.arange(10_000) / 1000
+    >>> [choose_creep_rates(Recording.from_arrays(x, x, 1e-3)) for x in (np.sin(t * t), np.sin(t))]
+    [(100.0, 10.0, 1.0), ()]
     """
-    return candidate_rates(sample_time, duration_s, per_decade=1)
+    if has_one_frequency(recording):
+        return ()
+    return candidate_rates(recording.sample_time, recording.duration_s, per_decade=1)
 
 
 def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] | None = None) -> ModelStructure:
-    """Structure with a free offset over the ranges of a recording; by default with creep rates for its length."""
-    rates = choose_creep_rates(recording.sample_time, recording.duration_s) if creep_rates is None else creep_rates
+    """Structure with a free offset over the ranges of a recording; by default with the creep rates of
+    `choose_creep_rates`."""
+    rates = choose_creep_rates(recording) if creep_rates is None else creep_rates
     return ModelStructure.equidistant(
         n,
         m,
@@ -123,7 +130,7 @@ def identify(
     creep_rates : sequence of float, optional
         In 1/s; empty for a model without creep. Orders and rates that are not given are chosen by cross-validation
         (`model_selection`) if the drive makes at least ten excursions, and otherwise n = 5, m = 3 and one rate per
-        decade (`choose_creep_rates`).
+        decade (`choose_creep_rates`). A drive of one frequency determines no creep, so no rates are chosen for it.
     solver : str
         Any registered solver.
     skip : int, optional
@@ -220,7 +227,7 @@ def _selected(
         solver,
         ns=HYSTERESIS_ORDERS if n is None else (s.n,),
         ms=SUPERPOSITION_ORDERS if m is None else (s.dead_zones // 2,),
-        rates=None if creep_rates is None else s.creep_rates,
+        rates=None if creep_rates is None and s.creep_rates else s.creep_rates,
         progress=progress,
     )
     if selection is None:
@@ -290,6 +297,7 @@ def _fitted(
     own_structure = structure is None
     structure = structure_of(recording, n, m, creep_rates) if structure is None else structure
     recording = recording.in_units(structure.input_unit, structure.output_unit)
+    one_frequency = not structure.creep_rates and has_one_frequency(recording)
     if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
         raise IdentificationError(
             f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
@@ -333,6 +341,7 @@ def _fitted(
         None if rest is None else structure.x_centre + structure.x_scale * rest,
         own_structure and creep_rates is None,
         recording.units,
+        one_frequency,
     )
     return replace(model, report=report.to_dict(structure), start=start)
 

@@ -15,6 +15,8 @@ from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
 from piezo_model.deployment import Deployment
 from piezo_model.identification.identify import choose_creep_rates
+from piezo_model.identification.one_frequency import ONE_FREQUENCY
+from piezo_model.operators import play
 from piezo_model.recordings import write_table
 
 FEW = ("--limit", 2, "--solver", "box_active_set", "--lane", "direct", "--budget", 0.002, "--rounds", 0)
@@ -62,16 +64,11 @@ def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_tha
     made, run = recorded
     x, y = Recording.open(made.path).arrays()
     fitted = round(0.8 * x.size)
-    rates = choose_creep_rates(1e-3, 1e-3 * (fitted - 1))  # those of the problems, whose times the race measures
-    judged, expected = (
-        identify(
-            Recording.from_arrays(x[:stop], y[:stop], 1e-3, input_unit="V", output_unit="um"),
-            n=5,
-            m=3,
-            creep_rates=rates,
-        )
-        for stop in (fitted, x.size)
-    )
+    parts = [
+        Recording.from_arrays(x[:stop], y[:stop], 1e-3, input_unit="V", output_unit="um") for stop in (fitted, x.size)
+    ]
+    rates = choose_creep_rates(parts[0])  # those of the problems, whose times the race measures
+    judged, expected = (identify(part, n=5, m=3, creep_rates=rates) for part in parts)
     model = HysteresisCreepModel.load(run.model_path("recorded"))
     assert model.weights.tolist() == expected.weights.tolist()
     unseen = Recording.from_arrays(x[fitted:], y[fitted:], 1e-3, input_unit="V", output_unit="um")
@@ -103,7 +100,7 @@ def test_its_error_on_later_data_is_no_larger_than_that_of_an_identification_of_
 ) -> None:
     made, run = recorded
     opened = Recording.open(made.path)
-    whole = identify(opened, n=5, m=3, creep_rates=choose_creep_rates(opened.sample_time, opened.duration_s))
+    whole = identify(opened, n=5, m=3, creep_rates=choose_creep_rates(opened))
     deployed = model_for(run).model.validate(made.later).fit.rms_percent
     assert deployed <= 1.01 * whole.validate(made.later).fit.rms_percent
 
@@ -245,3 +242,37 @@ def test_a_recording_without_a_model_is_raced_and_deploy_gives_the_reason(
     ) in sentence
     with pytest.raises(RunError, match="holds no model of a simulated actuator"):
         model_for(run, simulated=True)
+
+
+def without_creep(u: np.ndarray) -> np.ndarray:
+    """Output of a stage with hysteresis alone, settled at 1 V."""
+    return np.asarray(40 * (0.8 * u + play(u, [0.24, 0.8, 2.0], [1.0] * 3)[0] @ [0.1, 0.08, 0.06]))
+
+
+def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controller_and_in_a_fleet(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    chance, t = np.random.default_rng(0), np.arange(6000) * 0.01
+    u = 1 + 8 * np.interp(t / 2 % 1, [0, 0.5, 1], [0, 1, 0])
+    y = without_creep(u)
+    for name in ("a", "b"):
+        noise = chance.normal(0, 0.3, t.size)
+        write_table(tmp_path / f"{name}.csv", {"time_s": t, "voltage_V": u, "position_um": y + noise})
+    assert piezobench("race", "--recording", tmp_path / "a.csv", *FEW, "--out", tmp_path, "--name", "run").status == 0
+    run = Run.open(tmp_path / "run")
+    assert f"of the whole recording. {ONE_FREQUENCY}" in (run.path / "report.md").read_text()
+    call = piezobench("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
+    assert ONE_FREQUENCY in " ".join(call.stdout.split()), call.stderr
+    model = Deployment.load(tmp_path / "c.json").model
+    held = np.concatenate([np.linspace(1, 6, 50), np.full(6000, 6.0)])  # a step, held for a minute
+    error = (model.simulate(held) - without_creep(held))[50:]
+    assert np.ptp(error) == 0.0
+    assert np.abs(error[0]) < 0.001 * np.ptp(y)
+    names = [tmp_path / f"{name}.csv" for name in ("a", "b")]
+    assert piezobench("identify", *names, "--out-dir", tmp_path / "models").status == 0
+    for path in (tmp_path / "models").glob("?.json"):
+        found = HysteresisCreepModel.load(path)
+        assert (found.structure.creep_rates, found.report["one_frequency"]) == ((), True)
+    explicit = piezobench("identify", names[0], "--rates", "1", "--out", tmp_path / "with.json")
+    assert ONE_FREQUENCY not in explicit.stdout
+    assert HysteresisCreepModel.load(tmp_path / "with.json").structure.creep_rates == (1.0,)
