@@ -27,6 +27,7 @@ from piezo_model.json_file import Number, Versioned, decoded
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
 from piezo_model.learning.settings import require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
+from piezo_model.operator_state import OperatorState, drive_start
 from piezo_model.regressors import write_slope_regressors
 from piezo_model.structure import ModelStructure
 
@@ -79,6 +80,8 @@ class CompensatorBank(Stateful):
         Limits of the drives in the input unit; the structure's range by default.
     learn : bool or array (count,)
         Which actuators learn; see :attr:`learning`.
+    x_start : float or array (count,), optional
+        Where the stages are before the first sample, as of ``Compensator``.
     memory_s, reset_s, fade_s, rate_limit, integral_gain
         As of ``SelfLearningCompensator``.
     hand_over_s : float
@@ -103,6 +106,7 @@ class CompensatorBank(Stateful):
         x_limits: tuple[ArrayLike, ArrayLike] | None = None,
         learn: ArrayLike = True,
         *,
+        x_start: ArrayLike | None = None,
         memory_s: float = 2.0,
         hand_over_s: float = 0.1,
         reset_s: float = 0.1,
@@ -131,7 +135,7 @@ class CompensatorBank(Stateful):
         self._tiles = 0
         self._place(np.empty(0, np.int64))
         self._allocate(-(-count // LANES))
-        self.add(count, x_limits, learn)
+        self.add(count, x_limits, learn, x_start)
 
     def _allocate(self, tiles: int) -> None:
         """Allocate tiles and keep the existing ones."""
@@ -187,12 +191,20 @@ class CompensatorBank(Stateful):
     def _set(self, name: str, slots: Index, values: ArrayLike) -> None:
         self._view(name)[slots // LANES, :, slots % LANES] = values
 
-    def add(self, count: int, x_limits: tuple[ArrayLike, ArrayLike] | None = None, learn: ArrayLike = True) -> None:
-        """Append actuators, at rest at the centre of the range, with the straight line through the ranges as model."""
+    def add(
+        self,
+        count: int,
+        x_limits: tuple[ArrayLike, ArrayLike] | None = None,
+        learn: ArrayLike = True,
+        x_start: ArrayLike | None = None,
+    ) -> None:
+        """Append actuators, settled at ``x_start``, with the straight line through the ranges as model."""
         s = self.structure
         low, high = (np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in x_limits or s.x_range)
         if not np.all(low < high):
             raise ValueError(f"x_limits[{int(np.argmin(low < high))}] must be two numbers in ascending order")
+        starts, which = np.unique(drive_start(low, high, x_start), return_inverse=True)
+        settled = [OperatorState.settled_at(s, x).to_dict(s) for x in starts]
         taken = self._slots
         if taken.size + count > self._tiles * LANES:
             self._allocate(-(-(taken.size + count) // LANES))
@@ -201,6 +213,8 @@ class CompensatorBank(Stateful):
         for name in LANE_BY_LANE:
             self._set(name, new, 0.0)
         self._set("drive_memory", new, drive_memory(s, low, high).T)
+        self._set("play", new, np.array([state["play"] for state in settled])[which])
+        self._set("creep", new, np.array([np.ravel(state["creep"]) for state in settled])[which])
         self._take(new, HysteresisCreepModel.from_weights(s, s.straight_line))
         learning = self.learning
         learning[taken.size :] = learn

@@ -79,11 +79,15 @@ class Compensator(Stateful):
     ----------
     model : HysteresisCreepModel
     x_limits : pair of float, optional
-        Limits of the drive in the input unit; none by default.
+        Limits of the drive in the input unit, infinite for none; the model's range by default.
     rate_limit : float, optional
-        Largest change of the drive in input units per second; none by default.
+        Largest change of the drive in input units per second, from the first sample on; none by default.
     state : OperatorState, optional
-        States of the operators before the first sample, copied; at rest at the centre of the range by default.
+        States of the operators before the first sample, copied, such as ``model.initial_state("recording")``; by
+        default those of a stage that has settled at ``x_start``.
+    x_start : float, optional
+        Where the stage is before the first sample, in the input unit; by default at rest, which is 0 or the limit next
+        to it.
     integral_gain : float
         Gain of the integral action on the outputs passed to ``correct``, in 1/s, from 0 (off) to 1/sample_time: the
         bandwidth in rad/s in which disturbances are suppressed.
@@ -108,14 +112,18 @@ class Compensator(Stateful):
         rate_limit: float | None = None,
         state: OperatorState | None = None,
         *,
+        x_start: float | None = None,
         integral_gain: float = 0.0,
     ) -> None:
         s = model.structure
-        low, high = (-math.inf, math.inf) if x_limits is None else (float(x_limits[0]), float(x_limits[1]))
+        low, high = s.x_range if x_limits is None else (float(x_limits[0]), float(x_limits[1]))
         if not low < high:
             raise ValueError(f"x_limits must be two numbers in ascending order, not {(low, high)}")
         self._x_limits, self._rate_limit, self._integral_gain = (low, high), rate_limit, integral_gain
-        state = OperatorState.settled_at(s, s.x_centre) if state is None else state
+        if state is None:
+            state = OperatorState.before_drive(s, (low, high), x_start)
+        elif x_start is not None:
+            raise ValueError("give either state or x_start: the states say where the drive starts")
         state.require(s)
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 

@@ -32,8 +32,8 @@ class DataBasis(Stateful):
     ----------
     structure : ModelStructure
     state : OperatorState, optional
-        States of the operators before the first sample, at rest at the centre of the range by default; copied to
-        ``basis.state``.
+        States of the operators before the first sample, copied to ``basis.state``; by default those of a compensator's
+        stage at rest.
     forgetting : float
         λ in (0, 1] per sample; 1 forgets nothing.
 
@@ -55,7 +55,7 @@ class DataBasis(Stateful):
             raise ValueError(f"forgetting must be above 0 and at most 1, not {forgetting}")
         self.structure, self.forgetting = structure, forgetting
         self._core = new_basis(structure, forgetting)
-        state = OperatorState.settled_at(structure, structure.x_centre) if state is None else state
+        state = OperatorState.before_drive(structure) if state is None else state
         state.require(structure)
         self.state.play[:], self.state.creep[:] = state.play, state.creep
         self._start = state.copy()

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from piezo_model.identification.validation import Validation
     from piezo_model.recordings import Recording
 
-StartChoice = Literal["identified", "rest"]
+StartChoice = Literal["recording", "rest"]
 
 
 class ModelError(ValueError):
@@ -175,7 +175,8 @@ class HysteresisCreepModel(Immutable):
             Input in the structure's input unit; a recording in other units is converted.
         state : OperatorState, optional
             States before the first sample. By default, for a recording the states that fit it best, as in the
-            identification; for an array the model's :attr:`start`, and without one at rest at the centre of the range.
+            identification; for an array the model's :attr:`start`, and without one those of a compensator's stage at
+            rest.
 
         Returns
         -------
@@ -236,16 +237,16 @@ class HysteresisCreepModel(Immutable):
         refusal = self.report.get("refusal")
         return "" if refusal is None else " ".join(f"The model was forced although {refusal}.".split())
 
-    def initial_state(self, start: StartChoice = "identified") -> OperatorState:
-        """States before a signal: those before the recording of the identification, if there was one, or at rest at the
-        centre of the range."""
-        if start not in get_args(StartChoice):
+    def initial_state(self, start: StartChoice | None = None) -> OperatorState:
+        """States before a signal: those before the recording of the identification, or of a compensator's stage at
+        rest; by default the former, if the model has them."""
+        if start not in (None, *get_args(StartChoice)):
             raise ValueError(f"start must be one of {', '.join(get_args(StartChoice))}, not {start!r}")
-        return (
-            self.start.copy()
-            if self.start is not None and start == "identified"
-            else OperatorState.settled_at(self.structure, self.structure.x_centre)
-        )
+        if start == "rest" or (start is None and self.start is None):
+            return OperatorState.before_drive(self.structure)
+        if self.start is None:
+            raise ModelError("the model has no states from before a recording; begin at rest")
+        return self.start.copy()
 
     def validate(self, recording: Recording) -> Validation:
         """Judge the model on a recording, other than that of its identification if it is to be evidence.

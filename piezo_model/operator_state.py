@@ -21,8 +21,7 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 from solvers.core import padded
 
-CameFrom = Literal["above", "below"] | None
-BRANCHES: Mapping[CameFrom, float] = {"above": 1.0, "below": -1.0, None: 0.0}
+BRANCHES: Mapping[Literal["above", "below"], float] = {"above": 1.0, "below": -1.0}
 """Slope dz/dr of the settled states z over the thresholds r."""
 
 
@@ -59,7 +58,9 @@ class OperatorState(Stateful):
         self.play, self.creep = (np.ascontiguousarray(z, dtype=np.float64) for z in (self.play, self.creep))
 
     @classmethod
-    def settled_at(cls, structure: ModelStructure, x: float, came_from: CameFrom = None) -> OperatorState:
+    def settled_at(
+        cls, structure: ModelStructure, x: float, came_from: Literal["above", "below"] | None = None
+    ) -> OperatorState:
         """States after a long time at a constant input.
 
         Parameters
@@ -68,8 +69,9 @@ class OperatorState(Stateful):
         x : float
             In the structure's input unit.
         came_from : "above" or "below", optional
-            The direction of the last long movement, through more than twice the largest threshold; by default the
-            actuator was demagnetised about x by swings that die away, and no play is displaced.
+            The direction of the last long movement, through more than twice the largest threshold. By default the
+            actuator went through the structure's range with swings that died away at x: in the middle of the range
+            this demagnetises it, so that no play is displaced, and at the low end it is the same as from above.
 
         Raises
         ------
@@ -77,10 +79,23 @@ class OperatorState(Stateful):
             If x is not finite, or for another direction.
         """
         checks.finite(x=x)
-        if came_from not in BRANCHES:
+        if came_from not in (None, *BRANCHES):
             raise ValueError(f"came_from must be 'above', 'below' or None, not {came_from!r}")
-        z = (x - structure.x_centre) / structure.x_scale + BRANCHES[came_from] * padded_thresholds(structure)
+        unit_x = (x - structure.x_centre) / structure.x_scale
+        branch = max(-1.0, min(1.0, -unit_x)) if came_from is None else BRANCHES[came_from]
+        z = unit_x + branch * padded_thresholds(structure)
         return cls(z, np.tile(z, len(structure.creep_rates)))
+
+    @classmethod
+    def before_drive(
+        cls, structure: ModelStructure, x_limits: tuple[float, float] | None = None, x_start: float | None = None
+    ) -> OperatorState:
+        """States settled where the stage is before the first drive; see :func:`drive_start`.
+
+        The limits are the structure's range by default.
+        """
+        low, high = structure.x_range if x_limits is None else x_limits
+        return cls.settled_at(structure, float(drive_start(low, high, x_start)))
 
     def require(self, structure: ModelStructure) -> None:
         """Raise ValueError if the states do not have the size of a structure."""
@@ -125,6 +140,45 @@ class OperatorState(Stateful):
     def copy(self) -> OperatorState:
         """Return an independent copy."""
         return OperatorState(self.play.copy(), self.creep.copy())
+
+
+def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = None) -> Vector:
+    """Where a stage is before the first drive, from which a rate limit counts; in the input unit.
+
+    Parameters
+    ----------
+    low, high : float or array (count,)
+        Limits of the drive.
+    x_start : float or array (count,), optional
+        At rest by default: 0, or the limit next to it.
+
+    Returns
+    -------
+    array () or (count,)
+
+    Raises
+    ------
+    ValueError
+        If it is outside of the limits.
+
+    Examples
+    --------
+    >>> [float(drive_start(*limits)) for limits in ((0.0, 150.0), (-20.0, 120.0), (5.0, 100.0))]
+    [0.0, 0.0, 5.0]
+    """
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    x = np.clip(0.0, low, high) if x_start is None else np.asarray(x_start, dtype=np.float64)
+    if x.shape not in ((), low.shape):
+        raise ValueError(f"x_start must be one number or one for each actuator, not of shape {x.shape}")
+    x = np.broadcast_to(x, low.shape)
+    outside = np.flatnonzero(~(np.isfinite(x) & (low <= x) & (x <= high)))
+    if outside.size:
+        i = int(outside[0])
+        raise ValueError(
+            f"x_start{f'[{i}]' if x.ndim else ''} must be within the limits of the drive, {low.flat[i]:g} to "
+            f"{high.flat[i]:g}, not {x.flat[i]:g}"
+        )
+    return x
 
 
 def operator_arrays(structure: ModelStructure, dead_zones: ArrayLike) -> dict[str, Vector]:

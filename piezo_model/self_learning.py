@@ -93,7 +93,9 @@ class SelfLearningCompensator(Learner):
     model : HysteresisCreepModel, optional
         Initial model; the straight line through the ranges by default.
     state : OperatorState, optional
-        Initial states of the operators; at rest at the centre of the range by default.
+        States of the operators before the first sample; by default those of a stage that has settled at ``x_start``.
+    x_start : float, optional
+        Where the stage is before the first sample, as of ``Compensator``.
 
     Attributes
     ----------
@@ -139,6 +141,7 @@ class SelfLearningCompensator(Learner):
         solver_options: Mapping[str, Any] | None = None,
         model: HysteresisCreepModel | None = None,
         state: OperatorState | None = None,
+        x_start: float | None = None,
     ) -> None:
         if find_centre is None:
             find_centre = model is None and not structure.offset
@@ -169,7 +172,8 @@ class SelfLearningCompensator(Learner):
         if find_centre and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
         super().__init__(
-            Compensator(model, settings.x_limits, rate_limit, state, integral_gain=integral_gain), settings
+            Compensator(model, settings.x_limits, rate_limit, state, x_start=x_start, integral_gain=integral_gain),
+            settings,
         )
         self._last_x: float | None = None
 

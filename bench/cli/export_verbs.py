@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.cli.options import RateLimit
+from bench.cli.options import RateLimit, XStart
 from bench.export.realtime import real_time
 from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
@@ -53,6 +53,7 @@ def export_c_verb(
     low: Low = None,
     high: High = None,
     rate_limit: RateLimit = None,
+    x_start: XStart = None,
     integral_gain: IntegralGain = 0.0,
     name: Annotated[str, typer.Option(help="Prefix of the names of files, functions and types.")] = "piezo",
 ) -> None:
@@ -60,9 +61,8 @@ def export_c_verb(
     from bench.export.building import write_folder
     from bench.export.c_source import export
 
-    loaded, settings = _opened(
-        model, low, high, rate_limit, solver, precision=precision, part=part, name=name, integral_gain=integral_gain
-    )
+    drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
+    loaded, settings = _opened(model, low, high, solver, precision=precision, part=part, name=name, **drive)
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
     what = "the compensator" if part == "compensator" else f"the self-learning loop with {settings.solver}"
@@ -79,12 +79,14 @@ def export_fmu_verb(
     low: Low = None,
     high: High = None,
     rate_limit: RateLimit = None,
+    x_start: XStart = None,
     integral_gain: IntegralGain = 0.0,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
     from bench.export.fmu import write_fmu
 
-    loaded, settings = _opened(model, low, high, rate_limit, None, integral_gain=integral_gain)
+    drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
+    loaded, settings = _opened(model, low, high, None, **drive)
     if out.suffix != ".fmu":
         raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
     if out.exists():
@@ -111,7 +113,7 @@ def realtime_verb(
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
     if out is not None:
         check_writable(out, others=[model])
-    loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
+    loaded, settings = _opened(model, None, None, solver, precision=precision, part=part)
     result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
@@ -147,7 +149,6 @@ def _opened(
     path: Path,
     low: float | None,
     high: float | None,
-    rate_limit: float | None,
     solver: LoopSolver | None,
     **options: Any,
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
@@ -165,9 +166,9 @@ def _opened(
     if model.warning:
         errors.print(model.warning, soft_wrap=True)
     s = model.structure
-    lowest, highest = limits or (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
+    lowest, highest = limits or s.x_range
     limits = (lowest if low is None else low, highest if high is None else high)
-    return model, ExportSettings(solver=chosen or SOLVERS[0], x_limits=limits, rate_limit=rate_limit, **options)
+    return model, ExportSettings(solver=chosen or SOLVERS[0], x_limits=limits, **options)
 
 
 def _exported_solver(deployed: Deployment, path: Path) -> LoopSolver:

@@ -87,7 +87,7 @@ def simulate_verb(
     reading: dict[str, Any],
     time: Time = None,
     input: Input = None,
-    start: Start = "identified",
+    start: Start | None = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute the output of the model for a drive."""
@@ -96,7 +96,9 @@ def simulate_verb(
     s = loaded.structure
     read = read_reference(drive, time=time, column=input, role="input", **reading)
     given = read.suited(s.sample_time, s.input_unit, "input")
-    y, began = loaded.simulate(given.values, loaded.initial_state(start)), start if loaded.start is not None else "rest"
+    state, began = loaded.initial_state(start), start or ("rest" if loaded.start is None else "recording")
+    x_start = float(s.x_centre + s.x_scale * state.play[0])
+    y = loaded.simulate(given.values, state)
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
     write_table(out, columns, loaded.warning)
@@ -109,12 +111,13 @@ def simulate_verb(
         "unit": s.output_unit,
         "start": began,
         "units": given.units,
+        "x_start": x_start,
         "forced": loaded.warning,
     }
     lines = [
         loaded.warning,
         given.units,
-        STARTS[began],
+        STARTS[began].format(quantity(x_start, s.input_unit)),
         f"{y.size} samples of output from {quantity(lowest, s.output_unit)} to {quantity(highest, s.output_unit)}.",
         f"Output: {out}",
     ]

@@ -4,11 +4,12 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from bench.processes.engine import Backend
+from piezo_model.model import StartChoice
 from solvers import find
 
 Verb = Callable[..., None]
@@ -118,17 +119,25 @@ READING_OPTIONS: dict[str, Any] = {
 
 
 Start = Annotated[
-    Literal["identified", "rest"],
+    StartChoice,
     typer.Option(
         "--start",
-        help="Initial states: those that identify found at the start of its recording, or rest at the centre of the "
-        "range.",
+        help="States before the first sample: of a stage that has settled at rest, or those that identify found before "
+        "its recording.",
     ),
 ]
 STARTS = {
-    "identified": "Begins with the states that identify found before its recording.",
-    "rest": "Begins at rest at the centre of the range.",
+    "recording": "Begins with the states that identify found before its recording.",
+    "rest": "Begins settled at {}.",
 }
+XStart = Annotated[
+    float | None,
+    typer.Option(
+        "--x-start",
+        help="Where the stage is before the first drive, in the input's unit; by default at rest, which is 0 or the "
+        "limit next to it.",
+    ),
+]
 
 
 def as_text(**values: Any) -> dict[str, str]:

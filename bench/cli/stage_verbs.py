@@ -18,7 +18,9 @@ from bench.cli.options import (
     Time,
     WorkerBackend,
     WorkerCount,
+    XStart,
     reads_a_recording,
+    refuse,
 )
 from bench.fleet.storage import absolute
 from bench.fleet.works import FOLLOWED, Compensating, Identifying
@@ -154,14 +156,18 @@ def compensate_verb(
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
     rate_limit: RateLimit = None,
-    start: Start = "identified",
+    start: Start = "rest",
+    x_start: XStart = None,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
-    work = Compensating(absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit, start)
+    if start == "recording":
+        refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
+    opening = {"time": time, "column": column, **reading}
+    work = Compensating(absolute(model), opening, low, high, rate_limit, start, x_start)
     if out is None:
         process(
             work,
@@ -184,7 +190,7 @@ def compensate_verb(
         f"by up to {misses}."
         if result["share_followed"] < 1.0
         else f"The model follows all of the reference, {follows}.",
-        STARTS[result["start"]],
+        STARTS[result["start"]].format(quantity(result["x_start"], result["unit"])),
         result["units"],
         result["forced"],
         f"{result['samples']} samples of drive from {lowest} to {highest}; "

@@ -65,7 +65,7 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
     x, y, rate = s.input_unit, s.output_unit, settings.rate_limit or 0.0
     return [
         Variable("reference", 1, "input", "discrete", s.y_centre, y, "Wanted output of the actuator"),
-        Variable("drive", 2, "output", "discrete", s.x_centre, x, "Drive of the actuator"),
+        Variable("drive", 2, "output", "discrete", numbers["x_start"], x, "Drive of the actuator"),
         Variable("lowest_drive", 3, "parameter", "fixed", numbers["low"], x, "Lower limit of the drive"),
         Variable("highest_drive", 4, "parameter", "fixed", numbers["high"], x, "Upper limit of the drive"),
         Variable(

@@ -12,6 +12,7 @@ from typing import Literal, get_args
 from piezo_model.compensator import integral_share
 from piezo_model.learning.layout import block_samples, continuous_numbers
 from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
+from piezo_model.operator_state import drive_start
 from piezo_model.structure import ModelStructure
 from solvers.kernel.accelerated_projection import AcceleratedProjection
 
@@ -54,6 +55,8 @@ class ExportSettings:
         Limits of the drive in the input unit; the model's range by default.
     rate_limit : float, optional
         Largest change of the drive in input units per second; none by default.
+    x_start : float, optional
+        Where the stage is before the first drive, as of ``Compensator``.
     reset_s, build_s, learn_s, integral_gain : float
         As for ``SelfLearningCompensator``; all other numbers of learning are its defaults.
     name : str
@@ -70,6 +73,7 @@ class ExportSettings:
     solver: LoopSolver = "projected_difference"
     x_limits: tuple[float, float] | None = None
     rate_limit: float | None = None
+    x_start: float | None = None
     reset_s: float = LearningSettings.reset_s
     build_s: float = LearningSettings.build_s
     learn_s: float = LearningSettings.learn_s
@@ -103,12 +107,13 @@ class ExportSettings:
 
     def numbers(self, s: ModelStructure) -> dict[str, float]:
         """Numbers of the parameter file, in the units of the C code: samples and unit amplitudes."""
+        low, high = s.x_range if self.x_limits is None else self.x_limits
         try:
-            gain = integral_share(self.integral_gain, s.sample_time)
+            gain, start = integral_share(self.integral_gain, s.sample_time), drive_start(low, high, self.x_start)
         except ValueError as error:
             raise ExportError(str(error)) from None
-        low, high = (s.x_centre - s.x_scale, s.x_centre + s.x_scale) if self.x_limits is None else self.x_limits
         return {
+            "x_start": float(start),
             "low": low,
             "high": high,
             "fade": math.exp(-s.sample_time / LearningSettings.fade_s),

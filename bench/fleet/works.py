@@ -143,19 +143,21 @@ FOLLOWED = 1e-3
 
 @dataclass(frozen=True)
 class Compensating(WithModel):
-    """Drive for a reference: its limits, the model's range by default, and the initial state."""
+    """Drive for a reference: its limits, the model's range by default, and its start."""
 
     low: float | None = None
     high: float | None = None
     rate_limit: float | None = None
-    start: StartChoice = "identified"
+    start: StartChoice = "rest"
+    x_start: float | None = None
     made = "{}-drive.csv"
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the drive; return how well the model follows the reference with it, and the share at the limits.
 
-        RecordingError if the sampling time of the reference is not the model's, or the limits are not ascending;
-        UnitError if it is in a unit that cannot be converted to the model's.
+        RecordingError if the sampling time of the reference is not the model's, the limits are not ascending, or the
+        drive does not start within them; ModelError if the model has not the states that it is to start with; UnitError
+        if the reference is in a unit that cannot be converted to the model's.
         """
         model = HysteresisCreepModel.load(further[0])
         s = model.structure
@@ -166,15 +168,22 @@ class Compensating(WithModel):
         )
         if not limits[0] < limits[1]:
             raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
-        state = model.initial_state(self.start)
-        x = Compensator(model, x_limits=limits, rate_limit=self.rate_limit, state=state).run(reference.values)
+        given = None if self.start == "rest" else model.initial_state(self.start)
+        try:
+            compensator = Compensator(model, limits, self.rate_limit, given, x_start=self.x_start)
+        except ValueError as refusal:
+            raise RecordingError(f"--x-start: {refusal}") from None
+        state = compensator.state.copy()
+        began = float(s.x_centre + s.x_scale * state.play[0])
+        x = compensator.run(reference.values)
         times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")
         write_table(target, {"time_s": times, name: x}, model.warning)
         error, span = np.abs(model.simulate(x, state) - reference.values), 2.0 * abs(s.y_scale)
         return {
             "forced": model.warning,
             "units": reference.units,
-            "start": self.start if model.start is not None else "rest",
+            "start": self.start,
+            "x_start": began,
             "samples": x.size,
             "lowest": float(x.min()),
             "highest": float(x.max()),

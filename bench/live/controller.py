@@ -9,7 +9,6 @@ import math
 from bench.live.board import Board
 from bench.live.task import Task
 from piezo_model import Compensator, SelfLearningCompensator
-from piezo_model.operator_state import OperatorState
 
 
 class Controller:
@@ -17,12 +16,11 @@ class Controller:
 
     def __init__(self, task: Task) -> None:
         s, stage = task.model.structure, task.declared
-        state = OperatorState.settled_at(s, stage.rest)
         self.learning, self._next_logged = task.learn != "off", 0
         self._compensator: Compensator | SelfLearningCompensator
         if task.learn == "off":
             self._compensator = Compensator(
-                task.model, stage.x_limits, stage.rate_limit, state, integral_gain=task.integral_gain
+                task.model, stage.x_limits, stage.rate_limit, x_start=stage.rest, integral_gain=task.integral_gain
             )
         else:
             self._compensator = SelfLearningCompensator(
@@ -33,7 +31,7 @@ class Controller:
                 integral_gain=task.integral_gain,
                 solver="box_active_set",
                 model=task.model if task.identified else None,
-                state=state,
+                x_start=stage.rest,
             )
 
     def step(self, y_ref: float, y: float) -> float:

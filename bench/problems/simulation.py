@@ -63,8 +63,7 @@ class Experiment:
         y, built = plant.run(x), round(self.build_s / SAMPLE_TIME)
         y_range = centred_range(x[:built], y[:built], self.reach)
         structure = ModelStructure.equidistant(self.n, self.m, plant.x_range, y_range, CREEP_RATES, SAMPLE_TIME)
-        start = OperatorState.settled_at(structure, low, came_from="above")
-        return plant, x, y, DataBasis(structure, start, forgetting)
+        return plant, x, y, DataBasis(structure, OperatorState.settled_at(structure, low), forgetting)
 
     def problem(self, set_name: str, name: str) -> RaceProblem:
         """Drive, measure, accumulate and certify."""

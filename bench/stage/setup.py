@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
+from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.signals import decaying_triangle, random_walk, smoothed, staircase
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
@@ -145,15 +145,14 @@ class StageSetup:
 
     def learner(self, structure: ModelStructure) -> SelfLearningCompensator:
         """A learner for one axis, which starts at the low end of its drive."""
-        limits = structure.x_centre - structure.x_scale, structure.x_centre + structure.x_scale
         return SelfLearningCompensator(
             structure,
             self.reset_s,
             self.build_s,
             self.learn_s,
             self.solver,
-            limits,
-            state=at_low_end(structure),
+            structure.x_range,
+            x_start=structure.x_range[0],
             samples_to_solve=self.samples_to_solve,
             solver_options={"lane": self.lane, "setting": self.setting},
         )
@@ -212,11 +211,6 @@ def estimated(setup: StageSetup) -> Matrix:
         ]
     )
     return estimate_decoupling(x, stage.run(x))
-
-
-def at_low_end(structure: ModelStructure) -> OperatorState:
-    """Operator states of an axis at the low end of its drive, coming from the high end."""
-    return OperatorState.settled_at(structure, structure.x_range[0], came_from="above")
 
 
 def percent(error_um: Matrix) -> Matrix:

@@ -27,7 +27,7 @@ from solvers.arrays import Vector
 
 def initial_states(structure: ModelStructure, state: OperatorState | None = None) -> Vector:
     """States of the operators as one vector (states,): play with thresholds 0 … r_n, then creep rate by rate; by
-    default settled at the centre of the range.
+    default those of a compensator's stage at rest.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def initial_states(structure: ModelStructure, state: OperatorState | None = None
     >>> initial_states(structure).shape
     (6,)
     """
-    state = OperatorState.settled_at(structure, structure.x_centre) if state is None else state
+    state = OperatorState.before_drive(structure) if state is None else state
     state.require(structure)
     thresholds, rates = structure.n + 1, len(structure.creep_rates)
     return np.concatenate(
@@ -102,7 +102,7 @@ def compensator_system(compensator: Compensator, name: str = "compensator") -> c
 
 def inverse_system(model: HysteresisCreepModel, name: str = "inverse") -> control.NonlinearIOSystem:
     """The exact inverse of :func:`model_system`, without limits, as a system from the reference to the drive."""
-    return compensator_system(Compensator(model), name)
+    return compensator_system(Compensator(model, (-np.inf, np.inf)), name)
 
 
 def _system(

@@ -16,7 +16,7 @@ from outputs import arguments, setup_of, show
 
 from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
-from bench.stage.setup import CREEP_RATES, LEVELS, StageSetup, at_low_end
+from bench.stage.setup import CREEP_RATES, LEVELS, StageSetup
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
 from piezo_model.signals import staircase
@@ -54,7 +54,7 @@ class Case:
             SOLVER,
             sensor.x_range,
             self.mode,
-            state=at_low_end(structure),
+            x_start=structure.x_range[0],
             samples_to_solve=1,
         )
         y_ref, errors = steps(sensor, setup), []

@@ -20,7 +20,6 @@ from qpsolvers import Problem
 import solvers
 from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
 from bench.report.report import Figure
-from bench.stage.setup import at_low_end
 from bench.stage.trial import Trial, learned
 from piezo_model import DataBasis, IdentificationProblem
 from solvers.arrays import Matrix, Vector
@@ -50,7 +49,7 @@ class Slice:
 def problem_of(trial: Trial, axis: int = 0) -> IdentificationProblem:
     """The program (6) of one axis over the last cycle of a trial."""
     setup = trial.setup
-    basis = DataBasis(setup.structures[axis], at_low_end(setup.structures[axis]))
+    basis = DataBasis(setup.structures[axis])  # the axis was at rest
     q = trial.y @ setup.decoupling[axis]
     before = len(q) - setup.cycle
     basis.update(trial.x[:before, axis], q[:before], count=False)

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
-from exported_loops import LIMITS, MILLION, SHORT, Expected, a_model, compensation, learning, references
+from exported_loops import LIMITS, MILLION, SAMPLE_TIME, SHORT, Expected, a_model, compensation, learning, references
 from exported_programs import build, replay, write_sources
 from programs import program
 
 from bench.export.building import EXACT, WARNINGS
 from bench.export.c_source import FLOAT_BOUND, export
-from bench.export.settings import SOLVERS, ExportError, ExportSettings, initialiser, literal
+from bench.export.settings import SOLVERS, ExportError, ExportSettings, Precision, initialiser, literal
 from piezo_model import Compensator
 from piezo_model.deployment import Deployment
 from piezo_model.recordings import write_table
@@ -154,6 +154,30 @@ def test_every_shape_of_model_builds_and_fits_its_memory(
     x, _ = replay(build(tmp_path, "replay.c", "gcc", *WARNINGS, *EXACT, "-O0", *SANITIZED, blocks), samples)
     if not loop and precision == "double":
         np.testing.assert_array_equal(x, Compensator(model, (0.0, 150.0), settings.get("rate_limit")).run(y_ref))
+
+
+@pytest.mark.parametrize("x_start", [None, 40.0])
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_the_first_drive_of_the_exported_c_is_a_step_of_the_rate_limit_away_from_where_the_stage_is(
+    tmp_path: Path, precision: Precision, x_start: float | None
+) -> None:
+    y_ref, limit = np.array([np.nan, 12.0, 12.0]), 0.1 / SAMPLE_TIME
+    settings = ExportSettings(precision=precision, x_limits=LIMITS, rate_limit=limit, x_start=x_start)
+    write_sources(tmp_path, a_model(), settings)
+    x, _ = replay(build(tmp_path, "replay.c", "gcc", *WARNINGS, *EXACT, "-O1", *SANITIZED), y_ref)
+    expected = Compensator(a_model(), LIMITS, limit, x_start=x_start).run(y_ref)
+    if precision == "double":
+        np.testing.assert_array_equal(x, expected)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(x - (LIMITS[0] if x_start is None else x_start), [0.0, 0.1, 0.2], rtol=0, atol=1e-4)
+
+
+def test_a_start_outside_of_the_exported_limits_is_refused() -> None:
+    for x_start in (4.0, np.nan):
+        with pytest.raises(
+            ExportError, match=f"x_start must be within the limits of the drive, 5 to 145, not {x_start:g}"
+        ):
+            export(a_model(), ExportSettings(x_limits=LIMITS, x_start=x_start))
 
 
 def test_constants_that_single_precision_cannot_hold_are_refused() -> None:

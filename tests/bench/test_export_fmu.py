@@ -61,6 +61,7 @@ def simulated(path: Path, y_ref: np.ndarray, **start: float) -> np.ndarray:
         fmi_type="CoSimulation",
     )
     assert found["drive"].size == y_ref.size + 1
+    assert found["drive"][0] == LIMITS[0], "where the stage is"
     return found["drive"][1:]
 
 
@@ -98,14 +99,16 @@ def test_fmpys_validation_finds_no_fault(fmus: dict[int, Path], fmi: int) -> Non
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_the_trajectory_in_fmpy_is_that_of_python(fmus: dict[int, Path], fmi: int) -> None:
-    y_ref, limits = reference(), (0.5 * LIMITS[1], LIMITS[1] - 1.0)
+    y_ref, limits, usual = reference(), (0.5 * LIMITS[1], LIMITS[1] - 1.0), Compensator(a_model(), LIMITS, RATE_LIMIT)
+    other = Compensator(a_model(), limits, state=usual.state)  # the stage is where the export says
     for start, compensator in (
-        ({}, Compensator(a_model(), LIMITS, RATE_LIMIT)),
-        ({"lowest_drive": limits[0], "highest_drive": limits[1], "rate_limit": 0.0}, Compensator(a_model(), limits)),
+        ({}, usual),
+        ({"lowest_drive": limits[0], "highest_drive": limits[1], "rate_limit": 0.0}, other),
     ):
         x = compensator.run(y_ref)
         np.testing.assert_array_equal(simulated(fmus[fmi], y_ref, **start), x)
         assert (x.min(), x.max()) == (limits if start else LIMITS)
+        assert start or abs(x[0] - LIMITS[0]) <= RATE_LIMIT * SAMPLE_TIME + 1e-12
 
 
 @pytest.mark.sample(1)

@@ -1,4 +1,5 @@
-"""``simulate``, ``compensate`` and ``validate`` begin with the states that ``identify`` found before its recording."""
+"""``simulate`` and ``validate`` begin with the states that ``identify`` found before its recording, and ``compensate``
+where the stage is."""
 
 import json
 from pathlib import Path
@@ -7,9 +8,10 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
-from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState
+from piezo_model import Compensator, HysteresisCreepModel, ModelStructure, OperatorState
 from piezo_model.operator_state import padded_thresholds
 from piezo_model.recordings import write_table
+from piezo_model.units import quantity
 
 SAMPLE_TIME = 1e-3
 ORDERS = ("--n", 4, "--m", 1, "--creep-rates", "1,0.1")
@@ -58,17 +60,47 @@ def test_a_simulated_drive_has_the_error_that_identify_reports(
 def test_the_compensated_drive_of_the_recorded_output_is_the_recorded_drive(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
-    errors = {}
-    for start in ("identified", "rest"):
+    errors, low_end = {}, HysteresisCreepModel.load(desk / "model.json").structure.x_range[0]
+    for start in ("recording", "rest"):
         call = piezobench(
             "compensate", desk / "model.json", desk / "wanted.csv", "--start", start, "--out", tmp_path / "x.csv"
         )
         assert (
-            "Begins with the states" if start == "identified" else "Begins at rest at the centre of the range."
+            "Begins with the states" if start == "recording" else f"Begins settled at {quantity(low_end, 'V')}."
         ) in call.stdout
         errors[start] = rms_percent(column(tmp_path / "x.csv", 1), column(desk / "stage.csv", 1))
-    assert errors["identified"] < 1.0
-    assert errors["rest"] > 3.0 * errors["identified"]
+    assert errors["recording"] < 1.0
+    assert errors["rest"] > 3.0 * errors["recording"]
+
+
+def test_the_command_and_python_give_the_same_drive_to_the_last_bit(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    model, wanted = HysteresisCreepModel.load(desk / "model.json"), column(desk / "wanted.csv", 1)
+    out = tmp_path / "x.csv"
+    for words, drive in (
+        ((), Compensator(model).run(wanted)),
+        (("--x-start", 40, "--rate-limit", 100), Compensator(model, rate_limit=100.0, x_start=40.0).run(wanted)),
+    ):
+        call = piezobench("compensate", desk / "model.json", desk / "wanted.csv", *words, "--out", out, "--json")
+        np.testing.assert_array_equal(column(out, 1), drive)
+        assert json.loads(call.stdout)["x_start"] == (40.0 if words else model.structure.x_range[0])
+    assert abs(drive[0] - 40.0) <= 0.1 + 1e-12
+
+
+def test_a_start_outside_of_the_limits_or_beside_the_states_of_a_recording_is_refused(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "x.csv"
+    for words, sentence in (
+        (("--x-start", 40, "--high", 30), "--x-start: x_start must be within the limits of the drive"),
+        (("--x-start", "nan"), "--x-start: x_start must be within the limits of the drive"),
+        (("--x-start", 40, "--start", "recording"), "--x-start: is for --start rest"),
+    ):
+        call = piezobench("compensate", desk / "model.json", desk / "wanted.csv", *words, "--out", out)
+        assert call.status == 2
+        assert sentence in call.stderr
+        assert not out.exists()
 
 
 def test_files_in_mV_and_nm_give_what_those_in_V_and_um_give_and_the_conversion_is_printed(
@@ -119,6 +151,11 @@ def test_a_model_without_initial_states_begins_at_rest_with_a_message(
         folder=tmp_path,
     )
     assert json.loads(call.stdout)["start"] == "rest"
+    refused = piezobench(
+        "compensate", "model.json", desk / "wanted.csv", "--start", "recording", "--out", "x.csv", folder=tmp_path
+    )
+    assert (refused.status, (tmp_path / "x.csv").exists()) == (2, False)
+    assert "the model has no states from before a recording; begin at rest" in refused.stderr
     begun = json.loads(
         piezobench(
             "simulate",

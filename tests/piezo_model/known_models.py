@@ -3,6 +3,7 @@
 import numpy as np
 
 from piezo_model.model import HysteresisCreepModel
+from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
 
 
@@ -32,3 +33,8 @@ def a_drive(size: int = 6000, fine: int = 1) -> np.ndarray:
     """Drive over the whole range, V, with ``fine`` samples per sampling period."""
     t = np.arange(size * fine) / fine
     return 50 + 30 * np.sin(t / 40) + 20 * np.sin(t / 131 + 1)
+
+
+def undisplaced(s: ModelStructure, unit_x: float) -> OperatorState:
+    """States of a stage that rests at an input in unit amplitudes, where no play is displaced."""
+    return OperatorState(np.full(s.lanes, unit_x), np.full(len(s.creep_rates) * s.lanes, unit_x))

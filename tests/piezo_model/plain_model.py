@@ -54,10 +54,11 @@ def superposition(s: dict[str, Any], w_S_inverse: Vector, u: Vector) -> Vector:
 
 
 def simulate_file(model: dict[str, Any], x_V: Vector) -> Vector:
-    """Output of a model file, in its units, from the initial state in the file or else from rest at the centre."""
+    """Output of a model file, in its units, from the initial state in the file or else from rest at 0 V."""
     s = model["structure"]
     r = thresholds(s)
-    z_H, z_K = np.zeros(r.size), np.zeros((len(s["creep_rates"]), r.size))
+    rest = np.clip(-s["x_centre"] / s["x_scale"], -1.0, 1.0)
+    z_H, z_K = rest - rest * r, np.tile(rest - rest * r, (len(s["creep_rates"]), 1))
     if model["start"] is not None:
         z_H, z_K = np.array(model["start"]["play"]), np.array(model["start"]["creep"]).reshape(z_K.shape)
     H, K = hysteresis_and_creep(s, (x_V - s["x_centre"]) / s["x_scale"], z_H, z_K)

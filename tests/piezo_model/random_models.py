@@ -15,6 +15,8 @@ from piezo_model.structure import ModelStructure
 
 Vector = NDArray[np.float64]
 
+FREE = (-np.inf, np.inf)
+"""Limits of a drive without limits."""
 signals = st.lists(st.floats(-2, 2), min_size=1, max_size=40).map(np.array)
 thresholds = st.lists(st.floats(0, 1.5), min_size=1, max_size=5).map(lambda values: np.sort(np.array(values)))
 seeds = st.integers(0, 2**32 - 1)

@@ -81,7 +81,7 @@ def oracle(x: Vector, y: Vector) -> list[Vector]:
     s, d = STRUCTURE.to_dict(), STRUCTURE.d
     x, y = (x - 75.0) / 75.0, y / 20.0
     r = plain_model.thresholds(s)
-    rows = np.column_stack([plain_model.rows(s, x, y, 0.0 * r, np.zeros((3, r.size))) @ STRUCTURE.slope_map, x])
+    rows = np.column_stack([plain_model.rows(s, x, y, r - 1.0, np.tile(r - 1.0, (3, 1))) @ STRUCTURE.slope_map, x])
     forgetting = np.exp(-STRUCTURE.sample_time / MEMORY_S)
     in_use = STRUCTURE.inverse_slope_map @ STRUCTURE.straight_line
     candidate, gram = in_use.copy(), BELIEF * np.eye(d + 1)

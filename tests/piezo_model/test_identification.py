@@ -109,14 +109,8 @@ def test_a_lag_beyond_the_longest_tried_one_is_reported_as_a_lower_bound() -> No
 def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensor_lag, "LAG_SAMPLES", 6000)
     s, x = structure(creep_rates=()), np.concatenate([np.full(7000, 50.0), a_drive()])
-    model = identify(
-        x[4:],
-        true_model(s).simulate(x)[:-4],
-        s,
-        state=OperatorState.settled_at(s, 50.0),
-        skip=100,
-        force=True,
-    )
+    state = OperatorState.settled_at(s, 50.0)
+    model = identify(x[4:], true_model(s).simulate(x, state.copy())[:-4], s, state=state, skip=100, force=True)
     assert model.report["lag"]["samples"] == pytest.approx(4.0, abs=0.03)
 
 

@@ -9,7 +9,6 @@ from piezo_model.data_basis import DataBasis
 from piezo_model.identification.fitting import optimum
 from piezo_model.identification_problem import Coordinates, IdentificationProblem, Scaling
 from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
 
 FORMS: list[tuple[Coordinates, Scaling]] = [
@@ -42,7 +41,7 @@ def problem_of(
     proximal: float = 1e-10,
 ) -> IdentificationProblem:
     """Problem of a drive in unit amplitudes, answered by :func:`true_model`."""
-    x_V, state = s.x_centre + s.x_scale * x, OperatorState.settled_at(s, s.x_centre + rest * s.x_scale)
+    x_V, state = s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)
     y = true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
     basis = DataBasis(s, state)
     basis.update(x_V, y)
@@ -94,9 +93,7 @@ def unreached(problem: IdentificationProblem) -> set[str]:
 def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(amplitude: float, rest: float) -> None:
     s = structure()
     x = rest + full_drive(amplitude) / np.max(np.abs(full_drive()))
-    y = s.unit_output(
-        true_model(s).simulate(s.x_centre + s.x_scale * x, OperatorState.settled_at(s, s.x_centre + rest * s.x_scale))
-    )
+    y = s.unit_output(true_model(s).simulate(s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)))
     expected = {f"w_{letter}{i}" for letter in "HK" for i, r in enumerate((0.0, *s.play_thresholds)) if r > amplitude}
     expected |= {
         name

@@ -7,7 +7,7 @@ import pytest
 from faulty_sensor import steps
 from learning_loops import MODES, T, learner_for, sensor, structure_for
 
-from piezo_model import Compensator, HysteresisCreepModel, OperatorState
+from piezo_model import Compensator, HysteresisCreepModel
 from piezo_model.compensator import CORRECTION
 
 GAIN = 0.3
@@ -23,11 +23,7 @@ def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = Fal
     ``added`` to its output."""
     model = replace(MODEL, structure=STRUCTURE.turned()) if turned else MODEL
     compensator = Compensator(model, LIMITS, integral_gain=gain / T)
-    state, x, error = (
-        OperatorState.settled_at(model.structure, STRUCTURE.x_centre),
-        np.empty(y_ref.size),
-        np.empty(y_ref.size),
-    )
+    state, x, error = compensator.state.copy(), np.empty(y_ref.size), np.empty(y_ref.size)
     for k in range(y_ref.size):
         x[k] = compensator.step(y_ref[k])
         (y,), state = model.advance(x[k : k + 1], state)

@@ -14,6 +14,7 @@ from random_models import Case, cases, drive, model_of, structure_of
 
 from piezo_model import identify
 from piezo_model.atomic_file import write_text
+from piezo_model.compensator import Compensator
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
 from piezo_model.structure import ModelStructure
@@ -36,13 +37,11 @@ def test_a_drive_in_chunks_gives_the_same_bits_as_the_whole(case: Case) -> None:
     np.testing.assert_array_equal(case.model.simulate(x, case.state), whole)
 
 
-def test_without_states_the_actuator_rested_at_the_centre_of_its_range() -> None:
+def test_without_states_the_actuator_had_rested_where_a_compensators_drive_starts() -> None:
     rng = np.random.default_rng(0)
     model = model_of(rng, structure_of(rng, 4, 2, 3, 2, True))
     x = model.structure.x_centre + drive(rng, 50)
-    np.testing.assert_array_equal(
-        model.simulate(x), model.simulate(x, OperatorState.settled_at(model.structure, model.structure.x_centre))
-    )
+    np.testing.assert_array_equal(model.simulate(x), model.simulate(x, Compensator(model).state))
 
 
 def identified() -> tuple[HysteresisCreepModel, np.ndarray, np.ndarray]:
@@ -117,16 +116,28 @@ def model() -> HysteresisCreepModel:
     return model_of(rng, structure_of(rng, 5, 3, 2, 3, True))
 
 
-@pytest.mark.parametrize(("came_from", "before"), [("above", 800.0), ("below", -800.0), (None, 20.0)])
+SWINGS = 0.999 ** np.arange(20_000)
+
+
+@pytest.mark.parametrize("x", [-10.0, 0.0, 20.0, 50.0, 100.0])
+@pytest.mark.parametrize(("came_from", "before"), [("above", 800.0), ("below", -800.0)])
 def test_the_settled_states_are_those_after_a_long_time_at_the_input(
-    came_from: Literal["above", "below"] | None, before: float
+    x: float, came_from: Literal["above", "below"], before: float
 ) -> None:
-    s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-1.0, 1.0), (10.0, 1.0), 1e-3)
+    s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-1.0, 1.0), (100.0, 10.0), 1e-3)
     model = HysteresisCreepModel.from_weights(s, s.straight_line)
-    held = model.advance(np.full(40_000, 20.0), OperatorState.settled_at(s, before))[1]
-    settled = OperatorState.settled_at(s, 20.0, came_from)
+    held = model.advance(np.repeat([before, x], 10_000), OperatorState.settled_at(s, 50.0))[1]
+    settled = OperatorState.settled_at(s, x, came_from)
     np.testing.assert_allclose(settled.play, held.play, atol=1e-12)
     np.testing.assert_allclose(settled.creep, held.creep, atol=1e-12)
+
+
+@pytest.mark.parametrize("x", [-10.0, 0.0, 20.0, 50.0, 100.0])
+def test_the_states_of_no_known_direction_are_those_after_swings_through_the_range_that_died_away(x: float) -> None:
+    s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-1.0, 1.0), (1e3,), 1e-3)
+    model, swings = HysteresisCreepModel.from_weights(s, s.straight_line), np.outer(SWINGS, (100.0 - x, 0.0 - x))
+    swung = model.advance([*(x + swings.ravel()), x], OperatorState.settled_at(s, 50.0))[1]
+    np.testing.assert_allclose(OperatorState.settled_at(s, x).play, swung.play, atol=2e-3)
 
 
 @pytest.mark.parametrize(

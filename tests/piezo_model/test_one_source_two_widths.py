@@ -7,7 +7,7 @@ import pytest
 from faulty_sensor import FaultySensor
 from numpy.typing import NDArray
 
-from piezo_model import CompensatorBank, ModelStructure, OperatorState, SelfLearningCompensator, plants
+from piezo_model import CompensatorBank, ModelStructure, SelfLearningCompensator, plants
 
 Vector = NDArray[np.float64]
 T = 1e-3
@@ -49,7 +49,8 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
     y_ref, y = recorded(plant, faulty)
     before = np.vstack([np.full(COUNT, np.nan), y[:-1]])
     options = {"hand_over_s": 0.1, "integral_gain": integral_gain, "rate_limit": 3e4}
-    bank = CompensatorBank(structure, COUNT, **options)
+    x_start = np.linspace(0.0, 150.0, COUNT)
+    bank = CompensatorBank(structure, COUNT, x_start=x_start, **options)
     middle = SAMPLES // 2 + 7
     x = bank.run(y_ref[:middle], before[:middle])
     bank.save(tmp_path / "bank.npz")
@@ -61,7 +62,7 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
             mode="continuous",
             find_centre=False,
             follow_range=False,
-            state=OperatorState.settled_at(structure, structure.x_centre),
+            x_start=x_start[i],
             **options,
         )
         assert single._block == bank.block

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -66,6 +67,30 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "its states": (
         lambda: Compensator(MODEL, state=ELSEWHERE),
         "states are those of another structure: 16 of play and 64 of creep where 8 and 32",
+    ),
+    **{
+        f"a start at {x_start} of {name}": (
+            lambda what=what, x_start=x_start: what(x_limits=(0.0, 100.0), x_start=x_start),
+            rf"x_start(\[0\])? must be within the limits of the drive, 0 to 100, not {x_start:g}",
+        )
+        for x_start in (-1.0, 101.0, math.nan, math.inf)
+        for name, what in (
+            ("a compensator", partial(Compensator, MODEL)),
+            ("a learner", partial(SelfLearningCompensator, STRUCTURE)),
+            ("a bank", partial(CompensatorBank, STRUCTURE, 1)),
+        )
+    },
+    "the start of one actuator": (
+        lambda: CompensatorBank(STRUCTURE, 3, x_start=[0.0, 150.0, 151.0]),
+        r"x_start\[2\] must be within the limits of the drive, 0 to 150, not 151",
+    ),
+    "the starts of too few actuators": (
+        lambda: CompensatorBank(STRUCTURE, 3, x_start=[0.0, 150.0]),
+        r"x_start must be one number or one for each actuator, not of shape \(2,\)",
+    ),
+    "a start beside states": (
+        lambda: Compensator(MODEL, state=Compensator(MODEL).state, x_start=0.0),
+        "give either state or x_start: the states say where the drive starts",
     ),
     **{
         f"an integral gain of {gain}": (

@@ -55,7 +55,7 @@ EXPORTED void FMI(FreeInstance)(void *c) { free(c); }
 
 static void start(fmu_state *s)
 {
-    const double values[VARIABLES] = {0.0,        PIEZO_Y_CENTRE,       PIEZO_X_CENTRE, PIEZO_LOW,
+    const double values[VARIABLES] = {0.0,        PIEZO_Y_CENTRE,       PIEZO_X_START,  PIEZO_LOW,
                                       PIEZO_HIGH, PIEZO_FMU_RATE_LIMIT, PIEZO_Y_CENTRE, PIEZO_FMU_INTEGRAL_GAIN};
     piezo_reset(&s->axis);
     memcpy(s->values, values, sizeof values);

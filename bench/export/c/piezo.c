@@ -33,6 +33,18 @@ static void set_limits(const Compensator *c, double low, double high, double max
     settings_of(c)->max_step = (real)max_step;
 }
 
+/* States of an actuator that went through its range with swings that died away at PIEZO_X_START. */
+static void settle(const Compensator *c)
+{
+    const real x = (real)((PIEZO_X_START - PIEZO_X_CENTRE) / PIEZO_X_SCALE), branch = within(-x, -1, 1);
+    for (int i = 0; i < lanes(c->shape); ++i) {
+        c->play[i] = x + branch * c->operators.r[i];
+    }
+    for (int i = 0; i < creep_lanes(c->shape); ++i) {
+        c->creep[i] = c->play[i % lanes(c->shape)];
+    }
+}
+
 #if PIEZO_LEARNING
 static Controller controller_of(const piezo_axis *axis)
 {
@@ -117,6 +129,7 @@ void piezo_reset(piezo_axis *axis)
         weights[i] = (real)exported[i];
     }
     compensator_set_weights(&c, weights);
+    settle(&c);
 #if PIEZO_LEARNING
     memset(axis->learned, 0, sizeof axis->learned);
     piezo_learner_reset(axis->learner.bytes);

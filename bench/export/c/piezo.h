@@ -86,7 +86,8 @@ typedef struct {
 #endif
 } piezo_axis;
 
-/* Set the exported model and limits, with the actuator at rest at the centre of its range. Call it first. */
+/* Set the exported model and limits, with the actuator settled at PIEZO_X_START, from which the largest change of the
+ * drive counts. Call it first. */
 void piezo_reset(piezo_axis *axis);
 
 #if PIEZO_LEARNING

@@ -3,7 +3,7 @@
 
 #include "piezo.h"
 
-const piezo_stage_limits piezo_stage = {PIEZO_LOW, PIEZO_HIGH, 100.0 * (PIEZO_HIGH - PIEZO_LOW), PIEZO_X_CENTRE};
+const piezo_stage_limits piezo_stage = {PIEZO_LOW, PIEZO_HIGH, 100.0 * (PIEZO_HIGH - PIEZO_LOW), PIEZO_X_START};
 
 static double play;
 
