@@ -171,8 +171,6 @@ def _weights(review: Review) -> Figure:
             {
                 "weight": w.name,
                 "value": w.value,
-                "low": w.value - w.half_width,
-                "high": w.value + w.half_width,
                 "excitation": w.excitation,
                 "zero": 0.0,
                 "standing": "never reached" if not w.reached else "at its bound" if w.at_bound else "free",
@@ -180,23 +178,25 @@ def _weights(review: Review) -> Figure:
             for w in review.weights
         ]
     )
-    names, tips = Axis("weight"), ("weight", "standing", "value", "low", "high", "excitation")
-    intervals = (
-        Mark("range", x="low", x2="high", colour=BLUE, size=3.0, opacity=0.5),
-        Mark("point", "standing", size=70.0),
-    )
+    names, tips = Axis("weight"), ("weight", "standing", "value", "excitation")
     height = 30 + 18 * len(table)
     return Figure(
         "weights",
         "Weights",
-        "In unit amplitudes with w_H0 = 1. Bars are 95 % intervals, corrected for the memory of the residual; a "
-        "weight without one stands at its bound or was never reached. Excitation is the RMS of the operator's signal: "
-        "a weight whose operator hardly moves is hardly known.",
+        "In normalised units with w_H0 = 1. Excitation is the RMS of the operator's signal: a weight whose operator "
+        "hardly moves is hardly known.",
         table,
         [
-            Plot(Axis("value", "weight, unit amplitudes"), names, intervals, tips, STANDING, height=height),
             Plot(
-                Axis("excitation", "excitation, RMS in unit amplitudes"),
+                Axis("value", "weight, normalised units"),
+                names,
+                (Mark("point", "standing", size=70.0),),
+                tips,
+                STANDING,
+                height=height,
+            ),
+            Plot(
+                Axis("excitation", "excitation, RMS in normalised units"),
                 names,
                 (Mark("bar", x2="zero", colour=GREEN),),
                 tips,

@@ -1,13 +1,4 @@
-"""A fit in detail: the model's output, the confidence interval of each weight, and the residual.
-
-With residuals e of the error (5), σ² their mean square and P the mean of ΞΞᵀ in slope coordinates over N samples, the
-covariance of the weights that are not at a bound is about
-
-    cov v = σ² P⁻¹ / N_e,      N_e = N (1 − ρ) / (1 + ρ),
-
-with the correlation ρ of neighbouring output errors, since residuals are not independent; cov w = T cov v Tᵀ.
-Weights at a bound and those of unreached thresholds have no such interval.
-"""
+"""A fit in detail: the model's output, the weights with the excitation of their operators, and the residual."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
-from piezo_model.identification.alternative_models import correlation
 from piezo_model.identification.fitting import accumulate
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.validation import Validation
@@ -26,7 +16,6 @@ from solvers.arrays import Vector
 
 LONGEST = 1_000_000
 """Largest number of samples in a review, from the start."""
-TWO_SIDED = 1.96
 
 
 @dataclass(frozen=True)
@@ -36,8 +25,6 @@ class Weight:
     name: str
     value: float
     """Weight in unit amplitudes, with w_H0 = 1."""
-    half_width: float
-    """Half the width of the 95 % interval; NaN for a weight at a bound or unreached."""
     excitation: float
     """RMS of the operator's signal in unit amplitudes."""
     reached: bool
@@ -59,7 +46,7 @@ class Review:
     sentences: tuple[str, ...]
     """Sentences of the identification, or of the validation."""
     fitted: bool
-    """Whether the weights were identified from this recording; otherwise they have no intervals."""
+    """Whether the weights were identified from this recording."""
 
     @property
     def error(self) -> Vector:
@@ -81,12 +68,6 @@ class Review:
                 yield (
                     f"Vary the drive more, in amplitude and speed: the weights {names} cannot be distinguished from "
                     "each other."
-                )
-            unsure = [w.name for w in self.weights if w.half_width > abs(w.value)]
-            if unsure:
-                yield (
-                    f"Cannot be distinguished from zero: {', '.join(unsure)}; a longer recording or a lower order "
-                    "would settle it."
                 )
         f, density = self.spectrum()
         share = float(np.sum(density[f <= f[-1] / 20.0] ** 2) / np.sum(density**2)) if np.any(density) else 0.0
@@ -121,35 +102,15 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         y,
         y_model,
         skip,
-        tuple(_weights(problem, model, (y - y_model)[skip:], validation is None)),
+        tuple(_weights(problem, model.weights)),
         sentences,
         validation is None,
     )
 
 
-def _weights(
-    problem: IdentificationProblem, model: HysteresisCreepModel, error: Vector, fitted: bool
-) -> Iterator[Weight]:
-    s, w = model.structure, model.weights
-    T = s.slope_map
-    v, lb = s.inverse_slope_map @ w, s.lower_bounds(problem.min_slope)
-    P = T.T @ problem.P @ T
-    at_bound = v <= lb + 1e-9
-    free = problem.reached & ~at_bound
-    rho = min(max(correlation(error), 0.0), 0.9999)
-    effective = max(error.size * (1.0 - rho) / (1.0 + rho), 1.0)
-    covariance = np.zeros_like(P)
-    if free.any():
-        inverse = np.linalg.pinv(P[np.ix_(free, free)], hermitian=True, rcond=1e-13)
-        covariance[np.ix_(free, free)] = 2.0 * max(problem.cost(w), 0.0) * inverse / effective
-    deviation = np.sqrt(np.maximum(np.diag(T @ covariance @ T.T), 0.0))
+def _weights(problem: IdentificationProblem, w: Vector) -> Iterator[Weight]:
+    s = problem.structure
+    at_bound = s.inverse_slope_map @ w <= s.lower_bounds(problem.min_slope) + 1e-9
     excitation = np.sqrt(np.maximum(np.diag(problem.P), 0.0))
     for i, name in enumerate(s.weight_names):
-        yield Weight(
-            name,
-            float(w[i]),
-            TWO_SIDED * float(deviation[i]) if free[i] and fitted else float("nan"),
-            float(excitation[i]),
-            bool(problem.reached[i]),
-            bool(at_bound[i]),
-        )
+        yield Weight(name, float(w[i]), float(excitation[i]), bool(problem.reached[i]), bool(at_bound[i]))
