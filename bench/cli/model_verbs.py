@@ -50,8 +50,8 @@ def validate_verb(
 ) -> None:
     """Check a model against another recording than that of its identification, or against many.
 
-    The initial states are estimated as in identify; an offset of the sensor between the two sessions is removed and
-    reported. A sentence says if the model was fitted to the recording itself.
+    The initial states are estimated as in identify; a constant shift of the output between the two sessions is removed
+    and reported. A sentence says if the model was fitted to the recording itself.
     """
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Validating(absolute(model), opening)

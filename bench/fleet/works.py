@@ -113,7 +113,7 @@ class Validating(WithModel):
     """Validation of a model on a recording."""
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
-        """Return figures of the fit, and the change of the sensor's offset since the identification."""
+        """Return figures of the fit, and the constant shift of the output."""
         _, model, found = self.judged(recording, further[0])
         fit = asdict(found.fit)
         return {

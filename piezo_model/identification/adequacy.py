@@ -90,7 +90,9 @@ def check_adequacy(
     s = model.structure
     moving = moving_from(recording, skip)
     # with many samples and few weights, the error of the fit is near that on held-out data
-    held_out = cross_validate(recording, s, skip, state, solver, proximal) if recording.length <= HEAD else None
+    held_out = (
+        cross_validate(recording, s, skip, state, solver, proximal, fit.span) if recording.length <= HEAD else None
+    )
     baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent, held_out=False)
     x, y = recording.head(HEAD + moving).arrays()
     own = ((y - model.simulate(x, state)) / fit.span)[skip:]
@@ -212,10 +214,16 @@ def alternate_blocks(x: Vector) -> Mask:
 
 
 def cross_validate(
-    recording: Recording, s: ModelStructure, skip: int, state: OperatorState, solver: str, proximal: float
+    recording: Recording,
+    s: ModelStructure,
+    skip: int,
+    state: OperatorState,
+    solver: str,
+    proximal: float,
+    span: float,
 ) -> Baseline | None:
-    """Errors of line, cubic and model of a recording on every second block, fitted to the others; None with too few
-    samples."""
+    """Errors of line, cubic and model of a recording on every second block, fitted to the others, per cent of ``span``;
+    None with too few samples."""
     x, y = recording.arrays()
     even = alternate_blocks(x)
     counted = np.arange(x.size) >= skip
@@ -228,7 +236,6 @@ def cross_validate(
         errors = [models.residual(models.polynomials(s.unit_input(x), degree), y, fitted) for degree in (1, 3)]
         errors.append(model.simulate(x, state) - y)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
-    span = 2.0 * abs(s.y_scale)
     line, cubic, model_error = 100.0 * np.sqrt(squares / counted.sum()) / span
     return Baseline(float(line), float(cubic), float(model_error), held_out=True)
 

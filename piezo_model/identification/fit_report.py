@@ -106,7 +106,8 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Offset:
-    """The sensor's offset in units of the input, and the error (5) with and without it."""
+    """The constant term b in units of the input, and the error (5) with and without it. An offset of the sensor and an
+    asymmetry of the loops both contribute to it."""
 
     value: float
     error_percent: float
@@ -114,7 +115,7 @@ class Offset:
 
     @property
     def pays(self) -> bool:
-        """Whether the offset lowers the error by more than two per cent of itself."""
+        """Whether the constant lowers the error by more than two per cent of itself."""
         return self.error_percent < 0.98 * self.error_without_offset_percent
 
 
@@ -251,8 +252,8 @@ class FitReport:
 
 def _offset_sentence(offset: Offset, unit: str) -> str:
     return (
-        f"The sensor has an offset, {quantity(offset.value, unit, 3)} of the input; without it the RMS error of "
-        f"the drive is {percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}."
+        f"Constant term b = {quantity(offset.value, unit, 3)}, input-referred; without it the RMS error of the drive "
+        f"is {percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}."
     )
 
 

@@ -1,7 +1,7 @@
 """From a recording to a model: equations (3) to (6) in one call.
 
 Unknown properties of a recording are estimated and reported: the sign, a transient and the initial state
-(`preprocessing`), an offset and a lag of the sensor (`sensor_lag`), and the creep rates that its length can
+(`preprocessing`), a constant term, a lag of the sensor (`sensor_lag`), and the creep rates that its length can
 distinguish. Data that the model class does not describe are refused (`adequacy`).
 """
 

@@ -1,7 +1,7 @@
 """Validation of a model on a recording, which is evidence if its identification has not used it.
 
 The weights stay. The unknowns of the recording are estimated: the states before the first sample (`initial_state`) by
-the variance of the output's error, and the change of the sensor's offset since the identification by its mean.
+the variance of the output's error, and a constant difference of the outputs by its mean.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Validation:
     fit: Fit
     """The errors as of an identification, with ``shift`` removed."""
     shift: float
-    """Change of the sensor's offset since the identification, output unit."""
+    """Constant difference of the outputs, measured minus modelled, output unit."""
     start: OperatorState
     """Estimated states before the first sample."""
     beyond_percent: float
@@ -76,20 +76,21 @@ class Validation:
             )
         if abs(self.shift) > 0.1 * self.fit.rms:
             yield (
-                f"The sensor's offset has changed by {quantity(self.shift, unit, 3)} "
-                f"({percent(100.0 * abs(self.shift) / self.fit.span)} "
-                f"of the range) since the identification; that is removed."
+                f"The output is shifted by a constant {quantity(self.shift, unit, 3)} "
+                f"({percent(100.0 * abs(self.shift) / self.fit.span)} of the range) from that of the model; the errors "
+                "are without it."
             )
-        reported = self.model.report.get("fit", {}).get("rms_percent", math.inf)
-        if self.fit.rms_percent > 2.0 * reported:
+        reported = self.model.report.get("fit", {}).get("rms", math.inf)
+        if self.fit.rms > 2.0 * reported:
             yield (
-                f"That is {self.fit.rms_percent / max(reported, 1e-9):.2g} times the {percent(reported)} "
-                f"of the recording that it was identified from."
+                f"An RMS error of {quantity(self.fit.rms, unit, 2)} is "
+                f"{self.fit.rms / max(reported, 1e-11 * self.fit.span):.2g} times the {quantity(reported, unit, 2)} on "
+                "the recording that the model was identified from."
             )
         if self.beyond_percent > 1.0:
             yield (
                 f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
-                f"where the model extrapolates; an offset of the sensor is estimated within that range alone."
+                f"where the model extrapolates; the constant shift is estimated within that range alone."
             )
 
 

@@ -57,7 +57,7 @@ def test_the_offset_is_identified_and_reported() -> None:
     assert model.offset == pytest.approx(0.25, abs=1e-5)
     assert model.report["offset"]["value"] == pytest.approx(0.25 * s.x_scale, abs=1e-3)
     assert model.report["offset"]["error_without_offset_percent"] > 100 * model.report["offset"]["error_percent"]
-    assert sentences(model, "The sensor has an offset, 12.5 V of the input")
+    assert sentences(model, "Constant term b = 12.5 V, input-referred; without it")
 
 
 @pytest.mark.sample(5)
@@ -149,7 +149,7 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
     assert fit["rms_percent"] <= 0.289
     assert fit["max_percent"] <= 1.03
     assert 0.1 < fit["skipped"] * recording.sample_time < 0.5
-    for words in ("hold a transient", "The sensor has an offset, ", "The sensor lags by"):
+    for words in ("hold a transient", "Constant term b = ", "The sensor lags by"):
         assert len(sentences(model, words)) == 1
     # The error (5) is smallest at 3.57 samples and less than 1 % larger from 3.3 to 4.1, so whole numbers on both sides
     # are as near as the data tell: counted from sample 2000 on it is smallest at 3.58, and from 5000 on, of 8027, at

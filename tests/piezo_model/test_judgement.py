@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording, resonant
 from scipy.signal import lfilter
 
-from piezo_model import IdentificationError, Recording, identify
+from piezo_model import IdentificationError, ModelStructure, Recording, identify
 from piezo_model.identification import adequacy, initial_state
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import structure_of
@@ -190,9 +190,42 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
     assert found.shift == pytest.approx(0.4, abs=0.01)
     assert found.fit.rms_percent < 2.0 * model.report["fit"]["rms_percent"]
     assert any(
-        f"offset has changed by {quantity(found.shift, 'um', 3)} (" in sentence and "removed" in sentence
+        f"shifted by a constant {quantity(found.shift, 'um', 3)} (" in sentence and "without it" in sentence
         for sentence in found.sentences()
     )
+
+
+@pytest.mark.parametrize("wider", [1.0, 10.0])
+def test_errors_of_the_fit_and_on_held_out_data_are_shares_of_one_range(wider: float) -> None:
+    made = recording(DESCRIBABLE["hysteresis"], 5)
+    s = ModelStructure.equidistant(
+        3,
+        1,
+        made.x_range,
+        (made.y_range[0], made.y_range[0] + wider * np.ptp(made.y_range)),
+        (),
+        SAMPLE_TIME,
+        offset=True,
+    )
+    x, y = made.arrays()
+    report = identify(x, y, s).report
+    for name in ("line_percent", "cubic_percent"):
+        assert report["baseline"][name] == pytest.approx(report["fit"][name], rel=0.05)
+    assert report["baseline"]["model_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.2)
+
+
+def test_errors_on_another_recording_are_compared_in_units_and_not_as_shares_of_two_ranges() -> None:
+    rng, u = np.random.default_rng(5), np.sin(np.arange(9000) / 200) * np.linspace(1.0, 0.2, 9000)
+    y = loops(rng, u, 0.2)
+    y += 0.003 * np.ptp(y) * rng.standard_normal(y.size)
+    model = identify(Recording.from_arrays(u[:6000], y[:6000], SAMPLE_TIME), n=5, m=3, creep_rates=())
+    small = slice(7500, None)
+    found = model.validate(Recording.from_arrays(u[small], y[small], SAMPLE_TIME))
+    assert found.fit.rms_percent > 2.0 * model.report["fit"]["rms_percent"]  # of a smaller range
+    assert not any("times the" in sentence for sentence in found.sentences())
+    y[small] += 0.02 * np.ptp(y) * rng.standard_normal(y[small].size)
+    worse = model.validate(Recording.from_arrays(u[small], y[small], SAMPLE_TIME, output_unit="um"))
+    assert any("on the recording that the model was identified from" in sentence for sentence in worse.sentences())
 
 
 @pytest.mark.parametrize(
