@@ -261,8 +261,9 @@ def check_direction(recording: Recording) -> Recording:
     if recording.reasons.get("input") not in REASONS or recording.reasons.get("output") not in REASONS:
         return recording
     part = recording.head(DIRECTION_SAMPLES)
+    rates = candidate_rates(part.sample_time, part.duration_s, per_decade=1)  # of one frequency too: creep lags as well
     reports = [
-        _fitted(direction, None, *USUAL, None, None, "box_active_set", "ignore", None, 1e-10, force=True).report
+        _fitted(direction, None, *USUAL, rates, None, "box_active_set", "ignore", None, 1e-10, force=True).report
         for direction in (part, part.swapped())
     ]
     errors = [float(report["fit"]["rms_percent"]) for report in reports]
