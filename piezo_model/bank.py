@@ -20,16 +20,18 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model import checks
 from piezo_model.atomic_file import replacing
 from piezo_model.compensator import drive_memory, drive_settings, fade_factor
 from piezo_model.core import State, Stateful, bindings
-from piezo_model.json_file import Number, Versioned, decoded
+from piezo_model.json_file import LARGEST, Number, Versioned, decoded, packed
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
 from piezo_model.learning.settings import require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState, drive_start
 from piezo_model.regressors import write_slope_regressors
 from piezo_model.structure import ModelStructure
+from solvers.arrays import reals
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -115,10 +117,10 @@ class CompensatorBank(Stateful):
         rate_limit: float | None = None,
         threads: int = 1,
     ) -> None:
-        if count < 1 or threads < 1:
-            raise ValueError(f"count and threads must be at least 1, not {count} and {threads}")
+        checks.instance(ModelStructure, structure=structure)
+        checks.whole(1, count=count, threads=threads)
         require_seconds(memory_s=memory_s, hand_over_s=hand_over_s, reset_s=reset_s, fade_s=fade_s)
-        self.options: Options = {
+        options = {
             "memory_s": memory_s,
             "hand_over_s": hand_over_s,
             "reset_s": reset_s,
@@ -126,8 +128,11 @@ class CompensatorBank(Stateful):
             "integral_gain": integral_gain,
             "rate_limit": rate_limit,
         }
+        self.options: Options = packed(options)  # without types of NumPy, some of which compute in single precision
         self.structure, self.threads = structure, threads
-        self.block, self._numbers = continuous_numbers(structure, hand_over_s, memory_s, reset_s)
+        self.block, self._numbers = continuous_numbers(
+            structure, self.options["hand_over_s"], self.options["memory_s"], self.options["reset_s"]
+        )
         """Samples of a block."""
         self.interval = int(self._numbers["interval"])
         """Samples from one optimum of an actuator to the next."""
@@ -200,9 +205,18 @@ class CompensatorBank(Stateful):
     ) -> None:
         """Append actuators, settled at ``x_start``, with the straight line through the ranges as model."""
         s = self.structure
-        low, high = (np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in x_limits or s.x_range)
-        if not np.all(low < high):
-            raise ValueError(f"x_limits[{int(np.argmin(low < high))}] must be two numbers in ascending order")
+        x_limits = s.x_range if x_limits is None else x_limits
+        checks.require(
+            lambda pair: len(pair) == 2 and all(np.shape(side) in ((), (count,)) for side in pair),
+            f"two numbers, or two arrays of {count}",
+            x_limits=x_limits,
+        )
+        low, high = (np.broadcast_to(reals("x_limits", side), (count,)) for side in x_limits)
+        fits = (low < high) & (low >= -LARGEST) & (high <= LARGEST)
+        if not np.all(fits):
+            raise ValueError(f"x_limits[{int(np.argmin(fits))}] must be two numbers in ascending order, both finite")
+        checks.flags(count, learn=learn)
+        learning = np.concatenate([self.learning, np.broadcast_to(learn, (count,))])
         starts, which = np.unique(drive_start(low, high, x_start), return_inverse=True)
         settled = [OperatorState.settled_at(s, x).to_dict(s) for x in starts]
         taken = self._slots
@@ -216,26 +230,29 @@ class CompensatorBank(Stateful):
         self._set("play", new, np.array([state["play"] for state in settled])[which])
         self._set("creep", new, np.array([np.ravel(state["creep"]) for state in settled])[which])
         self._take(new, HysteresisCreepModel.from_weights(s, s.straight_line))
-        learning = self.learning
-        learning[taken.size :] = learn
         self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
         """Remove actuators by their numbers; the later ones move up and are otherwise unchanged."""
-        which = np.unique(np.atleast_1d(np.asarray(which, dtype=np.int64)))
-        if which.size and not (which[0] >= 0 and which[-1] < len(self)):
-            raise ValueError(
-                f"there are actuators 0 to {len(self) - 1}, and not {which[0] if which[0] < 0 else which[-1]}"
-            )
+        which = self._numbered(which)
         gone = self._slots[which]
         self._view("memory")[gone // LANES, 0, gone % LANES] = 0.0
         self._place(np.delete(self._slots, which))
 
     def take(self, actuator: int, model: HysteresisCreepModel) -> None:
         """Set the model of an actuator, of the bank's structure; it learns from there, and its drive jumps."""
+        checks.instance(HysteresisCreepModel, model=model)
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
-        self._take(self._slots[[actuator]], model)
+        self._take(self._slots[self._numbered(actuator)], model)
+
+    def _numbered(self, which: ArrayLike) -> Index:
+        """Numbers of actuators, in ascending order; ValueError if one is not in the bank."""
+        numbers = np.unique(which)
+        for number in numbers.tolist():
+            if not (isinstance(number, int) and not isinstance(number, bool) and 0 <= number < len(self)):
+                raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {number}")
+        return numbers.astype(np.int64)
 
     def _take(self, slots: Index, model: HysteresisCreepModel) -> None:
         for name, values in (
@@ -253,16 +270,17 @@ class CompensatorBank(Stateful):
 
     @property
     def learning(self) -> NDArray[np.bool_]:
-        """Flags (count,) of the actuators that learn, a copy; assign to switch learning on and off, which keeps what is
-        learned."""
-        return self._get("memory", self._slots)[:, 0] > 0.0
+        """Flags (count,) of the actuators that learn, a read-only copy; assign all to switch learning on and off, which
+        keeps what is learned."""
+        flags: NDArray[np.bool_] = self._get("memory", self._slots)[:, 0] > 0.0
+        flags.flags.writeable = False
+        return flags
 
     @learning.setter
     def learning(self, which: ArrayLike) -> None:
         slots = self._slots
-        self._view("memory")[slots // LANES, 0, slots % LANES] = np.broadcast_to(
-            np.asarray(which, dtype=bool), slots.shape
-        )
+        checks.flags(slots.size, learning=which)
+        self._view("memory")[slots // LANES, 0, slots % LANES] = which
 
     @property
     def counts(self) -> dict[str, Index]:
@@ -295,22 +313,14 @@ class CompensatorBank(Stateful):
         array (count,)
             Drives in the input unit.
         """
-        return self.run(np.asarray(y_ref)[None], np.asarray(y_measured_before)[None])[0]
+        return self.run(reals("y_ref", y_ref)[None], reals("y_measured_before", y_measured_before)[None])[0]
 
     def run(self, y_ref: ArrayLike, y_measured_before: ArrayLike | None = None) -> Matrix:
         """Return the drives (N, count) of ``step`` for rows of references and outputs, to the last bit; without outputs
         nothing is learned."""
-        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
-        y = (
-            np.full_like(y_ref, math.nan)
-            if y_measured_before is None
-            else np.ascontiguousarray(y_measured_before, dtype=np.float64)
-        )
-        if y_ref.ndim != 2 or y_ref.shape[1] != len(self) or y.shape != y_ref.shape:
-            raise ValueError(
-                f"references and outputs must have a number for each of {len(self)} actuators, not the shapes "
-                f"{y_ref.shape} and {y.shape}"
-            )
+        y_ref = reals("y_ref", y_ref)
+        y = np.full(y_ref.shape, math.nan) if y_measured_before is None else y_measured_before
+        y_ref, y = checks.columns(len(self), y_ref=y_ref, y_measured_before=y)
         if not self._in_order:
             y_ref, y = self._spread(y_ref), self._spread(y)
         x = np.empty_like(y_ref)
@@ -364,7 +374,7 @@ class CompensatorBank(Stateful):
             "options": self.options,
         }
         with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, about=np.array(json.dumps(about)), **self.memory())
+            np.savez(file, about=np.array(json.dumps(packed(about))), **self.memory())
 
     @classmethod
     def load(cls, path: str | Path, threads: int = 1) -> CompensatorBank:

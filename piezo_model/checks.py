@@ -1,66 +1,124 @@
 """Checks of arguments that many functions share; each raises a ValueError that names the argument."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from solvers.arrays import Vector
+from piezo_model.json_file import LARGEST
+from solvers.arrays import Matrix, Vector, reals
 
 
-def _require(arguments: Mapping[str, Any], valid: Callable[[Any], Any], what: str) -> None:
+def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None:
+    """Require arguments of which a condition holds, as of no True or False; ``what`` says it in words."""
     for name, value in arguments.items():
-        if not valid(value):
-            raise ValueError(f"{name} must be {what}, not {value}")
+        plain = value.item() if isinstance(value, np.generic) else value  # single precision overflows beside LARGEST
+        try:
+            fits = not isinstance(plain, bool) and bool(valid(plain))
+        except (TypeError, ValueError, LookupError):  # a value of another type
+            fits = False
+        if not fits:
+            raise ValueError(f"{name} must be {what}, not {repr(value) if isinstance(value, str) else value}")
+
+
+@contextmanager
+def refusing(error: type[ValueError], label: str = "") -> Iterator[None]:
+    """Raise a ValueError of the block as another one, with a label before the sentence."""
+    try:
+        yield
+    except ValueError as refused:
+        raise error(f"{label}{refused}") from None
+
+
+def instance(kind: type[Any], **arguments: Any) -> None:
+    """Require objects of a class."""
+    require(lambda value: isinstance(value, kind), f"a {kind.__name__}", **arguments)
 
 
 def positive(**arguments: float) -> None:
     """Require positive numbers."""
-    _require(arguments, lambda value: 0.0 < value < math.inf, "a positive number")
+    require(lambda value: 0.0 < value < math.inf, "a positive number", **arguments)
 
 
 def not_negative(**arguments: float) -> None:
     """Require finite numbers of at least 0."""
-    _require(arguments, lambda value: 0.0 <= value < math.inf, "a finite number of at least 0")
+    require(lambda value: 0.0 <= value < math.inf, "a finite number of at least 0", **arguments)
 
 
 def finite(**arguments: float) -> None:
     """Require finite numbers."""
-    _require(arguments, math.isfinite, "a finite number")
+    require(math.isfinite, "a finite number", **arguments)
 
 
 def whole(least: int, **arguments: int) -> None:
     """Require integers of at least ``least``."""
-    _require(
-        arguments,
-        lambda value: isinstance(value, int | np.integer) and value >= least,
+    require(
+        lambda value: isinstance(value, int) and value >= least,
         f"a whole number of at least {least}",
+        **arguments,
     )
 
 
 def between(low: float, high: float, **arguments: float) -> None:
     """Require numbers strictly between two limits."""
-    _require(arguments, lambda value: low < value < high, f"above {low:g} and below {high:g}")
+    require(lambda value: low < value < high, f"above {low:g} and below {high:g}", **arguments)
+
+
+def one_of(choices: Sequence[str], **arguments: str) -> None:
+    """Require one of some words."""
+    require(lambda value: value in choices, f"one of {', '.join(choices)}", **arguments)
+
+
+def flags(count: int, **arguments: ArrayLike) -> None:
+    """Require True or False, or arrays (count,) of them; none for the count 0."""
+    require(
+        lambda value: value.dtype == np.bool_ and value.shape in ((), (count,)),
+        f"True or False{(count and f', or an array of {count} of them') or ''}",
+        **{name: np.array(value) for name, value in arguments.items()},
+    )
+
+
+def share(**arguments: float) -> None:
+    """Require numbers from 0 to below 1."""
+    require(lambda value: 0.0 <= value < 1.0, "at least 0 and below 1", **arguments)
 
 
 def ascending(**arguments: tuple[float, float]) -> None:
-    """Require pairs of finite numbers in ascending order."""
-    _require(arguments, lambda pair: -math.inf < pair[0] < pair[1] < math.inf, "two finite numbers in ascending order")
+    """Require pairs of finite numbers, of at most `LARGEST` in size, in ascending order."""
+    require(
+        lambda pair: len(pair) == 2 and -LARGEST <= (ends := reals("", pair))[0] < ends[1] <= LARGEST,
+        "two finite numbers in ascending order",
+        **arguments,
+    )
 
 
 def vectors(**arguments: ArrayLike) -> list[Vector]:
-    """The arguments as arrays (N,) of doubles; require vectors of the same length."""
-    arrays = [np.ascontiguousarray(values, dtype=np.float64) for values in arguments.values()]
-    if arrays[0].ndim != 1 or len({array.shape for array in arrays}) > 1:
-        shapes = " and ".join(str(array.shape) for array in arrays)
-        raise ValueError(f"{' and '.join(arguments)} must be vectors of the same length, not of shapes {shapes}")
+    """The arguments as arrays (N,) of doubles; require vectors of real numbers, of the same length."""
+    what = "vectors of the same length" if len(arguments) > 1 else "a vector, such as [1.0, 2.0] or one column"
+    return _arrays((), what, arguments)
+
+
+def columns(count: int, **arguments: ArrayLike) -> list[Matrix]:
+    """The arguments as arrays (N, count) of doubles; require the same shape."""
+    return _arrays((count,), f"of shape (N, {count})", arguments)
+
+
+def _arrays(row: tuple[int, ...], what: str, arguments: Mapping[str, ArrayLike]) -> list[Matrix]:
+    arrays = [reals(name, values) for name, values in arguments.items()]
+    shapes = [array.shape for array in arrays]
+    if not shapes[0] or shapes[0][1:] != row or len(set(shapes)) > 1:
+        raise ValueError(
+            f"{' and '.join(arguments)} must be {what}, not of shape{'s' * (len(shapes) > 1)} "
+            f"{' and '.join(map(str, shapes))}"
+        )
     return arrays
 
 
-def finite_arrays(**arguments: Vector) -> None:
-    """Require arrays of finite numbers."""
+def finite_arrays(**arguments: Matrix) -> None:
+    """Require arrays of finite numbers, of at most `LARGEST` in size."""
     for name, values in arguments.items():
-        if not np.all(np.isfinite(values)):
-            raise ValueError(f"{name}[{int(np.argmin(np.isfinite(values)))}] is not a finite number")
+        if not np.all(finite := np.abs(values) <= LARGEST):
+            raise ValueError(f"{name}{np.argwhere(~finite)[0].tolist()} is not a finite number")

@@ -14,8 +14,9 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model import json_file
+from piezo_model import checks, json_file
 from piezo_model.core import State, Stateful, bindings
+from piezo_model.json_file import LARGEST
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorState, write_operators
 from piezo_model.structure import ModelStructure
@@ -34,8 +35,11 @@ DECAY = 5
 
 def integral_share(gain: float, sample_time: float) -> float:
     """Gain of the integral action for each sample, from its gain in 1/s; ValueError if it is not between 0 and 1."""
-    if not 0.0 <= gain * sample_time <= 1.0:
-        raise ValueError(f"integral_gain must be from 0 to 1/sample_time, {1.0 / sample_time:g} per second, not {gain}")
+    checks.require(
+        lambda value: 0.0 <= value * sample_time <= 1.0,
+        f"from 0 to 1/sample_time, {1.0 / sample_time:g} per second",
+        integral_gain=gain,
+    )
     return gain * sample_time
 
 
@@ -56,8 +60,8 @@ def fade_factor(s: ModelStructure, fade_s: float) -> float:
 
 def drive_settings(s: ModelStructure, rate_limit: float | None, decay: float, integral_gain: float) -> Vector:
     """The core's ``DriveSettings`` (7,); ValueError if a setting is out of range."""
-    if rate_limit is not None and not rate_limit > 0.0:
-        raise ValueError(f"rate_limit must be positive, not {rate_limit}")
+    if rate_limit is not None:
+        checks.between(0.0, LARGEST, rate_limit=rate_limit)
     max_step = math.inf if rate_limit is None else float(rate_limit) * s.sample_time / s.x_scale
     share = integral_share(integral_gain, s.sample_time)
     return np.array([s.x_centre, s.x_scale, s.y_centre, s.y_scale, max_step, decay, share])
@@ -115,16 +119,17 @@ class Compensator(Stateful):
         x_start: float | None = None,
         integral_gain: float = 0.0,
     ) -> None:
+        checks.instance(HysteresisCreepModel, model=model)
         s = model.structure
-        low, high = s.x_range if x_limits is None else (float(x_limits[0]), float(x_limits[1]))
-        if not low < high:
-            raise ValueError(f"x_limits must be two numbers in ascending order, not {(low, high)}")
+        x_limits = s.x_range if x_limits is None else x_limits
+        checks.require(lambda pair: pair[0] < pair[1], "two numbers in ascending order", x_limits=x_limits)
+        low, high = map(float, x_limits)
         self._x_limits, self._rate_limit, self._integral_gain = (low, high), rate_limit, integral_gain
         if state is None:
             state = OperatorState.before_drive(s, (low, high), x_start)
         elif x_start is not None:
             raise ValueError("give either state or x_start: the states say where the drive starts")
-        state.require(s)
+        OperatorState.require(state, s)
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
@@ -146,7 +151,7 @@ class Compensator(Stateful):
 
     @state.setter
     def state(self, state: OperatorState) -> None:
-        state.require(self._model.structure)
+        OperatorState.require(state, self._model.structure)
         self._core["play"][:], self._core["creep"][:] = state.play, state.creep
 
     @property
@@ -184,7 +189,7 @@ class Compensator(Stateful):
 
     def run(self, y_ref: ArrayLike) -> Vector:
         """Drive samples (N,) for reference samples (N,), to the last bit those of ``step``."""
-        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
+        (y_ref,) = checks.vectors(y_ref=y_ref)
         x = np.empty_like(y_ref)
         bindings.compensator_run(self._core.block, y_ref, x)
         return x
@@ -227,7 +232,7 @@ class Compensator(Stateful):
             OperatorState(saved["play"], saved["creep"]),
             saved["drive"],
         )
-        state.require(model.structure)
+        OperatorState.require(state, model.structure)
         # the last reference is NaN before the first one
         if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
             raise ValueError("the memory of the drive must be six finite numbers, but for the last reference")

@@ -51,12 +51,12 @@ class DataBasis(Stateful):
     """
 
     def __init__(self, structure: ModelStructure, state: OperatorState | None = None, forgetting: float = 1.0) -> None:
-        if not 0.0 < forgetting <= 1.0:
-            raise ValueError(f"forgetting must be above 0 and at most 1, not {forgetting}")
+        checks.instance(ModelStructure, structure=structure)
+        checks.require(lambda value: 0.0 < value <= 1.0, "above 0 and at most 1", forgetting=forgetting)
         self.structure, self.forgetting = structure, forgetting
         self._core = new_basis(structure, forgetting)
         state = OperatorState.before_drive(structure) if state is None else state
-        state.require(structure)
+        OperatorState.require(state, structure)
         self.state.play[:], self.state.creep[:] = state.play, state.creep
         self._start = state.copy()
         self._span = np.array([np.inf, -np.inf, np.inf, -np.inf])
@@ -87,7 +87,7 @@ class DataBasis(Stateful):
             For arrays of different length and for values that are not finite; the basis is unchanged.
         """
         s = self.structure
-        x, y = checks.vectors(x=np.atleast_1d(x), y=np.atleast_1d(y))
+        x, y = checks.vectors(x=x, y=y)
         checks.finite_arrays(x=x, y=y)
         if x.size == 0:
             return

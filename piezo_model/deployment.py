@@ -11,9 +11,9 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from piezo_model import json_file
+from piezo_model import checks, json_file
 from piezo_model.atomic_file import write_text
-from piezo_model.json_file import Number
+from piezo_model.json_file import Number, packed
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
 from solvers import Lane, Tier
@@ -44,6 +44,12 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     evidence: dict[str, Any] = msgspec.field(default_factory=dict)
     """Run, machine, rule, figures and certificate, for people to read."""
 
+    def __post_init__(self) -> None:
+        self.lane, self.tier = Lane(self.lane), Tier(self.tier)
+        self.x_limits = LearningSettings(  # type: ignore[assignment]
+            solver=self.solver, x_limits=self.x_limits, mode=self.mode, solver_options=self.options
+        ).x_limits
+
     @property
     def options(self) -> dict[str, Any]:
         """Lane and setting of the solver as of `LearningSettings`."""
@@ -52,7 +58,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     def save(self: Deployment[HysteresisCreepModel], path: str | Path) -> None:
         """Write JSON; the file is replaced as a whole."""
         data = {**msgspec.structs.asdict(self), "model": self.model.to_dict()}
-        write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+        with checks.refusing(ModelError, f"{path}: cannot be written: "):
+            write_text(path, json.dumps(packed(data), indent=1) + "\n")
 
     @classmethod
     def load(cls, path: str | Path) -> Deployment[HysteresisCreepModel]:
@@ -62,11 +69,4 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
             model = HysteresisCreepModel.from_file(file.model)
         except ValueError as error:
             raise ModelError(f"{path}: its model is not valid: {error}") from None
-        try:
-            LearningSettings(solver=file.solver, mode=file.mode, solver_options=file.options)
-        except ValueError as error:
-            raise ModelError(f"{path}: {json_file.brief(error)}") from None
-        low, high = file.x_limits
-        if not low < high:
-            raise ModelError(f"{path}: x_limits must be two numbers in ascending order, not {low:g} and {high:g}")
         return Deployment(**{**msgspec.structs.asdict(file), "model": model})

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_model import checks
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector
 
@@ -139,10 +140,8 @@ class IdentificationProblem:
     min_slope: float = 1e-3
 
     def __post_init__(self) -> None:
-        if self.proximal < 0.0:
-            raise ValueError(f"proximal must not be negative, not {self.proximal}")
-        if self.min_slope <= 0.0:
-            raise ValueError(f"min_slope must be positive for the model to have an inverse, not {self.min_slope}")
+        checks.not_negative(proximal=self.proximal)
+        checks.positive(min_slope=self.min_slope)
         if self.reference is not None and np.shape(self.reference) != (self.structure.d,):
             raise ValueError(f"reference must have {self.structure.d} weights, not shape {np.shape(self.reference)}")
 

@@ -99,7 +99,10 @@ class ReadOnly(dict[str, Any]):
     """JSON types that cannot be changed."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        super().__init__({name: _read_only(value) for name, value in values.items()})
+        super().__init__(
+            (name, ReadOnly(item) if isinstance(item, Mapping) else tuple(item) if isinstance(item, list) else item)
+            for name, item in values.items()
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ReadOnly, (dict(self),)
@@ -110,12 +113,6 @@ class ReadOnly(dict[str, Any]):
     __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
 
 
-def _read_only(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return tuple(map(_read_only, value))
-    return ReadOnly(value) if isinstance(value, Mapping) else value
-
-
 class PackedArray(msgspec.Struct):
     """An array, little-endian."""
 
@@ -124,15 +121,17 @@ class PackedArray(msgspec.Struct):
     base64: bytes
 
 
-def packed(value: Any) -> Any:
-    """Return a value that JSON can store.
+def packed(value: Any, name: str = "") -> Any:
+    """Return a value that JSON can store; ValueError names a field that it cannot.
 
     Examples
     --------
     >>> unpacked(packed({"a": np.arange(2.0), "b": (1, math.inf)}))
     {'a': array([0., 1.]), 'b': [1, inf]}
     """
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         data = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
         return {
             "dtype": data.dtype.str,
@@ -140,11 +139,13 @@ def packed(value: Any) -> Any:
             "base64": base64.b64encode(data.tobytes()).decode("ascii"),
         }
     if isinstance(value, Mapping):
-        return {str(name): packed(item) for name, item in value.items()}
+        return {str(key): packed(item, f"{name}.{key}".lstrip(".")) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [packed(item) for item in value]
+        return [packed(item, name) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return {"float": str(value)}
+    if not isinstance(value, str | int | float | None):
+        raise ValueError(f"{name} is a {type(value).__name__}, which a file cannot hold")
     return value
 
 

@@ -11,7 +11,6 @@ Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418; `operators` f
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,14 +21,14 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model import json_file
+from piezo_model import checks, json_file
 from piezo_model.atomic_file import write_text
 from piezo_model.core import Immutable, bindings
 from piezo_model.inverse import invert_superposition
-from piezo_model.json_file import Number, ReadOnly
+from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
 from piezo_model.operator_state import OperatorState, States, operator_arrays, pad
 from piezo_model.structure import SMALLEST, ModelStructure
-from solvers.arrays import Vector, read_only
+from solvers.arrays import Vector, read_only, reals
 from solvers.core import padded
 
 if TYPE_CHECKING:
@@ -95,19 +94,21 @@ class HysteresisCreepModel(Immutable):
 
     def __post_init__(self) -> None:
         s = self.structure
+        checks.instance(ModelStructure, structure=s)
+        checks.instance(Mapping, report=self.report)
         for name, size in (("w_H", s.n + 1), ("w_S_inverse", s.dead_zones), ("w_K", s.creep_weights)):
-            values = read_only(getattr(self, name))
+            values = read_only(reals(name, getattr(self, name)))
             if values.shape != (size,):
                 raise ModelError(f"{name} must have {size} values for this structure, not shape {values.shape}")
-            if not np.all(np.isfinite(values)):
-                raise ModelError(f"{name}[{int(np.flatnonzero(~np.isfinite(values))[0])}] is not a finite number")
             object.__setattr__(self, name, values)
+        with checks.refusing(ModelError):
+            checks.finite_arrays(w_H=self.w_H, w_S_inverse=self.w_S_inverse, w_K=self.w_K)
+            checks.between(-LARGEST, LARGEST, offset=self.offset)
         object.__setattr__(self, "report", ReadOnly(self.report))
         if self.start is not None:
-            self.start.require(s)
+            OperatorState.require(self.start, s)
+            checks.finite_arrays(play=self.start.play, creep=self.start.creep)
             object.__setattr__(self, "start", OperatorState(*map(read_only, (self.start.play, self.start.creep))))
-        if not math.isfinite(self.offset):
-            raise ModelError("offset is not a finite number")
         if self.offset and not s.offset:
             raise ModelError(f"the structure has no offset, and the model has one of {self.offset:g}")
         if self.w_H[0] < SMALLEST:
@@ -127,7 +128,7 @@ class HysteresisCreepModel(Immutable):
     @classmethod
     def from_weights(cls, structure: ModelStructure, w: ArrayLike) -> HysteresisCreepModel:
         """Make the model of the identified unknowns w (d,) in weight coordinates and unit amplitudes, with w_H0 = 1."""
-        w = np.asarray(w, dtype=np.float64)
+        w = reals("w", w)
         if w.shape != (structure.d,):
             raise ModelError(f"w must have {structure.d} values for this structure, not shape {w.shape}")
         return cls.from_all_weights(structure, np.concatenate([[1.0], w, [0.0] * (not structure.offset)]))
@@ -224,9 +225,10 @@ class HysteresisCreepModel(Immutable):
         >>> y.tolist(), model.advance([0.0], state)[0].tolist()
         ([0.0, 0.75], [0.25])
         """
-        s, state = self.structure, state.copy()
-        state.require(s)
-        unit_x = s.unit_input(np.ascontiguousarray(x, dtype=np.float64))
+        s = self.structure
+        OperatorState.require(state, s)
+        state = state.copy()
+        unit_x = s.unit_input(*checks.vectors(x=x))
         y = np.empty_like(unit_x)
         bindings.model_simulate(*self._arrays, state.play, state.creep, unit_x, y)
         return s.y_centre + s.y_scale * y, state
@@ -240,8 +242,7 @@ class HysteresisCreepModel(Immutable):
     def initial_state(self, start: StartChoice | None = None) -> OperatorState:
         """States before a signal: those before the recording of the identification, or of a compensator's stage at
         rest; by default the former, if the model has them."""
-        if start not in (None, *get_args(StartChoice)):
-            raise ValueError(f"start must be one of {', '.join(get_args(StartChoice))}, not {start!r}")
+        checks.one_of(get_args(StartChoice), start="rest" if start is None else start)
         if start == "rest" or (start is None and self.start is None):
             return OperatorState.before_drive(self.structure)
         if self.start is None:
@@ -286,14 +287,14 @@ class HysteresisCreepModel(Immutable):
             np.array(file.w_S_inverse),
             np.array(file.w_K),
             file.offset,
-            file.report,
+            unpacked(file.report),
             start,
         )
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; the file is replaced as a whole."""
         try:
-            write_text(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+            write_text(path, json.dumps(packed(self.to_dict()), indent=1) + "\n")
         except OSError as error:
             raise ModelError(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -309,4 +310,4 @@ class HysteresisCreepModel(Immutable):
 
 def _is_recording(x: object) -> TypeGuard[Recording]:
     """Whether it is a recording; its class is not imported, since that would import the readers of all formats."""
-    return hasattr(x, "sample_time")
+    return hasattr(x, "arrays")

@@ -18,7 +18,7 @@ from piezo_model.core import State, Stateful
 from piezo_model.json_file import Number
 from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Vector
+from solvers.arrays import Vector, reals
 from solvers.core import padded
 
 BRANCHES: Mapping[Literal["above", "below"], float] = {"above": 1.0, "below": -1.0}
@@ -79,8 +79,7 @@ class OperatorState(Stateful):
             If x is not finite, or for another direction.
         """
         checks.finite(x=x)
-        if came_from not in (None, *BRANCHES):
-            raise ValueError(f"came_from must be 'above', 'below' or None, not {came_from!r}")
+        checks.require(lambda way: way in (None, *BRANCHES), "'above', 'below' or None", came_from=came_from)
         unit_x = (x - structure.x_centre) / structure.x_scale
         branch = max(-1.0, min(1.0, -unit_x)) if came_from is None else BRANCHES[came_from]
         z = unit_x + branch * padded_thresholds(structure)
@@ -99,6 +98,7 @@ class OperatorState(Stateful):
 
     def require(self, structure: ModelStructure) -> None:
         """Raise ValueError if the states do not have the size of a structure."""
+        checks.instance(OperatorState, state=self)
         needed = structure.lanes, len(structure.creep_rates) * structure.lanes
         if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
             raise ValueError(
@@ -167,7 +167,7 @@ def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = Non
     [0.0, 0.0, 5.0]
     """
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-    x = np.clip(0.0, low, high) if x_start is None else np.asarray(x_start, dtype=np.float64)
+    x = np.clip(0.0, low, high) if x_start is None else reals("x_start", x_start)
     if x.shape not in ((), low.shape):
         raise ValueError(f"x_start must be one number or one for each actuator, not of shape {x.shape}")
     x = np.broadcast_to(x, low.shape)

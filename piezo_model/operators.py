@@ -18,12 +18,9 @@ is ``core/operators.h``.
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.core import bindings
-from solvers.arrays import Matrix, Vector
-
-
-def _as_vector(values: ArrayLike) -> Vector:
-    return np.ascontiguousarray(values, dtype=np.float64)
+from solvers.arrays import Matrix, Vector, reals
 
 
 def play(x: ArrayLike, thresholds: ArrayLike, state: ArrayLike) -> tuple[Matrix, Vector]:
@@ -50,7 +47,7 @@ def play(x: ArrayLike, thresholds: ArrayLike, state: ArrayLike) -> tuple[Matrix,
     >>> outputs.ravel().tolist()
     [0.0, 1.5, 1.5]
     """
-    x, r, z = _as_vector(x), _as_vector(thresholds), np.array(state, dtype=np.float64)
+    (x,), (r, z) = checks.vectors(x=x), checks.vectors(thresholds=thresholds, state=np.array(state))
     out = np.empty((x.size, r.size))
     bindings.play(x, r, z, out)
     return out, z
@@ -86,7 +83,7 @@ def creep(
     >>> outputs.ravel().round(12).tolist()
     [0.0, 0.5, 0.75]
     """
-    x, r, z = _as_vector(x), _as_vector(thresholds), np.array(state, dtype=np.float64)
+    (x,), (r, z) = checks.vectors(x=x), checks.vectors(thresholds=thresholds, state=np.array(state))
     out = np.empty((x.size, r.size))
     bindings.creep(x, r, creep_gain(rates, sample_time), z, out)
     return out, z
@@ -94,7 +91,7 @@ def creep(
 
 def creep_gain(rates: ArrayLike, sample_time: float) -> Vector:
     """Return the share 1 − e^(−a·Ts) of its distance that a creep state covers in one sampling period."""
-    return -np.expm1(-_as_vector(rates) * sample_time)
+    return -np.expm1(-reals("rates", rates) * sample_time)
 
 
 def dead_zone(u: ArrayLike, thresholds: ArrayLike) -> Matrix:
@@ -115,12 +112,12 @@ def dead_zone(u: ArrayLike, thresholds: ArrayLike) -> Matrix:
     >>> dead_zone([-2.0, 0.5, 2.0], [-1.0, 0.0, 1.0]).tolist()
     [[-1.0, -2.0, 0.0], [0.0, 0.5, 0.0], [0.0, 2.0, 1.0]]
     """
-    u = _as_vector(u)[:, None]
+    u = checks.vectors(u=u)[0][:, None]
     low, high = dead_zone_limits(thresholds)
     return np.fmax(u - high, 0.0) + np.fmin(u - low, 0.0)  # NaN gives 0
 
 
 def dead_zone_limits(thresholds: ArrayLike) -> tuple[Vector, Vector]:
     """Return the limits (low, high) between which one-sided dead zones of the given thresholds are zero."""
-    r = _as_vector(thresholds)
+    r = reals("thresholds", thresholds)
     return np.where(r > 0.0, -np.inf, r), np.where(r < 0.0, np.inf, r)

@@ -143,6 +143,8 @@ class SelfLearningCompensator(Learner):
         state: OperatorState | None = None,
         x_start: float | None = None,
     ) -> None:
+        checks.instance(ModelStructure, structure=structure)
+        checks.require(lambda model: model is None or isinstance(model, HysteresisCreepModel), "a model", model=model)
         if find_centre is None:
             find_centre = model is None and not structure.offset
         if follow_range is None:
@@ -172,7 +174,14 @@ class SelfLearningCompensator(Learner):
         if find_centre and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
         super().__init__(
-            Compensator(model, settings.x_limits, rate_limit, state, x_start=x_start, integral_gain=integral_gain),
+            Compensator(
+                model,
+                settings.x_limits,
+                settings.rate_limit,
+                state,
+                x_start=x_start,
+                integral_gain=settings.integral_gain,
+            ),
             settings,
         )
         self._last_x: float | None = None
@@ -264,7 +273,7 @@ class SelfLearningCompensator(Learner):
         x, y : array (N,)
             Drive and measured output.
         """
-        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
+        (y_ref,) = checks.vectors(y_ref=y_ref)
         self._observe_last(np.nan)
         x, y = np.empty(y_ref.size), np.empty(y_ref.size)
         done = 0
@@ -278,7 +287,7 @@ class SelfLearningCompensator(Learner):
 
     def drive(self, y_ref: ArrayLike) -> Vector:
         """Drives (N,) for references (N,), at most `samples_until_change` of them; ``observe`` must follow."""
-        y_ref = np.ascontiguousarray(y_ref, dtype=np.float64)
+        (y_ref,) = checks.vectors(y_ref=y_ref)
         x = np.empty_like(y_ref)
         with self._core.alone():
             bindings.learner_drive(self._core.block, self.compensator.block, y_ref, x)

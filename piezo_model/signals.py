@@ -21,19 +21,11 @@ from solvers.arrays import Vector
 def times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:
     """Check the arguments that all signals share and return the sample times, s, shape (N,)."""
     checks.positive(duration_s=duration_s, sample_time=sample_time)
-    if not -math.inf < low < high < math.inf:
-        raise ValueError(f"low and high must be finite with low below high, not {low} and {high}")
+    checks.ascending(**{"low and high": (low, high)})
     count = round(duration_s / sample_time)
     if count < 1:
         raise ValueError(f"duration_s = {duration_s} is shorter than one sample_time = {sample_time}")
     return np.arange(count, dtype=np.float64) * sample_time
-
-
-def share_between(**options: float) -> None:
-    """Raise ValueError, with the name of the option, unless every value lies between 0 and 1."""
-    for option, value in options.items():
-        if not 0.0 <= value <= 1.0:
-            raise ValueError(f"{option} must lie between 0 and 1, not {value}")
 
 
 def scaled(share: Vector, low: float, high: float) -> Vector:
@@ -65,8 +57,7 @@ def staircase(
     """
     t = times(duration_s, sample_time, low, high)
     checks.positive(hold_s=hold_s)
-    if levels < 2:
-        raise ValueError(f"levels must be at least 2, not {levels}")
+    checks.whole(2, levels=levels)
     # In whole samples, so that the rounding of k Ts / hold_s never shifts a step.
     held = max(1, round(hold_s / sample_time))
     step = np.arange(t.size) // held % (2 * (levels - 1))
@@ -86,9 +77,8 @@ def decaying_triangle(
         Amplitude at the end over amplitude at the start, 0 to 1.
     """
     t = times(duration_s, sample_time, low, high)
-    if not 1.0 <= cycles < math.inf:
-        raise ValueError(f"cycles must be at least 1, not {cycles}")
-    share_between(final_share=final_share)
+    checks.require(lambda value: 1.0 <= value < math.inf, "at least 1", cycles=cycles)
+    checks.require(lambda value: 0.0 <= value <= 1.0, "between 0 and 1", final_share=final_share)
     cycle = cycles * t / duration_s
     amplitude = 1.0 - (1.0 - final_share) * np.maximum(cycle - 0.5, 0.0) / (cycles - 0.5)
     return scaled(0.5 + amplitude * (_triangle(cycle) - 0.5), low, high)
@@ -117,8 +107,7 @@ def multi_sine(
         Seed of random phases; by default Schroeder's phases, −π j (j − 1) / tones for j = 1 … tones.
     """
     t = times(duration_s, sample_time, low, high)
-    if tones < 1:
-        raise ValueError(f"tones must be at least 1, not {tones}")
+    checks.whole(1, tones=tones)
     first_Hz = 1.0 / duration_s if lowest_Hz is None else lowest_Hz
     if not 0.0 < first_Hz <= highest_Hz < 0.5 / sample_time:
         raise ValueError(
@@ -157,14 +146,13 @@ def raster_scan(
         Whether the base moves by a step after each line or at constant speed.
     """
     t = times(duration_s, sample_time, low, high)
-    if not 0.0 < line_rate_Hz < 0.5 / sample_time:
-        raise ValueError(
-            f"line_rate_Hz must be positive and below half the sampling rate, {0.5 / sample_time} Hz, "
-            f"not {line_rate_Hz}"
-        )
-    share_between(fast_share=fast_share)
-    if slow_axis not in ("staircase", "drift"):
-        raise ValueError(f"slow_axis must be 'staircase' or 'drift', not {slow_axis!r}")
+    checks.require(
+        lambda rate: 0.0 < rate < 0.5 / sample_time,
+        f"positive and below half the sampling rate, {0.5 / sample_time} Hz",
+        line_rate_Hz=line_rate_Hz,
+    )
+    checks.require(lambda value: 0.0 <= value <= 1.0, "between 0 and 1", fast_share=fast_share)
+    checks.one_of(("staircase", "drift"), slow_axis=slow_axis)
     line = line_rate_Hz * t
     last_line = max(1.0, math.ceil(line_rate_Hz * duration_s) - 1.0)
     base = np.minimum(np.floor(line) / last_line, 1.0) if slow_axis == "staircase" else t / duration_s

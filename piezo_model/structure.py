@@ -13,7 +13,6 @@ slopes of the piecewise linear S⁻¹ (``slope_map``), and the admissible set be
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -22,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model import checks
 from piezo_model.core import Immutable
 from piezo_model.json_file import LARGEST
 from piezo_model.units import conversion
@@ -90,26 +90,38 @@ class ModelStructure(Immutable):
     output_unit: str = "um"
 
     def __post_init__(self) -> None:
+        with checks.refusing(StructureError):
+            self._check()
+
+    def _check(self) -> None:
         for name in ("play_thresholds", "dead_zone_thresholds", "creep_rates"):
-            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+            object.__setattr__(self, name, tuple(checks.vectors(**{name: getattr(self, name)})[0].tolist()))
+        for name, (least, most) in RANGES.items():
+            checks.require(
+                lambda value, a=least, b=most: np.all(np.less_equal(a, value) & np.less_equal(value, b)),  # type: ignore[misc]
+                f"from {least:g} to {most:g}",
+                **{name: getattr(self, name)},
+            )
         for name in ("sample_time", "x_centre", "x_scale", "y_centre", "y_scale"):
             object.__setattr__(self, name, float(getattr(self, name)))
         object.__setattr__(self, "offset", bool(self.offset))
-        for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
-            if not all(least <= number <= most for number in (value if isinstance(value, tuple) else (value,))):
-                raise StructureError(f"{name} must be from {least:g} to {most:g}, not {value}")
-        r_H, r_S = self.play_thresholds, self.dead_zone_thresholds
-        if any(b <= a for a, b in pairwise((0.0, *r_H))):
-            raise StructureError(f"play_thresholds must be positive and ascending, not {r_H}")
-        if 0.0 not in r_S or any(b <= a for a, b in pairwise(r_S)):
-            raise StructureError(f"dead_zone_thresholds must be ascending with 0 among them, not {r_S}")
-        if abs(self.y_scale) < SMALLEST:
-            raise StructureError(f"y_scale must not be 0 or less than {SMALLEST:g} from it, and it is {self.y_scale}")
-        for name in ("input_unit", "output_unit"):
-            unit = getattr(self, name)
-            if len(unit) > LONGEST_UNIT:
-                raise StructureError(f"{name} must be a unit of at most {LONGEST_UNIT} characters, not of {len(unit)}")
+        checks.require(
+            lambda r: all(a < b for a, b in pairwise((0.0, *r))),
+            "positive and ascending",
+            play_thresholds=self.play_thresholds,
+        )
+        checks.require(
+            lambda r: 0.0 in r and all(a < b for a, b in pairwise(r)),
+            "ascending with 0 among them",
+            dead_zone_thresholds=self.dead_zone_thresholds,
+        )
+        checks.require(lambda scale: abs(scale) >= SMALLEST, f"at least {SMALLEST:g} from 0", y_scale=self.y_scale)
+        checks.require(
+            lambda unit: isinstance(unit, str) and len(unit) <= LONGEST_UNIT,
+            f"a unit of at most {LONGEST_UNIT} characters",
+            input_unit=self.input_unit,
+            output_unit=self.output_unit,
+        )
         if len(set(self.creep_rates)) != len(self.creep_rates):
             raise StructureError(f"creep_rates must differ from each other, not {self.creep_rates}")
 
@@ -132,14 +144,14 @@ class ModelStructure(Immutable):
         output_unit: str = "um",
     ) -> ModelStructure:
         """Thresholds equidistant over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1)."""
-        if n < 0 or m < 0:
-            raise StructureError(f"the orders n and m must not be negative, not n = {n}, m = {m}")
-        x_centre, x_scale = _centre_and_scale("x_range", x_range)
-        y_centre, y_scale = _centre_and_scale("y_range", y_range)
+        with checks.refusing(StructureError):
+            checks.whole(0, n=n, m=m)
+            checks.ascending(x_range=x_range, y_range=y_range)
+        (x_centre, x_scale), (y_centre, y_scale) = map(_centre_and_scale, (x_range, y_range))
         return cls(
             tuple(i / (n + 1) for i in range(1, n + 1)),
             tuple(i / (m + 1) for i in range(-m, m + 1)),
-            tuple(creep_rates),
+            creep_rates,  # type: ignore[arg-type]
             sample_time,
             x_centre,
             x_scale,
@@ -307,8 +319,6 @@ class ModelStructure(Immutable):
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
-def _centre_and_scale(name: str, span: tuple[float, float]) -> tuple[float, float]:
-    low, high = float(span[0]), float(span[1])
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise StructureError(f"{name} must be two finite numbers in ascending order, not {span}")
+def _centre_and_scale(span: tuple[float, float]) -> tuple[float, float]:
+    low, high = map(float, span)
     return 0.5 * (low + high), 0.5 * (high - low)

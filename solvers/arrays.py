@@ -13,6 +13,18 @@ Nanoseconds = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
+def reals(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """An argument as doubles in C order; ValueError if it is not made of real numbers."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.empty(0, dtype=object)
+    if array.dtype.kind not in "fiub":
+        kind = type(values).__name__ if array.dtype == object else array.dtype
+        raise ValueError(f"{name} must be made of real numbers, and not of {kind}")
+    return np.asarray(array, dtype=np.float64, order="C")
+
+
 def read_only(values: ArrayLike) -> NDArray[np.float64]:
     """A copy, as an array of doubles that cannot be written to."""
     array = np.array(values, dtype=np.float64)

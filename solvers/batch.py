@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.arrays import Matrix
+from solvers.arrays import Matrix, reals
 from solvers.core import OK, REASONS, bindings, block, padded
 
 MOST_VARIABLES = 1000
@@ -93,8 +93,10 @@ class BoxBatch:
             An array has a wrong shape or is not of real numbers.
         """
         count = len(q)
-        matrices = _reals("P", P, (count, self.d, self.d)).reshape(count, self.d * self.d)
-        linear, *bounds = (_reals(name, values, (count, self.d)) for name, values in (("q", q), ("lb", lb), ("ub", ub)))
+        matrices = _shaped("P", P, (count, self.d, self.d)).reshape(count, self.d * self.d)
+        linear, *bounds = (
+            _shaped(name, values, (count, self.d)) for name, values in (("q", q), ("lb", lb), ("ub", ub))
+        )
         x, self.statuses = np.empty((count, self.d)), np.empty(count, np.int32)
 
         def solve_chunk(first: int, last: int) -> None:
@@ -129,11 +131,9 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _reals(name: str, values: Matrix, shape: tuple[int, ...]) -> Matrix:
-    """Values as a contiguous float64 array; ValueError if they have another shape or are not real."""
-    taken = np.asarray(values)
+def _shaped(name: str, values: Matrix, shape: tuple[int, ...]) -> Matrix:
+    """Values as doubles; ValueError if they have another shape or are not real."""
+    taken = reals(name, values)
     if taken.shape != shape:
         raise ValueError(f"{name} must be of shape {shape}, one program a row as in q, and not {taken.shape}")
-    if taken.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must be made of real numbers, and not of {taken.dtype}")
-    return np.ascontiguousarray(taken, dtype=np.float64)
+    return taken

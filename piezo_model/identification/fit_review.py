@@ -91,8 +91,8 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
     else:
         assert model.start is not None  # every identification sets it
         state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
-    if report["lag"] is not None and report["lag"]["removed"]:
-        part, _, state = without_lag(part, s, report["lag"]["samples"], 0, state)
+    if (lag := report.get("lag")) is not None and lag["removed"]:
+        part, _, state = without_lag(part, s, lag["samples"], 0, state)
     x, y = part.arrays()
     y_model, y = model.simulate(x, state), y - shift
     problem = accumulate(Recording.from_arrays(x, y, part.sample_time), s, skip, state, 1e-10)

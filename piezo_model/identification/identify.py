@@ -14,6 +14,7 @@ from typing import Literal, get_args
 
 from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.identification.adequacy import check_adequacy
 from piezo_model.identification.fit_report import Fit, FitReport, Offset, percent
 from piezo_model.identification.fitting import (
@@ -167,10 +168,10 @@ def identify(
     >>> bool(model.report["fit"]["max_percent"] < 1e-4)
     True
     """
-    if lag not in get_args(LagChoice):
-        raise IdentificationError(f"lag must be one of {', '.join(get_args(LagChoice))}, not {lag!r}")
-    if skip is not None and skip < 0:
-        raise IdentificationError(f"skip must not be negative, not {skip}")
+    with checks.refusing(IdentificationError):
+        checks.one_of(get_args(LagChoice), lag=lag)
+        checks.whole(0, skip=0 if skip is None else skip)
+        checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
     recording = check_direction(_recording_of(x, y, structure))
     usual_n, usual_m = (usual if order is None else order for order, usual in zip((n, m), USUAL, strict=True))
     fitted = partial(

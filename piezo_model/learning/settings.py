@@ -4,7 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 import solvers
+from piezo_model import checks
 from piezo_model.json_file import Number
 from piezo_model.learning.solving import require_setting
 
@@ -22,9 +25,7 @@ would hardly rise with the reference, so the output would not reach the piece an
 
 def require_seconds(**times: float) -> None:
     """Require times above 0 and up to :data:`LONGEST_S`; the ValueError names the setting."""
-    for name, value in times.items():
-        if not (isinstance(value, int | float) and 0.0 < value <= LONGEST_S):
-            raise ValueError(f"{name} must be a positive number of seconds up to {LONGEST_S:g}, not {value!r}")
+    checks.require(lambda t: 0.0 < t <= LONGEST_S, f"a positive number of seconds up to {LONGEST_S:g}", **times)
 
 
 @dataclass(frozen=True)
@@ -49,16 +50,25 @@ class LearningSettings:
     solver_options: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        if self.mode not in get_args(Mode):
-            raise ValueError(f"mode must be one of {', '.join(get_args(Mode))}, not {self.mode!r}")
+        for name, value in vars(self).copy().items():
+            if isinstance(value, np.generic):
+                object.__setattr__(self, name, value.item())
+        checks.one_of(get_args(Mode), mode=self.mode)
         require_seconds(reset_s=self.reset_s, build_s=self.build_s, learn_s=self.learn_s)
         require_seconds(memory_s=self.memory_s, hand_over_s=self.hand_over_s, fade_s=self.fade_s)
-        if not (isinstance(self.proximal, int | float) and 0.0 <= self.proximal < 1.0):
-            raise ValueError(f"proximal must be at least 0 and below 1, not {self.proximal!r}")
-        steps = self.samples_to_solve
-        if not (isinstance(steps, int) and 1 <= steps <= MOST_SAMPLES):
-            raise ValueError(f"samples_to_solve must be a whole number from 1 to {MOST_SAMPLES}, not {steps!r}")
+        checks.share(proximal=self.proximal)
+        if self.x_limits is not None:
+            checks.ascending(x_limits=self.x_limits)
+            object.__setattr__(self, "x_limits", tuple(map(float, self.x_limits)))
+        checks.require(
+            lambda steps: isinstance(steps, int) and 1 <= steps <= MOST_SAMPLES,
+            f"a whole number from 1 to {MOST_SAMPLES}",
+            samples_to_solve=self.samples_to_solve,
+        )
+        for name in ("find_centre", "follow_range"):
+            checks.flags(0, **{name: getattr(self, name) is not None and getattr(self, name)})
         options = self.solver_options or {}
+        checks.instance(Mapping, solver_options=options)
         try:
             solvers.find(self.solver, options.get("lane"))
         except KeyError as error:

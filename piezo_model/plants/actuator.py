@@ -84,12 +84,13 @@ class Actuator(Plant):
         """Check the options, compute the parameters and reset the state."""
         checks.ascending(x_range=self.x_range, y_range=self.y_range)
         checks.positive(sample_time=self.sample_time)
-        if not 0.0 <= self.creep_share < 1.0:
-            raise ValueError(f"creep_share must be at least 0 and below 1, not {self.creep_share}")
-        rates = np.array(self.creep_rates_per_s, dtype=np.float64)
-        if rates.ndim != 1 or not rates.size or not np.all((rates > 0.0) & np.isfinite(rates)):
-            raise ValueError(f"creep_rates_per_s must be one or more positive numbers, not {self.creep_rates_per_s}")
-        self._a = creep_gain(rates, self.sample_time)
+        checks.share(creep_share=self.creep_share)
+        checks.require(
+            lambda rates: len(rates) > 0 and all(0.0 < rate < np.inf for rate in rates),
+            "one or more positive numbers",
+            creep_rates_per_s=self.creep_rates_per_s,
+        )
+        self._a = creep_gain(self.creep_rates_per_s, self.sample_time)
         self._build()
         self.reset()
 
@@ -112,12 +113,8 @@ class Actuator(Plant):
 
     def run(self, x: ArrayLike) -> Vector:
         """Continue with a drive; see :meth:`Plant.run`."""
-        x = np.asarray(x, dtype=np.float64)
-        if x.ndim != 1:
-            raise ValueError(f"the drive must be 1-d, not of shape {x.shape}")
-        finite = np.isfinite(x)
-        if not finite.all():
-            raise ValueError(f"the drive is not finite at sample {int(np.argmin(finite))}")
+        (x,) = checks.vectors(x=x)
+        checks.finite_arrays(x=x)
         (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
         u = np.clip((x - 0.5 * (x_low + x_high)) / (0.5 * (x_high - x_low)), -1.0, 1.0)
         y: Vector = 0.5 * (y_low + y_high) + 0.5 * (y_high - y_low) * self._respond(u)

@@ -57,13 +57,14 @@ class BoucWen(Actuator):
     def _build(self) -> None:
         A, beta, gamma = self.loading_slope, self.beta, self.gamma
         checks.positive(loading_slope=A, beta=beta)
-        if not -beta < gamma <= beta:
-            raise ValueError(f"gamma must be above -beta and at most beta = {beta}, not {gamma}")
-        if not 1.0 <= self.exponent < np.inf:
-            raise ValueError(f"exponent must be at least 1, not {self.exponent}")
+        checks.require(lambda value: -beta < value <= beta, f"above -beta and at most beta = {beta}", gamma=gamma)
+        checks.require(lambda value: 1.0 <= value < np.inf, "at least 1", exponent=self.exponent)
         steepest = 2.0 * A * beta / (beta + gamma)
-        if not steepest < self.stiffness < np.inf:
-            raise ValueError(f"stiffness must be above 2 A beta / (beta + gamma) = {steepest}, not {self.stiffness}")
+        checks.require(
+            lambda value: steepest < value < np.inf,
+            f"above 2 A beta / (beta + gamma) = {steepest}",
+            stiffness=self.stiffness,
+        )
 
     def _rest(self) -> Memory:
         memory = {"h": np.zeros(1), "u_before": np.zeros(1), **self._rest_of_log_creep()}

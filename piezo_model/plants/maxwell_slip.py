@@ -52,8 +52,7 @@ class MaxwellSlip(Actuator):
     def _build(self) -> None:
         checks.whole(1, sliders=self.sliders)
         checks.between(0.0, 1.0, slip_share=self.slip_share)
-        if not 0.0 < self.reach <= 2.0:
-            raise ValueError(f"reach must be above 0 and at most 2, not {self.reach}")
+        checks.require(lambda value: 0.0 < value <= 2.0, "above 0 and at most 2", reach=self.reach)
         curved(np.zeros(1), self.saturation, self.asymmetry)
         self._spring = 1.0 - self.slip_share
         self._k = np.full(self.sliders, self.slip_share / self.sliders)

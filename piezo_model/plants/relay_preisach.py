@@ -67,11 +67,11 @@ class RelayPreisach(Actuator):
 
     def _build(self) -> None:
         checks.whole(1, lines=self.lines)
-        if not 0.0 <= self.reversible_share < 1.0:
-            raise ValueError(f"reversible_share must be at least 0 and below 1, not {self.reversible_share}")
+        checks.share(reversible_share=self.reversible_share)
         checks.positive(half_width_scale=self.half_width_scale, hill_breadth=self.hill_breadth)
-        if not self.hill_breadth_slope < self.hill_breadth:
-            raise ValueError(f"hill_breadth_slope must be below hill_breadth, not {self.hill_breadth_slope}")
+        checks.require(
+            lambda slope: slope < self.hill_breadth, "below hill_breadth", hill_breadth_slope=self.hill_breadth_slope
+        )
         r = (np.arange(self.lines) + 0.5) / self.lines
         c = self.hill_centre - self.hill_centre_slope * r
         sigma = self.hill_breadth - self.hill_breadth_slope * r

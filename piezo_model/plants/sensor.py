@@ -90,10 +90,11 @@ class Sensor(Plant):
         checks.finite(gain_drift_per_s=self.gain_drift_per_s, gain_swing=self.gain_swing, offset_um=self.offset_um)
         checks.positive(gain_swing_period_s=self.gain_swing_period_s)
         checks.whole(0, delay_samples=self.delay_samples, gap_samples=self.gap_samples, seed=self.seed)
-        if not self.gap_samples < self.gap_period_samples:
-            raise ValueError(
-                f"gap_samples must be below gap_period_samples = {self.gap_period_samples}, not {self.gap_samples}"
-            )
+        checks.require(
+            lambda gap: gap < self.gap_period_samples,
+            f"below gap_period_samples = {self.gap_period_samples}",
+            gap_samples=self.gap_samples,
+        )
         self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
         self._begin()
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.recordings.chunks import RecordingError, check_sample_time, rechunk
 from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.roles import choose_roles
@@ -28,7 +29,7 @@ from piezo_model.recordings.scan import Scan, ValueCheck, scan
 from piezo_model.recordings.tables import Column, ReadOptions
 from piezo_model.structure import SMALLEST
 from piezo_model.units import canonical, conversion, quantity, shown
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Matrix, Vector, reals
 
 HELD = 5_000_000
 """Largest number of samples that an identification keeps in memory."""
@@ -181,7 +182,8 @@ class Recording(Source):
             Unequal shapes, values that are not finite, a constant input or output, or an impossible sampling period.
         """
         check_sample_time(f"{name}: ", sample_time)
-        signals = {"input": np.asarray(x, dtype=np.float64), "output": np.asarray(y, dtype=np.float64)}
+        with checks.refusing(RecordingError, f"{name}: "):
+            signals = {"input": reals("input", x), "output": reals("output", y)}
         shapes = [signal.shape for signal in signals.values()]
         if shapes[0] != shapes[1] or len(shapes[0]) != 1 or not shapes[0][0]:
             raise RecordingError(

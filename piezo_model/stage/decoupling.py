@@ -14,6 +14,7 @@ correlated with y₂.
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.operators import creep, play
 from solvers.arrays import Matrix, Vector
 
@@ -55,14 +56,8 @@ def estimate_decoupling(x: ArrayLike, y: ArrayLike) -> Matrix:
     >>> bool(np.allclose(D @ C, np.eye(2), atol=1e-9))
     True
     """
-    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if x.ndim != 2 or x.shape[1:] != (2,) or x.shape != y.shape:
-        raise ValueError(f"x and y must both be of shape (N, 2), not {x.shape} and {y.shape}")
-    for name, values in (("x", x), ("y", y)):
-        if not np.isfinite(values).all():
-            raise ValueError(
-                f"{name} has a value at sample {np.argwhere(~np.isfinite(values))[0, 0]} that is not finite"
-            )
+    x, y = checks.columns(2, x=x, y=y)
+    checks.finite_arrays(x=x, y=y)
     if len(x) < 10 * PLAYS:
         raise ValueError(f"{len(x)} samples are too few to tell the axes apart; it takes at least {10 * PLAYS}")
     for i in range(2):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.core import Stateful
 from piezo_model.self_learning import SelfLearningCompensator
 from piezo_model.stage.stage import coupled
@@ -67,9 +68,7 @@ class SelfLearningStage(Stateful):
         x, y : array (N, 2)
             Drives and measured outputs.
         """
-        y_ref = np.asarray(y_ref, dtype=np.float64)
-        if y_ref.ndim != 2 or y_ref.shape[1] != 2:
-            raise ValueError(f"the reference of a stage must be of shape (N, 2), not {y_ref.shape}")
+        (y_ref,) = checks.columns(2, y_ref=y_ref)
         q_ref = coupled(self.D, y_ref)
         x, y = np.empty_like(q_ref), np.empty_like(q_ref)
         done = 0

@@ -95,12 +95,8 @@ class Stage(Stateful):
         ValueError
             If the drive has another shape or is not finite; the stage is unchanged.
         """
-        x = np.asarray(x, dtype=np.float64)
-        if x.ndim != 2 or x.shape[1] != 2:
-            raise ValueError(f"the drive of a stage must be of shape (N, 2), not {x.shape}")
-        if not np.isfinite(x).all():
-            k, i = np.argwhere(~np.isfinite(x))[0]
-            raise ValueError(f"the drive of axis {i} is not finite at sample {k}")
+        (x,) = checks.columns(2, x=x)
+        checks.finite_arrays(x=x)
         y = coupled(self.C, np.column_stack([axis.run(x[:, i]) for i, axis in enumerate(self.axes)]))
         # Noise is drawn even if its size is 0: changing the size alone never changes its sequence.
         y += self.noise_um * self._generator.standard_normal(y.shape)

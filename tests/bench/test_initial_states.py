@@ -171,3 +171,19 @@ def test_a_model_without_initial_states_begins_at_rest_with_a_message(
         ).stdout
     )
     assert begun["start"] == "rest"
+
+
+def test_a_model_without_a_report_is_validated_with_a_page(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+    saved = json.loads((desk / "model.json").read_text())
+    (tmp_path / "model.json").write_text(json.dumps({**saved, "report": {}, "start": None}))
+    call = piezobench(
+        "validate",
+        tmp_path / "model.json",
+        desk / "stage.csv",
+        "--input",
+        "voltage_V",
+        "--page",
+        tmp_path / "page.html",
+    )
+    assert (call.status, call.stderr) == (0, "")
+    assert "<svg" in (tmp_path / "page.html").read_text() or "<canvas" in (tmp_path / "page.html").read_text()

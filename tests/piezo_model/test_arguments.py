@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from learning_loops import T, learner_for, structure_for
 
@@ -13,12 +14,15 @@ from piezo_model import (
     CompensatorBank,
     DataBasis,
     HysteresisCreepModel,
+    ModelStructure,
     OperatorState,
     Recording,
+    SelfLearningCompensator,
     identify,
     plants,
 )
 from piezo_model.operators import creep, dead_zone, play
+from piezo_model.recordings.recording import Reference
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
 from piezo_model.stage.stage import Stage
@@ -113,3 +117,153 @@ def test_a_data_basis_keeps_no_states_of_the_caller() -> None:
     before = basis.excitation
     state.play[:] = 5.0
     np.testing.assert_equal(basis.excitation, before)
+
+
+# What is not a vector of numbers is refused by the name of the argument; the object is as it was.
+
+N = 200
+WRONG: dict[str, Any] = {
+    "a table": np.ones((N, 2)),
+    "a column as a table": pd.DataFrame({"volts": DRIVE[:N]}),
+    "a list of lists": [[1.0]] * N,
+    "lists of different lengths": [[1.0], [1.0, 2.0]],
+    "complex numbers": DRIVE[:N] + 1j,
+    "text": ["75.0"] * N,
+    "a word": "volts",
+    "dates": np.full(N, "2026-01-01", dtype="datetime64[s]"),
+    "nothing": None,
+    "objects": [None] * N,
+    "a dictionary": {"x": DRIVE[:N]},
+    "a number": 75.0,
+    "an array of no axis": np.array(75.0),
+    "a reference": Reference(name="here", sample_time=T, values=DRIVE[:N], unit="V"),
+}
+TAKE_VECTORS: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], Any], str]] = {
+    "simulate": (lambda: MODEL, lambda model, x: model.simulate(x), "x"),
+    "advance": (lambda: MODEL, lambda model, x: model.advance(x, states())[0], "x"),
+    "a compensator": (lambda: Compensator(MODEL), lambda one, y: one.run(y), "y_ref"),
+    "a data basis": (lambda: basis_of(DRIVE, OUTPUT, states()), lambda basis, x: basis.update(x, x), "x"),
+    "a learner observes": (lambda: learner_for(PLANT, "continuous"), lambda one, x: one.observe(x, x), "x"),
+    "a learner replays": (lambda: learner_for(PLANT), lambda one, y: one.replay(y, y), "y_ref"),
+    "a learner runs": (lambda: learner_for(PLANT), lambda one, y: one.run(y, lambda x: x)[1], "y_ref"),
+    "a plant": (lambda: plants.get("bouc_wen", sample_time=T), lambda plant, x: plant.run(x), "x"),
+    "identification": (lambda: None, lambda _, x: identify(x, OUTPUT[:N], STRUCTURE, force=True).weights, "input"),
+    "a recording": (lambda: None, lambda _, x: Recording.from_arrays(x, OUTPUT[:N], T).arrays(), "input"),
+    "play": (lambda: None, lambda _, x: play(x, [1.0], [0.0])[0], "x"),
+}
+
+
+def shown(thing: Any) -> Any:
+    """All that can be seen of an object's state."""
+    if isinstance(thing, DataBasis):
+        return thing.P, thing.samples, thing.state.play, thing.state.creep, thing.excitation
+    return thing.memory() if hasattr(thing, "memory") else None
+
+
+@pytest.mark.parametrize("form", WRONG)
+@pytest.mark.parametrize("what", TAKE_VECTORS)
+def test_what_is_no_vector_of_numbers_is_refused_by_the_name_of_the_argument(what: str, form: str) -> None:
+    make, call, name = TAKE_VECTORS[what]
+    thing = make()
+    before = shown(thing)
+    with pytest.raises(ValueError, match=rf"\b{name}\b.* must be ") as refused:
+        call(thing, WRONG[form])
+    assert "\n" not in str(refused.value)
+    np.testing.assert_equal(shown(thing), before)
+
+
+RIGHT: dict[str, Callable[[Vector], Any]] = {
+    "a list": np.ndarray.tolist,
+    "a tuple": lambda x: tuple(x.tolist()),
+    "a Series with an index of its own": lambda x: pd.Series(x, index=np.arange(x.size) + 5),
+    "integers": lambda x: x.astype(np.int32),
+    "every second of an array": lambda x: np.repeat(x, 2)[::2],
+    "big-endian": lambda x: x.astype(">f8"),
+    "read-only": lambda x: np.broadcast_to(x, x.shape),
+}
+
+
+@pytest.mark.parametrize("form", RIGHT)
+@pytest.mark.parametrize("what", TAKE_VECTORS)
+def test_vectors_may_come_in_every_form_that_means_numbers(what: str, form: str) -> None:
+    make, call, _ = TAKE_VECTORS[what]
+    x = np.round(DRIVE[:N])
+    one, other = make(), make()
+    np.testing.assert_equal(call(one, RIGHT[form](x)), call(other, x))
+    np.testing.assert_equal(shown(one), shown(other))
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda bank: bank.run(np.ones(8)), r"y_ref and .* must be of shape \(N, 8\), not of shapes \(8,\) and \(8,\)"),
+        (lambda bank: bank.run(np.ones((5, 8)), np.ones((4, 8))), r"must be of shape \(N, 8\)"),
+        (lambda bank: bank.run([[1.0], [1.0, 2.0]]), "y_ref must be made of real numbers, and not of list"),
+        (lambda bank: bank.step(["a"] * 8, np.ones(8)), "y_ref must be made of real numbers"),
+        (lambda bank: bank.step(np.ones(8), None), "y_measured_before must be made of real numbers"),
+        (lambda bank: bank.take(-1, MODEL), "there are actuators 0 to 7, and not -1"),
+        (lambda bank: bank.take(8, MODEL), "there are actuators 0 to 7, and not 8"),
+        (lambda bank: bank.take(1.0, MODEL), "there are actuators 0 to 7, and not 1.0"),
+        (lambda bank: bank.take(0, 3), "model must be a HysteresisCreepModel, not 3"),
+        (lambda bank: bank.remove([True, False]), "there are actuators 0 to 7, and not False"),
+        (lambda bank: bank.remove([0, -1]), "there are actuators 0 to 7, and not -1"),
+        (lambda bank: bank.learning.__setitem__(3, False), "read-only"),
+        (lambda bank: setattr(bank, "learning", [True] * 3), "learning must be True or False, or an array of 8"),
+        (lambda bank: setattr(bank, "learning", "no"), "learning must be True or False, or an array of 8 of them"),
+        (lambda bank: bank.add(2, learn=[1, 0]), "learn must be True or False, or an array of 2"),
+        (lambda bank: bank.add(2, x_limits=5.0), "x_limits must be two numbers, or two arrays of 2, not 5.0"),
+        (lambda bank: bank.add(2, x_limits=(0.0, np.inf)), r"x_limits\[0\] must be two numbers in ascending order"),
+        (lambda bank: bank.add(2, x_limits=(np.zeros(3), 1.0)), "x_limits must be two numbers, or two arrays of 2"),
+    ],
+)
+def test_a_bank_refuses_and_is_as_it_was(call: Callable[[CompensatorBank], Any], sentence: str) -> None:
+    bank, other = CompensatorBank(STRUCTURE, 8), CompensatorBank(STRUCTURE, 8)
+    y_ref = np.tile(OUTPUT[:400, None], 8)
+    bank.run(y_ref, y_ref)
+    other.run(y_ref, y_ref)
+    with pytest.raises(ValueError, match=sentence):
+        call(bank)
+    np.testing.assert_equal(bank.memory(), other.memory())
+    np.testing.assert_array_equal(bank.run(y_ref, y_ref + 0.1), other.run(y_ref, y_ref + 0.1))
+
+
+WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
+    "one creep rate": (lambda: equidistant(creep_rates=10.0), r"creep_rates must be a vector, such as \[1.0, 2.0\]"),
+    "orders": (lambda: equidistant(n=5.0), "n must be a whole number of at least 0, not 5.0"),
+    "a truth value as order": (lambda: equidistant(m=True), "m must be a whole number of at least 0, not True"),
+    "a range of one number": (lambda: equidistant(x_range=150.0), "x_range must be two finite numbers in ascending"),
+    "a range of three": (lambda: equidistant(y_range=(0, 1, 2)), "y_range must be two finite numbers in ascending"),
+    "a word for a time": (lambda: equidistant(sample_time="1 ms"), "sample_time must be from .*, not '1 ms'"),
+    "a number for a unit": (lambda: equidistant(input_unit=3), "input_unit must be a unit of at most 1000 characters"),
+    "words for rates": (lambda: equidistant(creep_rates=["fast"]), "creep_rates must be made of real numbers"),
+    "a number as structure": (lambda: identify(DRIVE, OUTPUT, 1e-3), "structure must be a ModelStructure, not 0.001"),
+    "a skip in seconds": (lambda: identify(DRIVE, OUTPUT, STRUCTURE, skip=0.5), "skip must be a whole number"),
+    "no structure of a basis": (lambda: DataBasis(MODEL), "structure must be a ModelStructure"),
+    "a word for forgetting": (lambda: DataBasis(STRUCTURE, forgetting="a"), "forgetting must be above 0 and at most 1"),
+    "a structure for a model": (lambda: Compensator(STRUCTURE), "model must be a HysteresisCreepModel, not Model"),
+    "limits of one number": (lambda: Compensator(MODEL, 150.0), "x_limits must be two numbers in ascending order, not"),
+    "a number for states": (lambda: MODEL.simulate(DRIVE, 0.5), "state must be a OperatorState, not 0.5"),
+    "a model for a structure": (lambda: SelfLearningCompensator(MODEL), "structure must be a ModelStructure"),
+    "a structure for its model": (lambda: SelfLearningCompensator(STRUCTURE, model=STRUCTURE), "model must be a model"),
+    "words for flags": (lambda: SelfLearningCompensator(STRUCTURE, follow_range="no"), "follow_range must be True or"),
+    "a time of a word": (lambda: SelfLearningCompensator(STRUCTURE, memory_s="2 s"), "memory_s must be a positive"),
+    "options of a word": (lambda: SelfLearningCompensator(STRUCTURE, solver_options="a"), "solver_options must be a M"),
+    "a count of actuators": (lambda: CompensatorBank(STRUCTURE, 2.0), "count must be a whole number of at least 1"),
+    "words for weights": (lambda: HysteresisCreepModel.from_weights(STRUCTURE, "a"), "w must be made of real numbers"),
+    "limits of a recording": (lambda: Recording.from_arrays([], [], T), "must be one-dimensional, .* and not empty"),
+    "an infinite input": (lambda: Recording.from_arrays([0.0, np.inf], [0.0, 1.0], T), "input is infinite in sample 1"),
+    "unequal lengths": (lambda: Recording.from_arrays(DRIVE, OUTPUT[:9], T), "must be one-dimensional, of one length"),
+}
+
+
+def equidistant(**changes: Any) -> ModelStructure:
+    usual = {"n": 5, "m": 3, "x_range": (0, 150), "y_range": (-20, 20), "creep_rates": (10.0,), "sample_time": T}
+    return ModelStructure.equidistant(**{**usual, **changes})
+
+
+@pytest.mark.parametrize("what", WRONG_SETTINGS)
+def test_a_setting_of_another_type_is_refused_by_its_name(what: str) -> None:
+    call, sentence = WRONG_SETTINGS[what]
+    with pytest.raises(ValueError, match=sentence) as refused:
+        call()
+    assert "\n" not in str(refused.value)

@@ -187,7 +187,7 @@ X = a_drive(400)
     [
         (X[:9], X[:9], {}, "only 9 of 9 samples are counted, too few for 11 weights"),
         (X, X, {"skip": 395}, "only 5 of 400 samples are counted after skipping 395, too few for 11 weights"),
-        (X, X, {"skip": -1}, "skip must not be negative, not -1"),
+        (X, X, {"skip": -1}, "skip must be a whole number of at least 0, not -1"),
         (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
         (X[:140], X[:140], {"lag": "remove", "skip": 100}, "140 samples are too few to look for a lag"),
         (

@@ -163,8 +163,8 @@ def test_a_drive_that_stands_still_names_everything_open_and_still_has_a_finite_
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"proximal": -1.0}, "proximal must not be negative, not -1.0"),
-        ({"min_slope": 0.0}, "min_slope must be positive"),
+        ({"proximal": -1.0}, "proximal must be a finite number of at least 0, not -1.0"),
+        ({"min_slope": 0.0}, "min_slope must be a positive number, not 0.0"),
         ({"reference": np.zeros(3)}, r"reference must have 15 weights, not shape \(3,\)"),
     ],
 )

@@ -48,8 +48,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "negative damping": (lambda: Axis(actuators=(PLANT,), damping_ratio=-1.0), "damping_ratio"),
     "singular coupling": (lambda: stage(coupling=[[1.0, 1.0], [1.0, 1.0]]), "regular matrix"),
-    "one drive for two axes": (lambda: stage().run(np.zeros(5)), r"shape \(N, 2\), not \(5,\)"),
-    "a drive that is not finite": (lambda: stage().run(NOT_FINITE), "axis 1 is not finite at sample 3"),
+    "one drive for two axes": (lambda: stage().run(np.zeros(5)), r"shape \(N, 2\), not of shape \(5,\)"),
+    "a drive that is not finite": (lambda: stage().run(NOT_FINITE), r"x\[3, 1\] is not a finite number"),
     "axes driven alike": (
         lambda: estimate_decoupling(np.column_stack([WALK, WALK]), mixed(np.column_stack([WALK, WALK]))),
         "drive the two axes independently",
@@ -63,7 +63,10 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: Compensator(MODEL, (1.0, math.nan)),
         r"x_limits must be two numbers in ascending order, not \(1\.0, nan\)",
     ),
-    "its rate limit": (lambda: Compensator(MODEL, rate_limit=0.0), "rate_limit must be positive, not 0"),
+    "its rate limit": (
+        lambda: Compensator(MODEL, rate_limit=0.0),
+        "rate_limit must be above 0 and below .*, not 0",
+    ),
     "its states": (
         lambda: Compensator(MODEL, state=ELSEWHERE),
         "states are those of another structure: 16 of play and 64 of creep where 8 and 32",
@@ -106,7 +109,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "vectors of a learner": (lambda: learner_for(PLANT).replay([0.0, 1.0], [0.0]), "vectors of the same length"),
     "limits of a learner": (
         lambda: SelfLearningCompensator(STRUCTURE, x_limits=(1.0, 0.0)),
-        "x_limits must be two numbers in ascending order",
+        "x_limits must be two finite numbers in ascending order",
     ),
     "a model of a learner": (
         lambda: SelfLearningCompensator(OTHER, model=MODEL),
@@ -130,7 +133,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: SelfLearningCompensator(STRUCTURE, solver="nobody"),
         "there is no solver 'nobody'",
     ),
-    "an empty bank": (lambda: CompensatorBank(STRUCTURE, 0), "count and threads must be at least 1"),
+    "an empty bank": (lambda: CompensatorBank(STRUCTURE, 0), "count must be a whole number of at least 1, not 0"),
     "a bank without memory": (
         lambda: CompensatorBank(STRUCTURE, 2, memory_s=0.0),
         "memory_s must be a positive number of seconds",

@@ -17,6 +17,7 @@ from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
 from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor, structure_for
 from qpsolvers import Problem
 
+import solvers
 from piezo_model import OperatorState, SelfLearningCompensator, compensator_file
 from piezo_model.deployment import Deployment
 from piezo_model.learning.events import Phase
@@ -232,8 +233,11 @@ def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused
     solver: str, settings: dict[str, Any], tmp_path: Path
 ) -> None:
     path, model = tmp_path / "deployed.json", fresh("cyclic", solver).model
-    deployment(model, solver, settings).save(path)
     sentence = re.escape(f"{solver} has no setting {json.dumps(settings)!r}; its ladder goes from ")
+    with pytest.raises(ValueError, match=sentence):
+        deployment(model, solver, settings)
+    deployment(model, solver, dict(solvers.get(solver).ladder(1.0)[0])).save(path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "settings": settings}))
     for load in (Deployment.load, SelfLearningCompensator.load):
         with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}[^\n]*$"):
             load(path)

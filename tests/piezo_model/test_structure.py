@@ -47,7 +47,7 @@ def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"n": -1}, "orders n and m must not be negative, not n = -1, m = 3"),
+        ({"n": -1}, "n must be a whole number of at least 0, not -1"),
         ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
         ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
         ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
