@@ -188,6 +188,8 @@ class Run:
         if not (path / "run.json").is_file():
             raise RunError(f"{path} is not a run folder: it has no run.json")
         run = cls(path)
+        if links := [each for each in path.iterdir() if each.is_symlink() and each.is_dir()]:
+            raise RunError(f"{links[0]} is a link to another folder, and a run keeps its files in its own; replace it")
         if (version := json_file.read(path / "run.json", dict[str, Any], RunError).get("version", 1)) != VERSION:
             raise RunError(
                 f"{path / 'run.json'}: version {version!r:.60} is not {VERSION}, the one this program reads; race again"

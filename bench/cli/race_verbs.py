@@ -1,5 +1,6 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
+import shlex
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
@@ -29,6 +30,7 @@ from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild
 from bench.races.kind import DEFAULT, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
+from bench.races.settings import settings_of
 from bench.report.console import (
     AsJson,
     console,
@@ -243,6 +245,15 @@ def race_verb(
 
 def resume_verb(
     run: Annotated[Path, typer.Argument(help="Folder of the run.")],
+    code: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--solver",
+            "--test-set",
+            help="Python file that the race was given with this option, repeatable. A run folder is data: it does not "
+            "choose the code that runs.",
+        ),
+    ] = None,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",
@@ -257,7 +268,20 @@ def resume_verb(
     else:
         pool = Workers(workers, backend, scheduler)
         kind_of(opened).check(pool)
+        for file in sorted(files_of(opened) ^ {str(path.resolve()) for path in code or ()}):
+            raise RunError(
+                f"{run / 'run.json'} names the Python file {file}, whose code would run; if you trust it, add "
+                f"--solver {file}"
+                if file in files_of(opened)
+                else f"{run}: the race did not use {file}"
+            )
         _finish(opened, pool, as_json)
+
+
+def files_of(run: Run) -> set[str]:
+    """The Python files that a run names, whose code a race executes."""
+    settings = settings_of(run, kind_of(run).settings)
+    return {*settings.solver_files, *(path for name, path in settings.set_options.items() if name == "test_set")}
 
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
@@ -301,7 +325,8 @@ def solvers_verb(as_json: AsJson = False) -> None:
 
 
 def _finish(run: Run, workers: Workers, as_json: bool) -> None:
-    resume = f"what is done is kept, and 'piezobench resume {run.path}' carries on"
+    words = ["piezobench", "resume", str(run.path), *(word for file in files_of(run) for word in ("--solver", file))]
+    resume = f"finished tasks are kept; run '{shlex.join(words)}' to continue"
     try:
         with progress_bar() as progress:
             kind_of(run).carry_on(run, progress, workers)

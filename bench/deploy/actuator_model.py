@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from bench import problems
-from bench.derived.table import ONESHOT
 from bench.problems.recorded import FITTED, HELD_OUT, Recorded, kept_back
 from bench.races.metrics import relative_gap
 from bench.races.stream.race import KIND as STREAM_KIND
@@ -122,8 +121,7 @@ def _validated(run: Run, found: ChosenModel) -> ChosenModel:
 
 def _find_problem(run: Run, wanted: str | None, simulated: bool) -> tuple[str, str]:
     """Set and name of the wanted problem; by default of the first simulated actuator, if those are permitted."""
-    rows = run.rows(ONESHOT).drop_duplicates(["problem_set", "problem"])
-    keys = {f"{one}/{two}": (str(one), str(two)) for one, two in zip(rows.problem_set, rows.problem, strict=True)}
+    keys = {f"{one}/{two}": (one, two) for one, names in run.settings.get("problems", {}).items() for two in names}
     if wanted is None:
         found = next((key for key in keys.values() if simulated and _is_simulated(key)), None)
         if found is None:

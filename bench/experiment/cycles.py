@@ -67,7 +67,7 @@ def figure(table: pd.DataFrame) -> Figure:
         f"{100 * DRIFT_PER_CYCLE:g} % a cycle.",
         table,
         [
-            lines(cycle, error, names, f"stage == '{stage}'", points=True)
+            lines(cycle, error, names, {"stage": [stage]}, points=True)
             for stage, names in ((STEADY, (STRAIGHT, HINDSIGHT, LEARNED)), (DRIFTING, (ONCE, LEARNED)))
         ],
     )

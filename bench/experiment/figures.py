@@ -1,12 +1,13 @@
 """The figures of the last cycle: the paper's Fig. 4, a staircase of each axis without and with compensation, and the
 hysteresis loops before and after."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 
-from bench.report.plot import INK, PALETTE, Axis, Mark, Plot
+from bench.report.plot import INK, PALETTE, Axis, Mark, Plot, Where
 from bench.report.report import Figure
 from bench.stage.setup import AMPLITUDE_UM, AXES, RANGE_UM, StageSetup, percent
 from bench.stage.trial import Trial
@@ -28,12 +29,19 @@ BINS = 64
 
 
 def lines(
-    x: Axis, y: Axis, names: tuple[str, ...], where: str = "", along: str = "", points: bool = False, height: int = 240
+    x: Axis,
+    y: Axis,
+    names: Sequence[str],
+    where: Where = MappingProxyType({}),
+    along: str = "",
+    points: bool = False,
+    height: int = 240,
 ) -> Plot:
-    """One line for each of these names, from the rows of a table for which the condition ``where`` holds."""
-    rows = f"name in {names}" + (f" and {where}" if where else "")
+    """One line for each of these names, from the rows of a table that ``where`` selects."""
     marks = Mark("line", "name", along=along), *([Mark("point", "name", size=50.0)] if points else [])
-    return Plot(x, y, marks, where=rows, colours={name: COLOURS[name] for name in names}, height=height)
+    return Plot(
+        x, y, marks, where={"name": names, **where}, colours={name: COLOURS[name] for name in names}, height=height
+    )
 
 
 def staircase(i: int, runs: Mapping[str, Trial]) -> Figure:
@@ -116,7 +124,7 @@ def loops(runs: Mapping[str, Trial]) -> Figure:
     )
     plots = []
     for axis in AXES:
-        x, where = Axis("reference_um", f"reference {axis}, µm"), f"axis == '{axis}'"
+        x, where = Axis("reference_um", f"reference {axis}, µm"), {"axis": [axis]}
         plots += [
             lines(x, Axis("position_um", "measured position, µm"), (STRAIGHT, LEARNED), where, "sample"),
             lines(x, Axis("error_um", "error, µm"), (LEARNED,), where, "sample", height=150),

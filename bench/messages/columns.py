@@ -98,11 +98,11 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
     lowest = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
     if lowest is not None and lowest < least:
         raise TableError(f"column {column!r} holds {lowest:g}, and the least possible value is {least}")
-    if column == "settings":
+    if column in ("setting", "settings"):
         try:
             _ = [decoded(text, dict[str, Any]) for text in values.unique().to_pylist()]
         except (ValueError, TypeError) as error:
-            raise TableError(f"column 'settings' holds text that is not settings in JSON: {error}") from None
+            raise TableError(f"column {column!r} holds text that is not settings in JSON: {error}") from None
     if column in CHOICES:
         for value in values.unique().to_pylist():
             if value is not None and value not in CHOICES[column]:

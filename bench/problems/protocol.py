@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NotRequired, Self, TypedDict
+from typing import Annotated, Any, ClassVar, Literal, NotRequired, Self, TypedDict
 
+import msgspec
 import numpy as np
 import qpsolvers
 from qpsolvers import Problem
@@ -244,10 +245,14 @@ def certified(
     return RaceProblem(set_name, name, forms, validation)
 
 
+SetName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=100)]
+"""A name that can stand in the code of a test set."""
+
+
 class Meta(TypedDict):
     """Metadata that :meth:`RaceProblem.save` writes beside the arrays."""
 
-    set: FileName
+    set: SetName
     name: FileName
     certificates: dict[Scaling, str]
     c: dict[Scaling, float]

@@ -1,8 +1,9 @@
 """Plots as data: the columns of a table along the axes, and the marks.
 
-Other modules declare plots here; `bench.report.vega` draws them. By convention a table has the columns ``name``, the
-label of a line, ``view``, if the reader can choose between several views, and ``front``, whether a line is among the
-best, which are drawn in colour and named.
+Other modules declare plots here; `bench.report.vega` draws them. The rows of a plot or a mark are selected by values of
+columns and not by an expression, because the texts of a run folder are not trusted. By convention a table has the
+columns ``name``, the label of a line, ``view``, if the reader can choose between several views, and ``front``, whether
+a line is among the best, which are drawn in colour and named.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,10 @@ PALETTE = ("#1f86c7", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 page too."""
 GREY = "#999999"
 INK = "currentColor"
+Where = Mapping[str, Sequence[object]]
+"""The rows whose values in each of these columns are among those given; all rows if it is empty."""
+FRONT: Where = {"front": [True]}
+"""The rows of the best lines."""
 HEIGHT = 380
 ROW = 20
 """Height of one bar in pixels."""
@@ -39,18 +44,20 @@ class Axis:
     values: Sequence[float] = ()
     """Positions of the labels."""
     label: str = ""
-    """Label as an expression of Vega."""
+    """Label as an expression of Vega: a constant of this program."""
     domain: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A mark for each row of the table, or for the rows for which Vega's expression ``where`` is true."""
+    """A mark for each row of the plot, or for those that ``where`` selects."""
 
     kind: Literal["line", "step", "point", "hollow", "bar", "range"]
     by: str = ""
     """Column whose values determine the colour."""
-    where: str = ""
+    where: Where = field(default_factory=dict)
+    sought: bool = False
+    """Whether it is for the rows whose name the reader types."""
     colour: str = ""
     size: float = 1.6
     """Width of a line in pixels, or area of a point in square pixels."""
@@ -80,24 +87,23 @@ class Plot:
     rules: Mapping[str, float] = field(default_factory=dict)
     """Dashed lines at values of ``x`` or ``y``."""
     height: int = HEIGHT
-    where: str = ""
-    """Rows to draw, as an expression of pandas' ``query``."""
+    where: Where = field(default_factory=dict)
+    """The rows of the table to draw."""
 
 
 def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, along: str = "") -> tuple[Mark, ...]:
     """Many lines: the best in colour with names, the others grey, and those highlighted whose name the reader types."""
-    sought = "sought != '' && indexof(lower(datum.name), lower(sought)) >= 0"
     dots = (
-        (Mark("point", colour=GREY, size=12.0, opacity=0.35), Mark("point", "name", where="datum.front", size=40.0))
+        (Mark("point", colour=GREY, size=12.0, opacity=0.35), Mark("point", "name", where=FRONT, size=40.0))
         if points
         else ()
     )
     return (
         Mark(kind, colour=GREY, size=1.0, opacity=0.35, along=along),
         *dots[:1],
-        Mark(kind, "name", where="datum.front", along=along),
+        Mark(kind, "name", where=FRONT, along=along),
         *dots[1:],
-        Mark(kind, where=sought, colour=INK, size=3.5, along=along),
+        Mark(kind, sought=True, colour=INK, size=3.5, along=along),
     )
 
 

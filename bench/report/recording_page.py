@@ -59,7 +59,7 @@ def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
     marks = (
         Mark("range", "rates", y="low", y2="high", opacity=0.5),
         Mark("point", "rates", size=60.0),
-        Mark("hollow", where="indexof(datum.standing, 'chosen') >= 0", colour=INK, size=160.0),
+        Mark("hollow", where={"standing": ["chosen"]}, colour=INK, size=160.0),
     )
     figure = Figure(
         "orders",
@@ -114,8 +114,8 @@ def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
         ignore_index=True,
     )
     marks = (
-        Mark("line", "name", where="datum.name == 'measured'", size=3.5, opacity=0.45, along="sample"),
-        Mark("line", "name", where="datum.name == 'modelled'", size=0.9, along="sample"),
+        Mark("line", "name", where={"name": ["measured"]}, size=3.5, opacity=0.45, along="sample"),
+        Mark("line", "name", where={"name": ["modelled"]}, size=0.9, along="sample"),
     )
     return Figure(
         "loops",

@@ -18,13 +18,15 @@ import vl_convert
 
 from bench.messages import user_cache
 from bench.report.console import plain_json
-from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
+from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, Where, first_view, log_ticks
 from piezo_model.atomic_file import write_text
 
 VEGA_LITE = "6.4"
 WIDTH = 780
 """Width of an SVG in pixels."""
 SVG_INK = "#222222"
+SOUGHT = "sought != '' && indexof(lower(datum.name), lower(sought)) >= 0"
+"""Vega's expression for the rows whose name contains what the reader types."""
 CONFIG: dict[str, Any] = {
     "background": "transparent",
     "font": "system-ui, sans-serif",
@@ -81,14 +83,16 @@ def library() -> str:
 
 def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
     """Specification of a plot that fills the width of the page."""
-    shown = table.query(plot.where) if plot.where else table
+    shown = table
+    for column, values in plot.where.items():
+        shown = shown[shown[column].isin(values)]
     views = list(dict.fromkeys(map(str, shown["view"]))) if "view" in shown else []
     params: list[dict[str, Any]] = []
     if len(views) > 1:
         params.append(
             {"name": "view", "value": first_view(shown), "bind": {"input": "select", "options": views, "name": "Show "}}
         )
-    if any("sought" in mark.where for mark in plot.marks):
+    if any(mark.sought for mark in plot.marks):
         bind = {"input": "search", "name": "Find a line ", "placeholder": "name"}
         params.append({"name": "sought", "value": "", "bind": bind})
     rules = [
@@ -109,13 +113,18 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
     }
 
 
-def _filter(plot: Plot, mark: Mark) -> str:
-    """Expression that filters the rows of a coloured mark, and so its legend; any other mark is hidden by its opacity,
-    because axes without rows have no extent."""
-    return mark.where if mark.by and not plot.colours else ""
+def _filter(plot: Plot, mark: Mark) -> Where:
+    """Filter of the rows of a coloured mark, and so of its legend; any other mark is hidden by its opacity, because
+    axes without rows have no extent."""
+    return mark.where if mark.by and not plot.colours else {}
 
 
-def _layers(table: pd.DataFrame, plot: Plot, where: str, marks: Sequence[Mark]) -> dict[str, Any]:
+def _predicate(where: Where) -> dict[str, Any]:
+    """The selected rows for Vega-Lite, with columns and values as data."""
+    return {"and": [{"field": column, "oneOf": [*values]} for column, values in where.items()]}
+
+
+def _layers(table: pd.DataFrame, plot: Plot, where: Where, marks: Sequence[Mark]) -> dict[str, Any]:
     """Marks of the same rows with the legend of the first one: Vega merges the legends of colour, dash and shape only
     within one mark."""
     layers = [_layer(table, plot, mark) for mark in marks]
@@ -123,7 +132,7 @@ def _layers(table: pd.DataFrame, plot: Plot, where: str, marks: Sequence[Mark]) 
         for channel in {"color", "shape", "strokeDash"} & layer["encoding"].keys():
             layer["encoding"][channel]["legend"] = None
     return {
-        "transform": [{"filter": where}] if where else [],
+        "transform": [{"filter": _predicate(where)}] if where else [],
         "layer": layers,
         "resolve": {"scale": dict.fromkeys(("color", "shape", "strokeDash"), "independent")},
     }
@@ -149,8 +158,9 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
             {"field": name, "format": ".4~g", "type": "quantitative"} if _is_number(table, name) else {"field": name}
             for name in plot.tips
         ]
-    hidden = {"condition": {"test": mark.where, "value": mark.opacity}, "value": 0}
-    encoding["opacity"] = hidden if mark.where and not _filter(plot, mark) else {"value": mark.opacity}
+    test = SOUGHT if mark.sought else _predicate(mark.where) if mark.where and not _filter(plot, mark) else ""
+    value = {"value": mark.opacity}
+    encoding["opacity"] = {"condition": {"test": test, **value}, "value": 0} if test else value
     colour = {} if mark.by or not mark.colour else {"color": mark.colour}
     return {"mark": {**KINDS[mark.kind], "clip": not is_point, **size, **colour}, "encoding": encoding}
 

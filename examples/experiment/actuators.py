@@ -147,7 +147,7 @@ def figure(table: pd.DataFrame) -> Figure:
             cycle,
             Axis("percent", f"{str(plant).replace('_', ' ')}: RMS error, %", log=True),
             (Mark("line", "name"), Mark("point", "name")),
-            where=f"plant == '{plant}'",
+            where={"plant": [plant]},
             colours=colours,
             height=200,
         )

@@ -130,7 +130,7 @@ def figure(part: Slice) -> tuple[Figure, str]:
         ignore_index=True,
     )
     marks = [
-        Mark("line", where=f"datum.kind == '{kind}'", colour=colour, size=size, along="step")
+        Mark("line", where={"kind": [kind]}, colour=colour, size=size, along="step")
         for kind, colour, size in (("level", GREY, 0.8), ("bound", INK, 1.2), ("step", RED, 1.2), ("path", BLUE, 2.0))
     ]
     # equal scales: gradients are normal to level lines
@@ -138,7 +138,7 @@ def figure(part: Slice) -> tuple[Figure, str]:
     plot = Plot(
         Axis("held", f"{part.names[0]}, scaled, from its bound, 1e{power}", domain=(low[0], high[0])),
         Axis("free", f"{part.names[1]}, scaled, from the optimum, 1e{power}", domain=(low[1], high[1])),
-        (*marks, Mark("point", "name", where="datum.kind == 'point'", size=80.0)),
+        (*marks, Mark("point", "name", where={"kind": ["point"]}, size=80.0)),
         ("name",),
         height=equal,
         colours=dict(zip(ends, (BLUE, GREEN, INK), strict=True)),

@@ -45,13 +45,13 @@ def figure() -> Figure:
         "input up and down.",
         table,
         [
-            Plot(given, output, by_name, where="operator == 'play'", colours={lines[0][1]: BLUE}, height=260),
-            Plot(given, output, by_name, where="operator == 'zone'", height=260),
+            Plot(given, output, by_name, where={"operator": ["play"]}, colours={lines[0][1]: BLUE}, height=260),
+            Plot(given, output, by_name, where={"operator": ["zone"]}, height=260),
             Plot(
                 time,
                 output,
                 by_name,
-                where="operator == 'creep'",
+                where={"operator": ["creep"]},
                 height=260,
                 colours=dict(zip(("input", *(f"rate {rate:g} /s" for rate in RATES)), (GREY, BLUE, RED), strict=True)),
             ),

@@ -143,7 +143,7 @@ def figure(table: pd.DataFrame) -> Figure:
                 (Mark("point", "way", size=70.0),),
                 ("seed", "plant", "reference", "way", "rms_percent"),
                 WAYS,
-                where=f"disturbance == '{name}'",
+                where={"disturbance": [name]},
                 height=28 * table["seed"].nunique() + 20,
             )
             for name in DISTURBANCES

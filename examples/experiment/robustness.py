@@ -108,7 +108,7 @@ def figure(table: pd.DataFrame) -> Figure:
             share,
             marks,
             ("seed", "plant", "reference", "ratio"),
-            where=f"kind == '{kind}'",
+            where={"kind": [kind]},
             height=260,
         )
         for kind in ranked["kind"].unique()

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import faulty_solvers
+import hostile_files
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,7 +18,7 @@ from programs import library
 
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
-from bench.store import Run
+from bench.store import Run, Schema
 from bench.timing import cores
 
 TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
@@ -100,7 +101,8 @@ def killed_and_resumed(piezobench: CommandLine, run: Run, what: str, tasks: int,
     piezobench.start(*words).kill_once(lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= tasks)
     kept = saved(run, what)
     assert len(kept) >= tasks
-    done = piezobench("resume", run.path)
+    files = [word for word in words if str(word).endswith(".py")]
+    done = piezobench("resume", run.path, *(word for file in files for word in ("--solver", file)))
     assert done.status == 0, done.stderr
     return Resumed(kept, done)
 
@@ -116,6 +118,24 @@ def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Ra
 def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
     """A small one-shot race with further options."""
     return race_of(piezobench, out, name, *(SMALL[2:] if "--set" in words else SMALL), *words)
+
+
+def hostile_reports(piezobench: CommandLine, run: Run, schema: Schema, folder: Path, labels: bool) -> Iterator[Path]:
+    """Reports of copies of a run with code in its texts, which is not run: in all of them but the status and the
+    settings if ``labels``, else in one column after the other. The pages of those that are not refused."""
+    texts = hostile_files.text_columns(schema.arrow)
+    chosen = [[name for name in texts if name not in ("status", "settings")]] if labels else [[name] for name in texts]
+    for columns in chosen:
+        for number, payload in enumerate(hostile_files.PAYLOADS):
+            copy = Run(folder / f"{'-'.join(columns)[:40]}-{number}")
+            shutil.copytree(run.path, copy.path)
+            hostile_files.make_hostile(copy, schema.file, columns, payload)
+            call = piezobench("report", copy.path, folder=folder)
+            assert not list(folder.rglob("HARMED")), (columns, payload)
+            if call.status:
+                assert call.refusal
+            else:
+                yield copy.path / "report.html"
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,15 @@
-"""Invalid files: arbitrary content, and valid documents and tables with one change each."""
+"""Invalid files: arbitrary content, valid documents and tables with one change each, and runs whose texts are code."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from pyarrow import parquet
+
+from bench.messages.columns import CHOICES
+from bench.store import Run
 
 DEEP = "[" * 100_000 + "]" * 100_000
 LONG = "1" + "0" * 5000
@@ -121,3 +125,31 @@ def spoiled_tables(table: pa.Table) -> Iterator[tuple[str, pa.Table]]:
         yield f"without {name}", table.drop_columns([name])
         for what, values in others.items():
             yield f"{name} of {what}", table.set_column(i, name, values)
+
+
+PYTHON = "' + @pd.io.common.os.system('touch HARMED') + '"
+"""Runs a command where it stands between quotes in a filter that pandas evaluates."""
+SCRIPT = "'] || (document.title = 'harmed') || ['\"}</script><script>document.title = 'harmed'</script>"
+"""Runs JavaScript where it stands between quotes in an expression of Vega, or as markup."""
+FORMAT = "{0.__class__.__mro__}{{ 7 * 7 }}%s${HOME}$(touch HARMED)`touch HARMED`"
+PAYLOADS = (PYTHON, SCRIPT, FORMAT)
+
+
+def text_columns(schema: pa.Schema) -> tuple[str, ...]:
+    """The columns of a table that hold any text."""
+    return tuple(each.name for each in schema if pa.types.is_large_string(each.type) and each.name not in CHOICES)
+
+
+def make_hostile(run: Run, file: str, columns: Iterable[str], payload: str) -> None:
+    """Append the payload to each text of these columns, and put it into the descriptions of machine and field."""
+    table = parquet.read_table(run.path / file)
+    for name in columns:
+        texts = [
+            json.dumps({**json.loads(text), payload: payload}) if name == "settings" else text + payload
+            for text in table[name].to_pylist()
+        ]
+        table = table.set_column(table.column_names.index(name), name, pa.array(texts))
+    parquet.write_table(table, run.path / file)
+    machine = {**run.settings["machine"], "processor": payload, "core": payload, "warnings": [payload]}
+    left_out = {"paper": {payload.replace("/", ""): payload}}
+    run.note(machine=machine, field={payload: payload}, absent={payload: payload}, left_out=left_out)

@@ -13,8 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 import pytest
+from browser import Browser
 from command_line import CommandLine
-from conftest import killed_and_resumed
+from conftest import hostile_reports, killed_and_resumed
 from programs import that_load
 
 from bench.messages.progress import silent
@@ -287,3 +288,13 @@ def test_programs_without_space_are_refused_in_one_sentence_and_leave_nothing(
     )
     assert not list(tmp_path.iterdir())
     assert not list(piezobench.folder.glob("piezobench-batch-*"))
+
+
+@pytest.mark.parametrize("labels", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_no_text_of_a_batch_race_is_evaluated_in_its_report(
+    piezobench: CommandLine, browser: Browser, raced: Run, tmp_path: Path, labels: bool
+) -> None:
+    for page in hostile_reports(piezobench, raced, BATCH, tmp_path, labels):
+        browser.open(page)
+        assert browser.console() == []
+        assert browser.run("return document.title").endswith(page.parent.name)

@@ -13,7 +13,16 @@ import pyarrow as pa
 import pytest
 from command_line import CommandLine
 from conftest import Race
-from hostile_files import DEEP, LONG, spoiled, spoiled_documents, spoiled_tables
+from hostile_files import (
+    DEEP,
+    LONG,
+    PAYLOADS,
+    make_hostile,
+    spoiled,
+    spoiled_documents,
+    spoiled_tables,
+    text_columns,
+)
 from pyarrow import parquet
 
 from bench.derived.table import ONESHOT
@@ -259,3 +268,101 @@ def test_a_program_whose_headers_are_damaged_is_refused(tmp_path: Path) -> None:
             archive.writestr("meta.npy", data)
         with pytest.raises(ProblemFileError, match=r"p\.npz: cannot be read as NPZ"):
             RaceProblem.load(path)
+
+
+def test_no_text_of_a_run_is_evaluated_in_a_comparison_or_a_decision(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    shutil.copytree(clean_race.run.path, tmp_path / "run")
+    labels = [name for name in text_columns(ONESHOT.arrow) if name not in ("status", "settings", "task")]
+    for payload in PAYLOADS:
+        for columns in (labels, ["setting"], ["settings"], ["solver"], ["problem"], ["host"]):
+            shutil.copy(clean_race.run.path / "rows.parquet", tmp_path / "run")
+            make_hostile(Run(tmp_path / "run"), "rows.parquet", columns, payload)
+            for words in (
+                ["compare", clean_race.run.path, tmp_path / "run", "--out", tmp_path / "c"],
+                ["deploy", tmp_path / "run", "--out", tmp_path / "d.json", "--simulated", "--deadline", 1e6],
+            ):
+                call = piezobench(*words, folder=tmp_path)
+                assert call.status == 0 or call.refusal
+                assert not list(tmp_path.rglob("HARMED")), (columns, payload)
+
+
+HARM = """
+from pathlib import Path
+from solvers.direct.daqp import Daqp
+
+Path(__file__).with_name("HARMED").touch()
+
+
+class Mine(Daqp):
+    name = "mine"
+"""
+
+
+def unfinished(race: Race, folder: Path, **settings: object) -> Path:
+    """A run of which no task is done, with other settings."""
+    noted = race.run.settings
+    for name in ("tasks", "problems"):
+        (folder / name).mkdir(parents=True)
+    (folder / "run.json").write_text(json.dumps({**noted, "settings": {**noted["settings"], **settings}}))
+    return folder
+
+
+def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(HARM)
+    run = unfinished(clean_race, tmp_path / "run", solver_files=[str(tmp_path / "mine.py")], solvers=["daqp"])
+    before = (run / "run.json").read_text()
+    for words in ((), ("--solver", tmp_path / "other.py")):
+        refusal = piezobench("resume", run, *words).refusal
+        assert (
+            f"names the Python file {tmp_path / 'mine.py'}, whose code would run; if you trust it, add --s" in refusal
+        )
+    assert (run / "run.json").read_text() == before
+    assert not (tmp_path / "HARMED").exists()
+    words = ("resume", run, "--solver", "mine.py", "--solver", "other.py")
+    assert f"the race did not use {tmp_path / 'other.py'}" in piezobench(*words, folder=tmp_path).refusal
+    assert not (tmp_path / "HARMED").exists()
+    done = piezobench(*words[:-2], folder=tmp_path)
+    assert done.status == 0, done.stderr
+    assert "mine" in set(Run(run).rows(ONESHOT).solver)
+
+
+def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(HARM)
+    options = {"problem_sets": ["test_set"], "set_options": {"test_set": str(tmp_path / "mine.py")}}
+    run = unfinished(clean_race, tmp_path / "run", **options)
+    refusal = piezobench("resume", run).refusal
+    assert f"names the Python file {tmp_path / 'mine.py'}, whose code would run" in refusal
+    assert not (tmp_path / "HARMED").exists()
+    assert "'Mine' object is not iterable" in piezobench("resume", run, "--test-set", tmp_path / "mine.py").refusal
+
+
+@pytest.mark.parametrize("link", ["figures", "tasks", "problems", "models"])
+def test_a_run_that_links_to_another_folder_is_refused_and_that_folder_is_untouched(
+    piezobench: CommandLine, run: Run, tmp_path: Path, link: str
+) -> None:
+    shutil.copytree(run.path, tmp_path / "run", ignore=shutil.ignore_patterns("figures", link))
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "run" / link).symlink_to(tmp_path / "elsewhere")
+    for verb in ("report", "resume", "deploy"):
+        assert f"{tmp_path / 'run' / link} is a link to another folder" in piezobench(verb, tmp_path / "run").refusal
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_set_whose_name_is_code_is_not_exported_as_a_test_set(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    (tmp_path / "from").mkdir()
+    name = 'x"""; import os; os.system("touch HARMED"); """'
+    with np.load(next((clean_race.run.path / "problems").glob("*.npz"))) as arrays:
+        meta = json.dumps({**json.loads(str(arrays["meta"])), "set": name})
+        np.savez(tmp_path / "from" / "p.npz", **{**arrays, "meta": np.array(meta)})
+    refusal = piezobench("problems", "--from", tmp_path / "from", "--export", tmp_path / "out").refusal
+    assert "p.npz" in refusal
+    assert "the field 'set' is wrong" in refusal
+    assert not list((tmp_path / "out").iterdir())

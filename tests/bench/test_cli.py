@@ -430,7 +430,8 @@ def test_resume_names_a_missing_solver_file(piezobench: CommandLine, clean_race:
     for folder in ("run/tasks", "run/problems"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "run" / "run.json").write_text(json.dumps(settings))
-    assert "gone.py" in refused(piezobench, tmp_path, "resume", "run")
+    refusal = refused(piezobench, tmp_path, "resume", "run", "--solver", "gone.py")
+    assert "gone.py: is not a file" in refusal
 
 
 def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: CommandLine, clean_race: Race) -> None:

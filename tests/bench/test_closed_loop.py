@@ -2,12 +2,15 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser
+from command_line import CommandLine
+from conftest import hostile_reports
 
 from bench.messages.progress import silent
 from bench.messages.task import NO_SETTING, Task
@@ -165,3 +168,13 @@ def test_a_run_without_windows_or_learning_phases_is_refused(settings: dict[str,
 def test_each_solver_races_in_its_fastest_lane() -> None:
     chosen = {entry.name: entry.lane for entry in LoopRace.entries(LoopSettings(solvers=("daqp", "box_active_set")))}
     assert chosen == {"daqp": Lane.DIRECT, "box_active_set": Lane.KERNEL}
+
+
+@pytest.mark.parametrize("labels", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_no_text_of_a_closed_loop_is_evaluated_in_its_report(
+    piezobench: CommandLine, browser: Browser, run: Run, tmp_path: Path, labels: bool
+) -> None:
+    for page in hostile_reports(piezobench, run, LOOP, tmp_path, labels):
+        browser.open(page)
+        assert browser.console() == []
+        assert browser.run("return document.title").endswith(page.parent.name)

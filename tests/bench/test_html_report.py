@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import WIDTHS, Browser
-from conftest import Race
+from command_line import CommandLine
+from conftest import Race, hostile_reports
 
 from bench.derived.summary import summary
+from bench.derived.table import ONESHOT
 from bench.races.kind import kind_of
 from bench.report import vega
 from bench.report.plot import BEST, Axis, Mark, Plot, best_lines
@@ -234,3 +236,13 @@ def test_the_best_lines_of_a_crowd_have_names_and_colours_that_differ_and_the_ot
     assert counts["#999999,"] == len(names)
     assert (counts.drop(["#999999,", "currentColor,"]) == 1).all()
     assert len(counts) == BEST + 2
+
+
+@pytest.mark.parametrize("labels", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_no_text_of_a_one_shot_race_is_evaluated_in_its_report(
+    piezobench: CommandLine, browser: Browser, wide_race: Race, tmp_path: Path, labels: bool
+) -> None:
+    for page in hostile_reports(piezobench, wide_race.run, ONESHOT, tmp_path, labels):
+        browser.open(page)
+        assert browser.console() == []
+        assert browser.run("return document.title").endswith(page.parent.name)

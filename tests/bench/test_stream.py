@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine
-from conftest import killed_and_resumed
+from conftest import hostile_reports, killed_and_resumed
 
 from bench.messages.progress import silent
 from bench.messages.task import Outcome
@@ -470,3 +470,13 @@ def test_a_killed_stream_is_resumed_keeps_its_finished_tasks_and_is_drawn(
         lines = pd.read_csv(run.path / "figures" / f"{name}.csv")
         assert lines.name.str.contains("steps 15200").any()
         assert not lines.duplicated(["view", "name", x]).any()
+
+
+@pytest.mark.parametrize("labels", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_no_text_of_a_stream_is_evaluated_in_its_report(
+    piezobench: CommandLine, browser: Browser, streamed: Streamed, tmp_path: Path, labels: bool
+) -> None:
+    for page in hostile_reports(piezobench, streamed.run, STREAM, tmp_path, labels):
+        browser.open(page)
+        assert browser.console() == []
+        assert browser.run("return document.title").endswith(page.parent.name)

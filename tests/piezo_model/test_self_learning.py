@@ -196,6 +196,10 @@ ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
         ),
         (ACCELERATED, {"lane": "none"}, "'none' is not a valid Lane"),
         *(
+            ("daqp", {"lane": "direct", name: value}, f"the solver's option {name} is {value!r}, and a file sets only")
+            for name, value in (("log_file", "/tmp/log"), ("options", {"dump_dir": "."}), ("files", ["a"]))
+        ),
+        *(
             (STEPPED, {name: value}, f"{STEPPED}: {name} must be ")
             for name, value in (
                 ("steps", None),

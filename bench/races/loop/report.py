@@ -11,12 +11,12 @@ from bench.races.chosen_settings import definition
 from bench.races.loop import summary
 from bench.races.loop.race import LOOP, LoopSettings
 from bench.races.settings import settings_of
-from bench.report.plot import GREY, LEAST_GAP, Axis, Mark, Plot
+from bench.report.plot import FRONT, GREY, LEAST_GAP, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, number
 from bench.store import Run
 
-_POINTS = (Mark("point", colour=GREY, size=30.0, opacity=0.5), Mark("point", "name", where="datum.front", size=80.0))
+_POINTS = (Mark("point", colour=GREY, size=30.0, opacity=0.5), Mark("point", "name", where=FRONT, size=80.0))
 ID_COLUMNS = ("stage", "solver", "lane", "tier")
 DEFINITIONS = (
     "Every solver learns in the same loop on the same stage, with the same reference and noise, in a process of its "
@@ -113,7 +113,7 @@ def _against(points: pd.DataFrame, name: str, title: str, definition: str, x: Ax
             replace(y, title=f"{y.title}, {stage}"),
             _POINTS,
             ("name", "cost_gap", "rms_percent", "learn_samples"),
-            where=f"problem == '{stage}'",
+            where={"problem": [stage]},
             rules={"y": float(part.straight_rms_percent.median())},
             height=300,
         )
