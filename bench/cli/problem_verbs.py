@@ -49,7 +49,7 @@ def problems_verb(
     input: Input = None,
     output: Output = None,
     folder: Annotated[
-        Path | None, typer.Option(help="For the set foreign: folder of NPZ, MAT, QPS and MPS files.")
+        Path | None, typer.Option(help="For the set foreign: folder of NPZ, MAT, QPS, MPS and SIF files.")
     ] = None,
     test_set: Annotated[
         Path | None, typer.Option(help="For the set test_set: Python file with a test set of qpbenchmark.")

@@ -172,7 +172,7 @@ def race_verb(
     input: Input = None,
     output: Output = None,
     folder: Annotated[
-        Path | None, typer.Option(help="Race on the set foreign: a folder of NPZ, MAT, QPS and MPS files.")
+        Path | None, typer.Option(help="Race on the set foreign: a folder of NPZ, MAT, QPS, MPS and SIF files.")
     ] = None,
     test_set: Annotated[
         Path | None, typer.Option(help="Race on a test set of qpbenchmark, given as a Python file.")

@@ -2,8 +2,9 @@
 
     minimise r + qᵀx + ½ xᵀP x   subject to   rows of kind E, L, G with ranges,  lb ≤ x ≤ ub
 
-QUADOBJ (or QSECTION) lists one triangle of P, QMATRIX all of it. The proof of an optimum needs the exact data of the
-file, so the reader is our own: that of HiGHS drops coefficients up to 1e-9.
+QUADOBJ (or QSECTION, which may name the objective) lists one triangle of P, QMATRIX all of it; a quadratic constraint
+is refused. The file is .qps, .mps or .sif, with .gz after it if it is compressed. The proof of an optimum needs the
+exact data of the file, so the reader is our own: that of HiGHS drops coefficients up to 1e-9.
 
 Conventions: the right-hand side of the objective is −r. A range R makes of L the interval [b − |R|, b], of G [b, b +
 |R|] and of E [b, b + R] or [b + R, b]. An upper bound below zero without a lower bound makes the lower one −∞. Free
@@ -12,6 +13,8 @@ rows after the first are ignored. Fields are separated by blanks; names with bla
 Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming problems", Optim. Methods Softw. 11 (1999).
 """
 
+import gzip
+import zlib
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
@@ -37,6 +40,10 @@ FIELDS = {"ROWS": (1,), "BOUNDS": (2, 3), "RHS": (2, 3, 4, 5), "RANGES": (2, 3, 
 """Allowed numbers of fields after the kind of row or bound, in sections other than three or five."""
 SENSES = {"MIN": 1.0, "MINIMIZE": 1.0, "MAX": -1.0, "MAXIMIZE": -1.0}
 WITHOUT_VALUE = ("FR", "MI", "PL")
+WITH_ARGUMENT = ("NAME", "OBJSENSE", "QSECTION")
+"""Sections whose header may have an argument."""
+MOST_BYTES = 2**28
+"""Longest text, decompressed; the longest of the Maros–Mészáros set has a tenth of that."""
 BOUNDS = ("LO", "UP", "FX", *WITHOUT_VALUE)
 Fields = tuple[str, str, list[tuple[str, str]]]
 """Kind of row or bound, first name, and pairs of a name and a number as text."""
@@ -45,9 +52,11 @@ Fields = tuple[str, str, list[tuple[str, str]]]
 def read_qps(path: Path) -> ReadProgram:
     """Read a QPS or MPS file of continuous variables. ValueError for an invalid file, with the line."""
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"cannot be read: {error.strerror}") from None
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise ValueError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    require(len(content) <= MOST_BYTES, f"holds more than {MOST_BYTES} bytes of text")
     try:
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError:
@@ -64,7 +73,7 @@ class _Reader:
     """The data of a file up to the current line."""
 
     def __init__(self, fixed: bool) -> None:
-        self.fixed, self.section, self.sign = fixed, "", 1.0
+        self.fixed, self.section = fixed, ""
         self.kinds: dict[str, str] = {}
         """Kind of each row."""
         self.columns: dict[str, int] = {}
@@ -80,25 +89,30 @@ class _Reader:
             if not line.strip() or line[0] == "*":
                 continue
             try:
-                self._line(line) if line[0].isspace() else self._header(line.split())
+                self._line(line) if line[0].isspace() else self._header(*line.split(None, 1))
             except ValueError as error:
                 raise ValueError(f"line {number}: {error}") from None
             if self.section == "ENDATA":
                 return self._program()
         raise ValueError("ends without ENDATA")
 
-    def _header(self, words: list[str]) -> None:
-        self.section = words[0].upper()
-        require(self.section in SECTIONS, f"the section {words[0]!r} is not one of {', '.join(SECTIONS)}")
+    def _header(self, name: str, argument: str = "") -> None:
+        self.section, argument = name.upper(), argument.strip()
+        require(self.section in SECTIONS, f"the section {name!r} is not one of {', '.join(SECTIONS)}")
+        require(not argument or self.section in WITH_ARGUMENT, f"{argument!r} follows {name}, which stands alone")
+        require(
+            not argument or self.section != "QSECTION" or argument == self._objective,
+            f"QSECTION {argument} is of a constraint, and only the objective, {self._objective}, may be quadratic",
+        )
         kind = "quadratic" if self.section in QUADRATIC else self.section
         require(kind not in self.seen, f"a second {kind} section")
         self.seen[kind] = self.section
-        if self.section == "OBJSENSE" and len(words) > 1:
-            self._sense(words[1])
+        if self.section == "OBJSENSE" and argument:
+            self._sense(argument)
 
     def _line(self, line: str) -> None:
         if self.section == "OBJSENSE":
-            self._sense(line.split()[0])
+            self._sense(line.strip())
             return
         require(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
         kind, head, pairs = self._fixed_fields(line) if self.fixed else self._free_fields(line.split())
@@ -116,7 +130,12 @@ class _Reader:
 
     def _sense(self, word: str) -> None:
         require(word.upper() in SENSES, f"the sense {word!r} is neither MIN nor MAX")
-        self.sign = SENSES[word.upper()]
+        _put(self.values["OBJSENSE"], "of the objective", SENSES[word.upper()], "sense")
+
+    @property
+    def _objective(self) -> str | None:
+        """The first free row."""
+        return next((name for name, kind in self.kinds.items() if kind == "N"), None)
 
     def _fixed_fields(self, line: str) -> Fields:
         kind, head, *rest = (line[field].strip() for field in FIXED)
@@ -151,6 +170,9 @@ class _Reader:
             _put(self.values["COLUMNS"], (name, head), value, "element")
         else:
             require(
+                self.section != "RANGES" or self.kinds[name] != "N", f"the row {name!r} is of kind N and has no range"
+            )
+            require(
                 self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
                 f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for",
             )
@@ -180,8 +202,7 @@ class _Reader:
             )
 
     def _program(self) -> ReadProgram:
-        objective = next((name for name, kind in self.kinds.items() if kind == "N"), None)
-        d = len(self.columns)
+        objective, d, sign = self._objective, len(self.columns), self.values["OBJSENSE"].get("of the objective", 1.0)
         require(objective is not None and d, f"has no {'objective' if d else 'columns'}")
         linear, right, ranges, lower, upper = (
             self.values[name] for name in ("COLUMNS", "RHS", "RANGES", "lower", "upper")
@@ -204,8 +225,8 @@ class _Reader:
         if self.seen.get("quadratic") != "QMATRIX":
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
-        qp = two_sided(self.sign * _sparse(elements, (d, d)), self.sign * q, C, l, u, lb, ub)
-        return ReadProgram(checked(qp), -self.sign * right.get(str(objective), 0.0))
+        qp = two_sided(sign * _sparse(elements, (d, d)), sign * q, C, l, u, lb, ub)
+        return ReadProgram(checked(qp), -sign * right.get(str(objective), 0.0))
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:

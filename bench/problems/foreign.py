@@ -1,4 +1,4 @@
-"""Programs from elsewhere: files of a folder (NPZ, MAT of the Maros–Mészáros set, QPS, MPS) or a test set of
+"""Programs from elsewhere: files of a folder (NPZ, MAT of the Maros–Mészáros set, QPS, MPS, SIF) or a test set of
 qpbenchmark.
 
 They have equalities, general rows, ranges, free variables and sparse matrices, which stay sparse; a solver that does
@@ -22,7 +22,7 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix, diags, identity
 
-from bench.problem_files import READERS, ProblemFileError, ReadProgram, read
+from bench.problem_files import READERS, ProblemFileError, ReadProgram, read, suffix_of
 from bench.problem_files.npz import opened
 from bench.problem_files.program import about, checked
 from bench.problem_files.qpbenchmark_set import read_test_set
@@ -39,6 +39,8 @@ Source = Callable[[], ReadProgram | RaceProblem]
 READING = Lock()
 """Held while a file is read: NumPy parses the headers of arrays with ``ast``, which in several threads at once may fail
 with SystemError (CPython issue 106905)."""
+DOCUMENTS = ("", ".py", ".md", ".txt", ".csv", ".html", ".pdf")
+"""Suffixes of files that stand beside programs and are not mentioned."""
 TEST_SET_LIMIT_S = 600.0
 """Time limit for making a test set; some download their programs."""
 
@@ -119,22 +121,34 @@ class Foreign(ForeignPrograms):
     """Every program file of a folder, by name."""
 
     name = "foreign"
-    description = "programs of others from a folder: NPZ, MAT (Maros–Mészáros), QPS and MPS; rows, equalities, sparse"
-    needs: ClassVar = {"folder": "a folder of programs (NPZ, MAT, QPS, MPS)"}
+    description = (
+        "programs of others from a folder: NPZ, MAT (Maros–Mészáros), QPS, MPS and SIF; rows, equalities, sparse"
+    )
+    needs: ClassVar = {"folder": "a folder of programs (NPZ, MAT, QPS, MPS, SIF)"}
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         super().__init__(seed, **options)
         folder = Path(self.options["folder"])
         if not folder.is_dir():
             raise ProblemSetError(f"{folder}: is not a folder")
-        self.files = sorted(path for path in folder.iterdir() if path.suffix.lower() in READERS and path.is_file())
+        there = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+        self.files = [path for path in there if suffix_of(path) in READERS]
+        self.left_out = {
+            path.name: f"is of a format that is not read; a program is in a file {', '.join(READERS)}"
+            for path in there
+            if suffix_of(path) not in (*READERS, *DOCUMENTS)
+        }
         if not self.files:
             raise ProblemSetError(f"{folder}: holds no program; one is in a file {', '.join(READERS)}")
 
     def sources(self) -> Sequence[tuple[str, Source]]:
         """The files; the suffix is part of a name that is there twice."""
-        count = Counter(path.stem for path in self.files)
-        return [(path.stem if count[path.stem] == 1 else path.name, partial(_of_file, path)) for path in self.files]
+        names = [path.name[: -len(suffix_of(path))] for path in self.files]
+        count = Counter(names)
+        return [
+            (name if count[name] == 1 else path.name, partial(_of_file, path))
+            for name, path in zip(names, self.files, strict=True)
+        ]
 
 
 class QpbenchmarkTestSet(ForeignPrograms):
@@ -177,7 +191,7 @@ def _checked(where: str, qp: Problem) -> ReadProgram:
 
 def _of_file(path: Path) -> ReadProgram | RaceProblem:
     """The program of a file, or the problem saved in it."""
-    if path.suffix.lower() == ".npz":
+    if suffix_of(path) == ".npz":
         with opened(path) as arrays:
             if "meta" in arrays:
                 return RaceProblem.load(path)

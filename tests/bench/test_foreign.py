@@ -1,7 +1,9 @@
 """Foreign programs: scaled without rounding, certified or left out, and judged."""
 
+import gzip
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -347,6 +349,26 @@ def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Pa
     write_mat(tmp_path / "drawn.mat", draw(0))
     with pytest.raises(ProblemSetError, match="work is 'soon'"):
         make("foreign", options={"folder": str(tmp_path), "work": "soon"})
+
+
+def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_path: Path) -> None:
+    whole = write_qps(tmp_path / "drawn.qps", draw(0))
+    for name in ("one.SIF", "README.md", ".hidden.lp", "piezobench_x.py", "model.lp", "archive.tar.gz", "P.npy"):
+        shutil.copy(whole, tmp_path / name)
+    (tmp_path / "two.v1.Mps.gz").write_bytes(gzip.compress(whole.read_bytes()))
+    (tmp_path / "folder.lp").mkdir()
+    found = make("foreign", options={"folder": str(tmp_path)})
+    assert [name for name, _ in found.sources()] == ["drawn", "one", "two.v1"]
+    assert len(found) == 3
+    assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}
+    assert len(list(found.problems())) == 3
+    assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}
+    call = piezobench("problems", "--set", "foreign", "--folder", tmp_path)
+    assert call.status == 0
+    assert (
+        "model.lp: is of a format that is not read; a program is in a file .npz, .mat, .qps, .mps, .sif, .qps.gz"
+        in call.stdout
+    )
 
 
 @pytest.mark.parametrize("pause", [0.0, 0.05, 0.3, 1.0, 3.0])
