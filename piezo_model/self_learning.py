@@ -392,10 +392,10 @@ class SelfLearningCompensator(Learner):
         try:
             state = json_file.convert(memory, Memory)
             settings = json_file.convert(fields, LearningSettings)
-            for name, value in (settings.solver_options or {}).items():
-                if name not in ("lane", "setting") and value and isinstance(value, str | list | dict):
-                    # a library could take a text as the name of a file to write
-                    raise ValueError(f"the solver's option {name} is {value!r:.60}, and a file sets only numbers")
+            options = {**(settings.solver_options or {}), "lane": "", "setting": ""}
+            # a library could take a text for the name of a file to write
+            if texts := [name for name, value in options.items() if value and isinstance(value, str | list | dict)]:
+                raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
             model = HysteresisCreepModel.from_file(state["compensator"]["model"])
             learner = cls(model.structure, **asdict(settings), model=model)
             learner.restore(memory)

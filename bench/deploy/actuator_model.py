@@ -121,7 +121,8 @@ def _validated(run: Run, found: ChosenModel) -> ChosenModel:
 
 def _find_problem(run: Run, wanted: str | None, simulated: bool) -> tuple[str, str]:
     """Set and name of the wanted problem; by default of the first simulated actuator, if those are permitted."""
-    keys = {f"{one}/{two}": (one, two) for one, names in run.settings.get("problems", {}).items() for two in names}
+    raced = sorted(run.settings.get("problems", {}).items())
+    keys = {f"{one}/{two}": (one, two) for one, names in raced for two in sorted(names)}
     if wanted is None:
         found = next((key for key in keys.values() if simulated and _is_simulated(key)), None)
         if found is None:

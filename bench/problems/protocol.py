@@ -80,7 +80,7 @@ class CertifiedForm:
     @property
     def optimum_is_unique(self) -> bool:
         """Whether the data have one optimum without a convexity shift."""
-        return self.certificate.unique and self.certificate.convexity_shift == 0.0
+        return self.certificate.unique is True and self.certificate.convexity_shift == 0.0
 
     @cached_property
     def condition(self) -> float:
@@ -245,14 +245,11 @@ def certified(
     return RaceProblem(set_name, name, forms, validation)
 
 
-SetName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=100)]
-"""A name that can stand in the code of a test set."""
-
-
 class Meta(TypedDict):
     """Metadata that :meth:`RaceProblem.save` writes beside the arrays."""
 
-    set: SetName
+    set: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=100)]
+    """It becomes part of the code of a test set."""
     name: FileName
     certificates: dict[Scaling, str]
     c: dict[Scaling, float]

@@ -57,6 +57,11 @@ class RaceSettings:
                     f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}"
                 )
 
+    @property
+    def code(self) -> set[str]:
+        """Paths of the Python files that a race executes: solvers, and a test set of qpbenchmark."""
+        return {*self.solver_files, *(path for name, path in self.set_options.items() if name == "test_set")}
+
     def to_dict(self) -> dict[str, Any]:
         """The settings for ``run.json``."""
         return asdict(self)

@@ -24,8 +24,6 @@ GREY = "#999999"
 INK = "currentColor"
 Where = Mapping[str, Sequence[object]]
 """The rows whose values in each of these columns are among those given; all rows if it is empty."""
-FRONT: Where = {"front": [True]}
-"""The rows of the best lines."""
 HEIGHT = 380
 ROW = 20
 """Height of one bar in pixels."""
@@ -94,14 +92,14 @@ class Plot:
 def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, along: str = "") -> tuple[Mark, ...]:
     """Many lines: the best in colour with names, the others grey, and those highlighted whose name the reader types."""
     dots = (
-        (Mark("point", colour=GREY, size=12.0, opacity=0.35), Mark("point", "name", where=FRONT, size=40.0))
+        (Mark("point", colour=GREY, size=12.0, opacity=0.35), Mark("point", "name", where={"front": [True]}, size=40.0))
         if points
         else ()
     )
     return (
         Mark(kind, colour=GREY, size=1.0, opacity=0.35, along=along),
         *dots[:1],
-        Mark(kind, "name", where=FRONT, along=along),
+        Mark(kind, "name", where={"front": [True]}, along=along),
         *dots[1:],
         Mark(kind, sought=True, colour=INK, size=3.5, along=along),
     )

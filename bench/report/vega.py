@@ -18,7 +18,7 @@ import vl_convert
 
 from bench.messages import user_cache
 from bench.report.console import plain_json
-from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, Where, first_view, log_ticks
+from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
 from piezo_model.atomic_file import write_text
 
 VEGA_LITE = "6.4"
@@ -83,9 +83,7 @@ def library() -> str:
 
 def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
     """Specification of a plot that fills the width of the page."""
-    shown = table
-    for column, values in plot.where.items():
-        shown = shown[shown[column].isin(values)]
+    shown = table[table[[*plot.where]].isin(dict(plot.where)).all(axis=1)] if plot.where else table
     views = list(dict.fromkeys(map(str, shown["view"]))) if "view" in shown else []
     params: list[dict[str, Any]] = []
     if len(views) > 1:
@@ -108,23 +106,24 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
         "transform": [{"filter": "datum.view == view"}] if len(views) > 1 else [],
         "layer": [
             *rules,
-            *(_layers(shown, plot, where, [*marks]) for where, marks in groupby(plot.marks, partial(_filter, plot))),
+            *(_layers(shown, plot, rows, [*marks]) for rows, marks in groupby(plot.marks, partial(_filter, plot))),
         ],
     }
 
 
-def _filter(plot: Plot, mark: Mark) -> Where:
-    """Filter of the rows of a coloured mark, and so of its legend; any other mark is hidden by its opacity, because
-    axes without rows have no extent."""
-    return mark.where if mark.by and not plot.colours else {}
+def _selected(mark: Mark) -> Any:
+    """Vega-Lite's predicate for the rows of a mark, in which columns and values are data; None for all rows."""
+    columns = [{"field": column, "oneOf": [*values]} for column, values in mark.where.items()]
+    return SOUGHT if mark.sought else {"and": columns} if columns else None
 
 
-def _predicate(where: Where) -> dict[str, Any]:
-    """The selected rows for Vega-Lite, with columns and values as data."""
-    return {"and": [{"field": column, "oneOf": [*values]} for column, values in where.items()]}
+def _filter(plot: Plot, mark: Mark) -> Any:
+    """Predicate that filters the rows of a coloured mark, and so its legend; any other mark is hidden by its opacity,
+    because axes without rows have no extent."""
+    return _selected(mark) if mark.by and not plot.colours else None
 
 
-def _layers(table: pd.DataFrame, plot: Plot, where: Where, marks: Sequence[Mark]) -> dict[str, Any]:
+def _layers(table: pd.DataFrame, plot: Plot, filtered: Any, marks: Sequence[Mark]) -> dict[str, Any]:
     """Marks of the same rows with the legend of the first one: Vega merges the legends of colour, dash and shape only
     within one mark."""
     layers = [_layer(table, plot, mark) for mark in marks]
@@ -132,7 +131,7 @@ def _layers(table: pd.DataFrame, plot: Plot, where: Where, marks: Sequence[Mark]
         for channel in {"color", "shape", "strokeDash"} & layer["encoding"].keys():
             layer["encoding"][channel]["legend"] = None
     return {
-        "transform": [{"filter": _predicate(where)}] if where else [],
+        "transform": [{"filter": filtered}] if filtered else [],
         "layer": layers,
         "resolve": {"scale": dict.fromkeys(("color", "shape", "strokeDash"), "independent")},
     }
@@ -158,9 +157,8 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
             {"field": name, "format": ".4~g", "type": "quantitative"} if _is_number(table, name) else {"field": name}
             for name in plot.tips
         ]
-    test = SOUGHT if mark.sought else _predicate(mark.where) if mark.where and not _filter(plot, mark) else ""
-    value = {"value": mark.opacity}
-    encoding["opacity"] = {"condition": {"test": test, **value}, "value": 0} if test else value
+    test, opacity = None if _filter(plot, mark) else _selected(mark), {"value": mark.opacity}
+    encoding["opacity"] = {"condition": {"test": test, **opacity}, "value": 0} if test else opacity
     colour = {} if mark.by or not mark.colour else {"color": mark.colour}
     return {"mark": {**KINDS[mark.kind], "clip": not is_point, **size, **colour}, "encoding": encoding}
 

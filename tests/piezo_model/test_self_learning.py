@@ -196,7 +196,11 @@ ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
         ),
         (ACCELERATED, {"lane": "none"}, "'none' is not a valid Lane"),
         *(
-            ("daqp", {"lane": "direct", name: value}, f"the solver's option {name} is {value!r}, and a file sets only")
+            (
+                "daqp",
+                {"lane": "direct", name: value},
+                f"the solver's option {name} is no number, and a file sets only numbers",
+            )
             for name, value in (("log_file", "/tmp/log"), ("options", {"dump_dir": "."}), ("files", ["a"]))
         ),
         *(

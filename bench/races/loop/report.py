@@ -11,12 +11,15 @@ from bench.races.chosen_settings import definition
 from bench.races.loop import summary
 from bench.races.loop.race import LOOP, LoopSettings
 from bench.races.settings import settings_of
-from bench.report.plot import FRONT, GREY, LEAST_GAP, Axis, Mark, Plot
+from bench.report.plot import GREY, LEAST_GAP, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, number
 from bench.store import Run
 
-_POINTS = (Mark("point", colour=GREY, size=30.0, opacity=0.5), Mark("point", "name", where=FRONT, size=80.0))
+_POINTS = (
+    Mark("point", colour=GREY, size=30.0, opacity=0.5),
+    Mark("point", "name", where={"front": [True]}, size=80.0),
+)
 ID_COLUMNS = ("stage", "solver", "lane", "tier")
 DEFINITIONS = (
     "Every solver learns in the same loop on the same stage, with the same reference and noise, in a process of its "

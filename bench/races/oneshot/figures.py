@@ -4,7 +4,7 @@ import pandas as pd
 
 from bench.derived import anytime, pictures
 from bench.derived.measurements import Measurements
-from bench.report.plot import FRONT, INK, LEAST_GAP, ROW, Axis, Mark, Plot, best_lines
+from bench.report.plot import INK, LEAST_GAP, ROW, Axis, Mark, Plot, best_lines
 from bench.report.report import Figure
 from bench.timing.schedule import PERIOD_US
 from solvers import Lane
@@ -26,7 +26,7 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
 
 def work_precision(measurements: Measurements) -> Figure:
     """Worst cost gap against time, a line for each solver over its settings."""
-    defaults = Mark("hollow", where={"is_default": [True], **FRONT}, colour=INK, size=110.0)
+    defaults = Mark("hollow", where={"is_default": [True], "front": [True]}, colour=INK, size=110.0)
     return Figure(
         "work_precision",
         "Work and precision",

@@ -44,7 +44,8 @@ def _names(table: pd.DataFrame) -> pd.DataFrame:
 def lines(table: pd.DataFrame, rows: pd.DataFrame, times: pd.DataFrame) -> Lines:
     """Response times on the schedule, the machine's floor first and then the fastest; then service times of compiled
     loops."""
-    ran = table[(table.samples > 0) & (table.paced | (table.solver != "projected_difference"))]
+    there = np.where(table.paced, table.response_samples, table.service_samples)
+    ran = table[(there > 0) & (table.paced | (table.solver != "projected_difference"))]
     lines = []
     for (_, line), (_, shown) in zip(ran.iterrows(), _names(ran).iterrows(), strict=True):
         tasks = rows.task[(rows[summary.GROUP] == line[summary.GROUP]).all(axis=1)]
