@@ -40,8 +40,6 @@ FIELDS = {"ROWS": (1,), "BOUNDS": (2, 3), "RHS": (2, 3, 4, 5), "RANGES": (2, 3, 
 """Allowed numbers of fields after the kind of row or bound, in sections other than three or five."""
 SENSES = {"MIN": 1.0, "MINIMIZE": 1.0, "MAX": -1.0, "MAXIMIZE": -1.0}
 WITHOUT_VALUE = ("FR", "MI", "PL")
-WITH_ARGUMENT = ("NAME", "OBJSENSE", "QSECTION")
-"""Sections whose header may have an argument."""
 MOST_BYTES = 2**28
 """Longest text, decompressed; the longest of the Maros–Mészáros set has a tenth of that."""
 BOUNDS = ("LO", "UP", "FX", *WITHOUT_VALUE)
@@ -99,10 +97,11 @@ class _Reader:
     def _header(self, name: str, argument: str = "") -> None:
         self.section, argument = name.upper(), argument.strip()
         require(self.section in SECTIONS, f"the section {name!r} is not one of {', '.join(SECTIONS)}")
-        require(not argument or self.section in WITH_ARGUMENT, f"{argument!r} follows {name}, which stands alone")
+        allowed = {"NAME": argument, "OBJSENSE": argument, "QSECTION": self._objective}.get(self.section)
         require(
-            not argument or self.section != "QSECTION" or argument == self._objective,
-            f"QSECTION {argument} is of a constraint, and only the objective, {self._objective}, may be quadratic",
+            argument in ("", allowed),
+            f"{argument!r} follows {name}, "
+            + (f"and only the objective, {allowed}, may be quadratic" if allowed else "which stands alone"),
         )
         kind = "quadratic" if self.section in QUADRATIC else self.section
         require(kind not in self.seen, f"a second {kind} section")

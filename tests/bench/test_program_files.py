@@ -1,5 +1,6 @@
 """Program files in QPS, MATLAB and NPZ: read exactly, or refused in one sentence."""
 
+import gzip
 import io
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from qpsolvers import Problem
 from scipy.io import savemat
 
 from bench.problem_files import ProblemFileError, read
+from bench.problem_files import qps as qps_files
 from bench.problem_files.program import two_sided
 
 SMALL = """NAME          SMALL
@@ -83,6 +85,38 @@ def test_the_whole_of_p_and_a_maximum_are_read(tmp_path: Path) -> None:
     assert most.constant == -least.constant
 
 
+@pytest.mark.parametrize("header", ["QSECTION", "QSECTION      COST", "qsection COST "])
+def test_a_quadratic_section_may_name_the_objective(tmp_path: Path, header: str) -> None:
+    assert same(read(qps(tmp_path, SMALL.replace("QUADOBJ", header))).qp, read(qps(tmp_path, SMALL)).qp)
+
+
+@pytest.mark.parametrize("name", ["small.sif", "small.SIF", "small.qps.gz", "SMALL.MPS.GZ", "small.1.sif.gz"])
+def test_a_program_is_the_same_under_every_suffix_and_compressed(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(SMALL.encode()) if name.lower().endswith(".gz") else SMALL.encode())
+    assert same(read(path).qp, read(qps(tmp_path, SMALL)).qp)
+
+
+def test_a_compressed_program_that_is_damaged_or_endless_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, whole = tmp_path / "small.qps.gz", gzip.compress(SMALL.encode())
+    spoilt = bytearray(whole)
+    spoilt[len(whole) // 2] ^= 0xFF
+    for content in (b"", SMALL.encode(), whole[:-20], bytes(spoilt)):
+        path.write_bytes(content)
+        with pytest.raises(ProblemFileError, match=r"small\.qps\.gz: [^\n]+$"):
+            read(path)
+    path.write_bytes(gzip.compress(bytes(2**20)) * 2**9)  # half a gigabyte in half a megabyte
+    with pytest.raises(
+        ProblemFileError, match=rf"small\.qps\.gz: holds more than {qps_files.MOST_BYTES} bytes of text"
+    ):
+        read(path)
+    path.write_bytes(whole)
+    monkeypatch.setattr(qps_files, "MOST_BYTES", len(SMALL))
+    assert read(path).qp.q.size == 4
+
+
 def test_names_of_vectors_are_optional_and_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
     unnamed = SMALL
     for name in ("RHS       ", "RNG       ", "BND       "):
@@ -142,6 +176,24 @@ def test_names_of_vectors_are_optional_and_names_may_contain_blanks_in_fixed_col
         ),
         ("    C3        C3        1E-12", "    C3        C3        inf", "'inf' is not a finite number"),
         ("QUADOBJ", "RHS\n    RHS       R4        9.0\nQUADOBJ", "line 28: a second RHS section"),
+        ("QUADOBJ", "QSECTION   R1", "line 28: 'R1' follows QSECTION, and only the objective, COST, may be quadratic"),
+        ("QUADOBJ", "QSECTION FREE", "line 28: 'FREE' follows QSECTION, and only the objective"),
+        ("QUADOBJ", "QSECTION COST R1", "line 28: 'COST R1' follows QSECTION, and only the objective"),
+        ("QUADOBJ", "QCMATRIX   R1", "line 28: the section 'QCMATRIX' is not one of"),
+        ("QUADOBJ", "QUADOBJ R1", "line 28: 'R1' follows QUADOBJ, which stands alone"),
+        ("QUADOBJ", "QMATRIX   COST", "line 28: 'COST' follows QMATRIX, which stands alone"),
+        ("ENDATA", "QSECTION R1\n    C1        C1        1.0\nENDATA", "line 33: 'R1' follows QSECTION, and only"),
+        ("RHS\n", "RHS   OTHER\n", "line 16: 'OTHER' follows RHS, which stands alone"),
+        ("RANGES", "Ranges MINUS", "line 19: 'MINUS' follows Ranges, which stands alone"),
+        ("BOUNDS", "BOUNDS BND", "line 22: 'BND' follows BOUNDS, which stands alone"),
+        ("COLUMNS", "COLUMNS  X", "line 9: 'X' follows COLUMNS, which stands alone"),
+        ("ROWS", "ROWS  9", "line 2: '9' follows ROWS, which stands alone"),
+        ("ENDATA", "ENDATA R1", "'R1' follows ENDATA, which stands alone"),
+        ("ROWS", "OBJSENSE MAX MIN\nROWS", "line 2: the sense 'MAX MIN' is neither MIN nor MAX"),
+        ("ROWS", "OBJSENSE\n    MAX now\nROWS", "line 3: the sense 'MAX now' is neither MIN nor MAX"),
+        ("ROWS", "OBJSENSE MIN\n    MAX\nROWS", "line 3: the sense of the objective is given twice"),
+        ("R1        5.0", "COST      5.0", "line 20: the row 'COST' is of kind N and has no range"),
+        ("R1        5.0", "FREE      5.0", "line 20: the row 'FREE' is of kind N and has no range"),
     ],
 )
 def test_an_invalid_qps_file_is_refused_with_file_and_line(tmp_path: Path, old: str, new: str, sentence: str) -> None:
