@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -18,7 +19,8 @@ from pathlib import Path
 
 PATIENCE_S = 60.0
 SERVER = """
-import gc, json, os, resource, sys
+import gc, json, os, resource, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests themselves may run in the background
 from bench.cli import standard_streams
 from bench.cli.app import command_line, run
 from bench.problems import sets
@@ -45,6 +47,12 @@ while line := sys.stdin.readline():
     sys.stdin.readline()  # until then the child stays a zombie and keeps its number
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
+
+
+def hears_its_terminal() -> None:
+    """In a child: SIGINT and SIGHUP end it, though the tests themselves may run in the background or under nohup."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 @dataclass(frozen=True)
@@ -117,6 +125,19 @@ def command_lines(pids: Iterable[int]) -> list[str]:
         with suppress(FileNotFoundError, ProcessLookupError):
             found.append(Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode())
     return found
+
+
+def kill_worker(call: Call, reached: Callable[[], bool]) -> Finished:
+    """Kill one of the local workers of a call once a condition holds, and wait for every process of its session."""
+
+    def workers() -> list[int]:
+        return [pid for pid in of_session(call.pid) if any("loky" in words for words in command_lines([pid]))]
+
+    wait_until(lambda: len(workers()) >= 2 and reached(), lambda: command_lines(of_session(call.pid)))
+    os.kill(max(workers()), signal.SIGKILL)
+    ended = call.wait()
+    wait_until_gone(call.pid)
+    return ended
 
 
 class CommandLine:

@@ -27,7 +27,8 @@ def main() -> None:
     if sys.platform != "linux":
         print("piezobench: Linux only; on this system the library works from Python: piezo_model", file=sys.stderr)
         sys.exit(REFUSED)
-    signal.signal(signal.SIGINT, _end)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, _end)
     status = 1  # after a traceback
 
     def leave() -> None:

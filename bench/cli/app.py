@@ -83,6 +83,7 @@ def run(words: list[str]) -> int:
     """Run a command given as a list of words; returns the exit status.
 
     SIGINT, SIGTERM and SIGHUP end it by an exception, so that its child processes and temporary files are removed.
+    Those that are ignored at the start stay so: SIGHUP under nohup, SIGINT in a background job.
     """
     verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
@@ -99,9 +100,8 @@ def run(words: list[str]) -> int:
 def _do(words: list[str], verb: str) -> int:
     try:
         verbs = command_line(words[:1])
-        signal.signal(signal.SIGINT, _interrupt)
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, _interrupt)
         return verbs(words or ["--help"], prog_name="piezobench", standalone_mode=False) or 0
     except KeyboardInterrupt:

@@ -158,9 +158,13 @@ def _figures(task: Task, board: Board) -> list[str]:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Collect the signals that would end this process."""
+    """Collect the signals that would end this process: not those that it ignores, SIGHUP under nohup for example."""
     received: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    numbers = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) is not signal.SIG_IGN
+    ]
     before = [signal.signal(number, lambda number, _: received.append(number)) for number in numbers]
     try:
         yield received

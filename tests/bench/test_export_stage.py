@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import hears_its_terminal
 from programs import program
 
 from bench.export.building import write_files
@@ -72,7 +73,11 @@ def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
     built(tmp_path, settings, STAGE.replace("FAILS", "samples == 300" if end == "stage" else "0"))
     seconds = "0.5" if end in ("time", "stage") else "60"
     run = subprocess.Popen(
-        ["./loop", str(RATE), seconds, "0", "-1", "times"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ["./loop", str(RATE), seconds, "0", "-1", "times"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=hears_its_terminal,
     )
     if end.startswith("SIG"):
         log = tmp_path / "drives.txt"

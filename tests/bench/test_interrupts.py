@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine, command_lines, of_session, wait_until_gone
+from command_line import CommandLine, command_lines, hears_its_terminal, of_session, wait_until_gone
 from conftest import TWO_CORES, Race
 from exported_loops import a_model
 
@@ -46,6 +46,7 @@ def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(t
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            preexec_fn=hears_its_terminal,
         )
         assert call.stderr is not None
         while "typer" not in call.stderr.readline():  # the first import of the program
@@ -88,8 +89,11 @@ KINDS = {
     "fleet": ("identify", "stage.csv", "another.csv", "--out-dir", "models", "--workers", 2),
     "realtime": ("realtime", "model.json", "--rate", 1000, "--seconds", 1000),
 }
-CARRIES_ON = "Interrupted; what is done is kept, and {} carries on."
-SAYS = {"fleet": CARRIES_ON.format("the same command"), "realtime": ""}
+RESUMES = "Interrupted; finished tasks are kept; run 'piezobench resume results/run' to continue."
+SAYS = {
+    "fleet": "Interrupted; finished recordings are kept; run the same command to continue.",
+    "realtime": "",
+}
 
 
 def in_shared_memory(session: int) -> set[Path]:
@@ -118,11 +122,6 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
         return sum("loky" in words for words in command_lines(of_session(session))) >= 2
     run = folder / "results" / "run"
     return (run / "run.json").is_file() if kind == "problems" else any((run / "tasks").glob("[!.]*.npz"))
-
-
-def hears_its_terminal() -> None:
-    """In a child: SIGHUP ends it, though the tests themselves may have been started with nohup."""
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.mark.sample(3)
@@ -166,7 +165,7 @@ def test_a_signalled_call_removes_its_processes_its_shared_memory_and_its_tempor
     wait_until_gone(call.pid)
     assert call.returncode == 128 + ending
     assert shown == "" or kind not in ("problems", "race")
-    assert output.strip() == SAYS.get(kind, CARRIES_ON.format("'piezobench resume results/run'"))
+    assert output.strip() == SAYS.get(kind, RESUMES)
     assert shared or kind != "batch"
     assert not [path for path in shared if path.exists()]
     # a lock's file stays, free
@@ -209,11 +208,23 @@ def test_an_interrupt_that_a_library_swallows_is_raised_again_and_does_not_cut_t
 
 @pytest.mark.slow
 @pytest.mark.needs("cc")
-def test_a_call_started_with_nohup_continues_when_its_terminal_is_closed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGINT], ids=str)
+def test_a_call_started_with_nohup_or_in_the_background_continues_when_its_terminal_is_closed_or_interrupted(
+    tmp_path: Path, ignored: signal.Signals
+) -> None:
     a_model().save(tmp_path / "model.json")
     words = ("realtime", "model.json", "--rate", "1000", "--seconds", "2", "--out", "figures.json")
     with subprocess.Popen(
-        ["nohup", sys.executable, "-m", "bench", *words],
+        [
+            "sh",
+            "-c",
+            f"trap '' {ignored.name.removeprefix('SIG')}; exec \"$@\"",
+            "sh",
+            sys.executable,
+            "-m",
+            "bench",
+            *words,
+        ],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         start_new_session=True,
@@ -223,7 +234,7 @@ def test_a_call_started_with_nohup_continues_when_its_terminal_is_closed(tmp_pat
         stderr=subprocess.PIPE,
     ) as call:
         wait_until(lambda: is_pacing(call.pid), call)
-        call.send_signal(signal.SIGHUP)
+        os.killpg(call.pid, ignored)  # as a terminal does, also to the C program
         call.communicate()
     assert call.returncode == 0
     assert (tmp_path / "figures.json").is_file()

@@ -21,7 +21,15 @@ import pyarrow as pa
 import pyarrow.parquet as parquet
 import pytest
 from browser import Browser
-from command_line import PATIENCE_S, CommandLine, command_lines, of_session, wait_until, wait_until_gone
+from command_line import (
+    PATIENCE_S,
+    CommandLine,
+    command_lines,
+    hears_its_terminal,
+    of_session,
+    wait_until,
+    wait_until_gone,
+)
 from exported_loops import a_model
 
 from bench.live.board import Board
@@ -420,6 +428,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         [*LIVE, "--device", file, "--rate", str(RATE), "--sine", "1Hz:10um", "--port", str(free_port())],
         stdout=subprocess.PIPE,
         text=True,
+        preexec_fn=hears_its_terminal,
     )
     assert run.stdout is not None
     address = run.stdout.readline().split()[1]
