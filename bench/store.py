@@ -169,7 +169,7 @@ class Run:
             )
         run = cls(results / name)
         if run.path.exists():
-            raise RunError(f"{run.path} is there already; give another name or resume it")
+            raise RunError(f"{run.path} already exists; give another name or resume it")
         try:
             results.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=results) as temporary:
@@ -197,7 +197,7 @@ class Run:
         return run
 
     def discard(self) -> None:
-        """Remove the folder, unless a task is done or the race finished."""
+        """Remove the folder of a race that was refused, unless a task is done or the race finished."""
         if (self.path / "tasks").is_dir() and not self._task_files():
             shutil.rmtree(self.path)
 

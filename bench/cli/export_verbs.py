@@ -90,7 +90,7 @@ def export_fmu_verb(
     if out.suffix != ".fmu":
         raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
     if out.exists():
-        raise ExportError(f"{out}: is there already; name a new file")
+        raise ExportError(f"{out} already exists; name a new file")
     check_writable(out, "out")
     write_fmu(loaded, settings, out, fmi)
     console.print(f"FMU: {out}, FMI {fmi}.0 Co-Simulation with a fixed step of {loaded.structure.sample_time:g} s.")

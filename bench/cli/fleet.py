@@ -20,10 +20,11 @@ OutDir = Annotated[
     typer.Option(
         "--out-dir",
         help="For many recordings: folder or URL for the result of each and for a table and a page of all. Results "
-        "that are there already, of the same content and settings, are kept; others of the same name are replaced, and "
+        "that already exist, of the same content and settings, are kept; others of the same name are replaced, and "
         "nothing is deleted.",
     ),
 ]
+AGAIN = "finished recordings are kept; run the same command to continue"
 PAGES = 100
 """Most outliers with pages of their own; a page takes a second and a megabyte."""
 MOST_REFUSED = 12
@@ -72,8 +73,10 @@ def process(
             )
             write(out, table, found)
     except KeyboardInterrupt:
-        errors.print("Interrupted; what is done is kept, and the same command carries on.", soft_wrap=True)
+        errors.print(f"Interrupted; {AGAIN}.", soft_wrap=True)
         raise
+    except ChildProcessError as error:
+        raise RecordingError(f"{error}; {AGAIN}") from None
     refused = table[table.refused != ""]
     reasons = lines_of(refused.refused)
     if len(reasons) > MOST_REFUSED:

@@ -93,8 +93,8 @@ def parallel_map(
 ) -> Iterator[R]:
     """Call a picklable function with each item; yields the results in any order.
 
-    A cluster repeats an item whose worker was lost; the loss of a local worker is a RaceError. ``at_end`` is called in
-    each worker of a cluster; local workers end instead.
+    A cluster repeats an item whose worker was lost; the loss of a local worker is a ChildProcessError, and the caller
+    says how to continue. ``at_end`` is called in each worker of a cluster; local workers end instead.
     """
     if workers.is_one:
         yield from map(function, items)
@@ -111,9 +111,7 @@ def parallel_map(
             if client is not None and at_end is not None:
                 client.run(at_end)
     except BrokenProcessPool:
-        raise RaceError(
-            "a worker was killed, perhaps for want of memory; what is done is kept, and the same command carries on"
-        ) from None
+        raise ChildProcessError("a worker was killed, perhaps for want of memory") from None
 
 
 @contextmanager

@@ -371,7 +371,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         ((*RACE, "--name", "r\udcff"), ["is not text in UTF-8"]),
         ((*RACE, "--out", "file"), ["file"]),
         ((*RACE, "--out", "/proc/results"), ["/proc/results"]),
-        ((*RACE, "--out", "empty/..", "--name", "empty"), ["empty", "is there already"]),
+        ((*RACE, "--out", "empty/..", "--name", "empty"), ["empty", "already exists"]),
         (
             ("race", "--lane", "kernel", "--solver", "clarabel"),
             ["no selected solver is in the lane kernel"],

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command_line import CommandLine, wait_until_gone
+from command_line import CommandLine, kill_worker, wait_until_gone
 from conftest import SMALL, THIRD, TWO_CORES, Race
 from programs import library
 from test_store import without_times
@@ -57,6 +57,26 @@ def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(
     run = Run(tmp_path / "run")
     call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
     call.kill_once(lambda: len(list((run.path / "tasks").glob("*.npz"))) >= 3)
+    assert piezobench("resume", run.path).status == 0
+    same_but_for_times(run, clean_race)
+
+
+@pytest.mark.slow
+@TWO_CORES
+@pytest.mark.parametrize("tasks", [0, 3])
+def test_a_race_that_lost_a_worker_says_how_to_continue_and_keeps_its_run(
+    piezobench: CommandLine, tmp_path: Path, clean_race: Race, tasks: int
+) -> None:
+    run = Run(tmp_path / "run")
+    words = ("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
+    ended = kill_worker(piezobench.start(*words), lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= tasks)
+    assert ended.refusal == (
+        f"piezobench race: {run.path}: a worker was killed, perhaps for want of memory; finished tasks are kept; run "
+        f"'piezobench resume {run.path}' to continue"
+    )
+    assert piezobench(*words).refusal.endswith("already exists; give another name or resume it")
+    kept = len(list((run.path / "tasks").glob("[!.]*.npz")))
+    assert kept >= tasks
     assert piezobench("resume", run.path).status == 0
     same_but_for_times(run, clean_race)
 

@@ -226,7 +226,7 @@ def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[
     ("words", "message"),
     [
         (["model.json", "it.zip"], "it.zip does not end in .fmu"),
-        (["model.json", "there.fmu"], "there.fmu: is there already; name a new file"),
+        (["model.json", "there.fmu"], "there.fmu already exists; name a new file"),
         (["model.json", "nowhere/it.fmu"], "the folder nowhere does not exist"),
         (["model.json", "it.fmu", "--fmi", "4"], "--fmi"),
     ],

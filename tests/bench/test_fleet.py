@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser
-from command_line import CommandLine, Finished, wait_until_gone
+from command_line import CommandLine, Finished, kill_worker, wait_until_gone
 from conftest import TWO_CORES
 
 from bench.cli.fleet import process
@@ -199,6 +199,27 @@ def test_a_fleet_that_was_ended_by_a_signal_is_resumed_without_loss_or_repetitio
     assert not (tmp_path / "fleet.csv").exists()
     kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
     assert 3 <= len(kept) < COUNT
+    for path in tmp_path.rglob(".*"):  # temporary files of the killed process
+        path.unlink()
+    assert piezobench(*words).status == 2
+    assert {path: path.stat().st_ino for path in kept} == kept
+    assert_same(serial[0], tmp_path)
+
+
+@TWO_CORES
+@pytest.mark.slow
+def test_a_fleet_that_lost_a_worker_says_how_to_continue_and_keeps_what_is_done(
+    piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
+) -> None:
+    words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
+    call = piezobench.start(*words, "--workers", 2)
+    ended = kill_worker(call, lambda: len(list(tmp_path.glob("rows/[!.]*.json"))) >= 3)
+    assert ended.refusal == (
+        "piezobench identify: a worker was killed, perhaps for want of memory; finished recordings are kept; run the "
+        "same command to continue"
+    )
+    kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
+    assert len(kept) >= 3
     for path in tmp_path.rglob(".*"):  # temporary files of the killed process
         path.unlink()
     assert piezobench(*words).status == 2

@@ -175,7 +175,7 @@ def test_a_run_is_named_like_one_folder(tmp_path: Path, name: str) -> None:
 
 def test_an_existing_run_is_not_overwritten(tmp_path: Path) -> None:
     Run.create(tmp_path, {**SETTINGS, "race": "first"}, "run")
-    with pytest.raises(RunError, match="is there already; give another name or resume it"):
+    with pytest.raises(RunError, match="already exists; give another name or resume it"):
         Run.create(tmp_path, SETTINGS, "run")
     assert Run.open(tmp_path / "run").settings["race"] == "first"
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
