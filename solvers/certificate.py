@@ -13,7 +13,7 @@ The data are doubles, hence rationals, and everything here is computed in ration
 5. signs: no inequality has a negative multiplier. With 2 to 4 these are the KKT conditions, and any KKT point of a
    convex program is optimal (Boyd, Vandenberghe, *Convex Optimization*, 2004, section 5.5.3).
 6. value: V(x*) equals the stored rational. It is the only optimal value even if x* is not the only optimum.
-7. answer: the stored doubles are x* and V(x*) rounded, and the stored statement on uniqueness is right.
+7. answer: the stored doubles are x* and V(x*) rounded, and the stored statement on uniqueness, if any, is right.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ class Certificate:
     which are set to zero."""
     convexity_shift: float
     """δ."""
-    unique: bool
-    """Whether x* is the only optimum (of the shifted problem)."""
+    unique: bool | None
+    """Whether x* is the only optimum (of the shifted problem); None if that was not decided."""
     x: tuple[float, ...]
     """x* rounded to double; :func:`exact_optimum` gives it exactly."""
     value: Annotated[str, msgspec.Meta(pattern=r"^-?[0-9]+(/[1-9][0-9]*)?$")]
@@ -143,7 +143,8 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     x : array, shape (d,)
         A solver's answer. The better it is, the fewer exact pivots are needed; the proof does not depend on it.
     work : float
-        Limit of the work in bit operations, see :meth:`solvers.exact.program.ExactProgram.pivot_work`.
+        Limit of the work in bit operations, see :meth:`solvers.exact.program.ExactProgram.pivot_work`. As much again
+        may be spent on whether the optimum is unique, which may remain undecided.
 
     Raises
     ------
@@ -168,7 +169,8 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     try:
         W, point = optimum(program, [program.positions[name] for name in data.guess(x)], budget)
     except Unbounded:
-        nearest_feasible(program, column(x))  # an empty feasible set can show a ray too: then this raises Infeasible
+        # an empty feasible set can show a ray too: then this raises Infeasible
+        nearest_feasible(program, column(x), budget)
         raise
     _check_shift(program, factor, shift, point.x)
     names = [program.constraint(k) for k in W]
@@ -180,7 +182,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
         problem=data.fingerprint,
         **sets,
         convexity_shift=shift,
-        unique=definite or is_unique(program, point),
+        unique=definite or is_unique(program, point, Work(work)),
         x=_rounded(point.x),
         value=str(value),
         value_rounded=nearest_double(value),
@@ -251,8 +253,9 @@ def verify(problem: Problem, certificate: Certificate) -> None:
     line("6 (value)", certificate.value == str(value), f"the value is another, near {nearest_double(value)!r}")
     line("7 (answer)", certificate.value_rounded == nearest_double(value), "value_rounded is not the value rounded")
     line("7 (answer)", certificate.x == _rounded(point.x), "x is not x* rounded")
-    unique = definite or is_unique(program, point)
-    line("7 (answer)", certificate.unique == unique, f"the optimum is {'' if unique else 'not '}unique")
+    if certificate.unique is not None:
+        unique = definite or is_unique(program, point, Work(math.inf))
+        line("7 (answer)", certificate.unique == unique, f"the optimum is {'' if unique else 'not '}unique")
 
 
 def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: float = 0.0) -> Gap:

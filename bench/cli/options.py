@@ -11,6 +11,7 @@ import typer
 from bench.processes.engine import Backend
 from piezo_model.model import StartChoice
 from solvers import find
+from solvers.exact.linear_algebra import WORK
 
 Verb = Callable[..., None]
 
@@ -88,6 +89,14 @@ Scheduler = Annotated[
     typer.Option("--scheduler", help="Address of a Dask scheduler whose workers see the same folder under this path."),
 ]
 
+ProofWork = Annotated[
+    float | None,
+    typer.Option(
+        "--work",
+        min=1.0,
+        help=f"For the sets foreign and test_set: most bit operations of a proof; {WORK:.0e} by default.",
+    ),
+]
 FILE = "A recording in any known format; 'piezobench inspect' shows how it is read."
 Time = Annotated[
     str | None,

@@ -14,10 +14,10 @@ from bench.cli.options import (
     READING_OPTIONS,
     Input,
     Output,
+    ProofWork,
     Seed,
     Time,
     as_text,
-    is_given,
     reads_a_recording,
     refuse,
 )
@@ -25,7 +25,7 @@ from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.report.console import AsJson, console, print_json, print_table, progress_bar, show_table
 from bench.report.words import by_heading
-from solvers.certificate import WORK, Certificate, NotCertified, verify
+from solvers.certificate import Certificate, NotCertified, verify
 
 HEADINGS = ("problem", "optimum", "variables", "rows", "condition", "gaps are relative to", "proofs")
 
@@ -54,9 +54,7 @@ def problems_verb(
     test_set: Annotated[
         Path | None, typer.Option(help="For the set test_set: Python file with a test set of qpbenchmark.")
     ] = None,
-    work: Annotated[
-        float, typer.Option(min=1.0, help="For the sets foreign and test_set: most bit operations of a proof.")
-    ] = WORK,
+    work: ProofWork = None,
     as_json: AsJson = False,
 ) -> None:
     """List the problem sets, or the problems of one set.
@@ -83,9 +81,7 @@ def problems_verb(
     if source is not None:
         refuse(context, ("seed", *of_sets), "is for making problems, and those in the folder --from are made")
     elif problem_set is not None:
-        check_options(
-            [problem_set], [option for option in set_options if option != "work" or is_given(context, "work")]
-        )
+        check_options([problem_set], set_options)
     problems, left_out, total = _problems(problem_set, source, seed, set_options)
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)
@@ -176,4 +172,4 @@ def _described(problem: RaceProblem) -> tuple[str, ...]:
 def _optimum(certificate: Certificate) -> str:
     if certificate.convexity_shift:
         return f"of P + {certificate.convexity_shift:.0e} I, since rounding left P indefinite"
-    return "unique" if certificate.unique else "not unique"
+    return {True: "unique", False: "not unique", None: "uniqueness undecided"}[certificate.unique]

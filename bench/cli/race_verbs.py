@@ -13,6 +13,7 @@ from bench.cli.options import (
     READING_OPTIONS,
     Input,
     Output,
+    ProofWork,
     Scheduler,
     Seed,
     Time,
@@ -62,7 +63,9 @@ SETTING_OF = {
     "limit": "limit",
     "budget": "effort",
     "repeats": "repeats",
-    **dict.fromkeys(("recording", "time", "input", "output", "folder", "test_set", *READING_OPTIONS), "set_options"),
+    **dict.fromkeys(
+        ("recording", "time", "input", "output", "folder", "test_set", "work", *READING_OPTIONS), "set_options"
+    ),
 }
 """Setting of a race that an option sets, for options that only some kinds of race use; an option that a kind declares
 itself has the name of its setting."""
@@ -177,6 +180,7 @@ def race_verb(
     test_set: Annotated[
         Path | None, typer.Option(help="Race on a test set of qpbenchmark, given as a Python file.")
     ] = None,
+    work: ProofWork = None,
     seed: Seed = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Timed seconds of a task.")] = 0.005,
     time_limit: Annotated[float, typer.Option(min=0.1, help="Longest duration of a task in s.")] = 20.0,
@@ -203,6 +207,7 @@ def race_verb(
         time=time,
         input=input,
         output=output,
+        work=work,
         **reading,
     )
     sets = problem_set or [name for name, option in FILE_OF.items() if option in set_options]
@@ -268,20 +273,15 @@ def resume_verb(
     else:
         pool = Workers(workers, backend, scheduler)
         kind_of(opened).check(pool)
-        for file in sorted(files_of(opened) ^ {str(path.resolve()) for path in code or ()}):
+        used = settings_of(opened, kind_of(opened).settings).code
+        for file in sorted(used ^ {str(path.resolve()) for path in code or ()}):
             raise RunError(
                 f"{run / 'run.json'} names the Python file {file}, whose code would run; if you trust it, add "
                 f"--solver {file}"
-                if file in files_of(opened)
+                if file in used
                 else f"{run}: the race did not use {file}"
             )
         _finish(opened, pool, as_json)
-
-
-def files_of(run: Run) -> set[str]:
-    """The Python files that a run names, whose code a race executes."""
-    settings = settings_of(run, kind_of(run).settings)
-    return {*settings.solver_files, *(path for name, path in settings.set_options.items() if name == "test_set")}
 
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
@@ -325,7 +325,8 @@ def solvers_verb(as_json: AsJson = False) -> None:
 
 
 def _finish(run: Run, workers: Workers, as_json: bool) -> None:
-    words = ["piezobench", "resume", str(run.path), *(word for file in files_of(run) for word in ("--solver", file))]
+    files = sorted(settings_of(run, kind_of(run).settings).code)
+    words = ["piezobench", "resume", str(run.path), *(word for file in files for word in ("--solver", file))]
     resume = f"finished tasks are kept; run '{shlex.join(words)}' to continue"
     try:
         with progress_bar() as progress:

@@ -24,7 +24,7 @@ from scipy.sparse import csc_matrix, diags, identity
 
 from bench.problem_files import READERS, ProblemFileError, ReadProgram, read, suffix_of
 from bench.problem_files.npz import opened
-from bench.problem_files.program import about, checked
+from bench.problem_files.program import about, checked, require
 from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems import proof_cache
 from bench.problems.certifying import ProverLost, both_proofs, prove, proven, require_size
@@ -54,6 +54,7 @@ class ForeignPrograms(ProblemSet):
         super().__init__(seed, **options)
         try:
             self.work = float(self.options.get("work", WORK))
+            require(self.work >= 1.0, "")
         except ValueError:
             raise ProblemSetError(f"work is {self.options['work']!r} and not a number of bit operations") from None
 

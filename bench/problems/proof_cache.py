@@ -18,8 +18,8 @@ from piezo_model.atomic_file import write_text
 from solvers.certificate import Certificate, NotCertified
 from solvers.exact.problem import DoubleProblem
 
-VERSION = 1
-"""Cache version; raise it when the format of a proof changes."""
+VERSION = 2
+"""Cache version; raise it when the format of a proof or what is refused changes."""
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,8 @@ class Certificate:
 
     cost_gap: float
     violation: float
-    unique: bool
+    unique: bool | None
+    """None if that was not decided."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 
 from flint import fmpq, fmpq_mat, fmpz, fmpz_mat
 
-from solvers.exact.linear_algebra import WORK, RationalColumn, Work, rational_column
+from solvers.exact.linear_algebra import WORK, NotCertified, RationalColumn, Work, rational_column
 from solvers.exact.program import (
     Constraint,
     ExactProgram,
@@ -178,14 +178,15 @@ def _drop(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list
     )
 
 
-def nearest_feasible(program: ExactProgram, x: RationalColumn) -> RationalColumn:
-    """The Euclidean projection of x (d, 1) on the feasible set, exactly; raises :class:`Infeasible`."""
+def nearest_feasible(program: ExactProgram, x: RationalColumn, work: Work | None = None) -> RationalColumn:
+    """The Euclidean projection of x (d, 1) on the feasible set, exactly; raises :class:`Infeasible`, and NotCertified
+    beyond the limit of the work."""
     identity = [[fmpz(int(i == j)) for j in range(program.d)] for i in range(program.d)]
-    return optimum(ExactProgram(identity, -x, program.constraints), program.violated(x))[1].x
+    return optimum(ExactProgram(identity, -x, program.constraints), program.violated(x), work)[1].x
 
 
-def is_unique(program: ExactProgram, point: Point) -> bool:
-    """Whether the optimum at ``point`` is the only one, decided exactly.
+def is_unique(program: ExactProgram, point: Point, work: Work) -> bool | None:
+    """Whether the optimum at ``point`` is the only one, decided exactly; None if that takes more work than allowed.
 
     Another optimum lies along a direction p ≠ 0 with P p = 0 that keeps the equalities and the constraints of positive
     multiplier tight and does not break the other tight ones, aₖᵀp ≤ 0. No such direction exists if and only if all
@@ -207,4 +208,7 @@ def is_unique(program: ExactProgram, point: Point) -> bool:
     cone.append(Constraint(Kind.ROW, len(weak), fmpq(1), tuple(-entry for entry in total)))  # else the value is −∞
     no_curvature = [[fmpz(0)] * d for _ in range(d)]
     flat = ExactProgram(no_curvature, rational_column([fmpq(entry) for entry in total]), tuple(cone))
-    return bool(flat.value(optimum(flat, [])[1].x) == 0)
+    try:
+        return bool(flat.value(optimum(flat, [], work)[1].x) == 0)
+    except NotCertified:  # this program has an optimum, so it is the work
+        return None

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from box_programs import many_weak_rows
 from command_line import CommandLine
 from measured_rows import is_right
 from program_files import dense, draw, same_problem, write_mat, write_qps
@@ -147,6 +148,31 @@ def test_a_proof_that_takes_too_much_work_is_given_up(tmp_path: Path) -> None:
     problems, left_out = problems_of(tmp_path, work="1e8")
     assert list(problems) == ["quick"]
     assert left_out == {"long": "no proof within 1e+08 bit operations of exact arithmetic"}
+
+
+@pytest.mark.slow
+def test_work_limits_the_proof_and_the_question_of_uniqueness_in_a_race_and_in_the_list(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    fields = fields_of(many_weak_rows())
+    np.savez(tmp_path / "weak.npz", **{name: value for name, value in fields.items() if value is not None})
+    listed = ("problems", "--set", "foreign", "--folder", tmp_path)
+    raced = ("race", "--folder", tmp_path, *SHORT, "--solver", "clarabel", "--out", tmp_path / "results")
+    for work, shown in ((1e6, "uniqueness undecided"), (1e7, "unique")):
+        assert f" {shown} " in piezobench(*listed, "--verify", "--work", work).stdout
+        call = piezobench(*raced, "--work", work, "--name", f"{work:g}")
+        assert call.status == 0, call.stderr
+        proof = Run.open(tmp_path / "results" / f"{work:g}").problem("foreign", "weak").forms["raw"].certificate
+        assert proof.unique == {1e6: None, 1e7: True}[work]
+    assert "no proof within 1e+05 bit operations" in piezobench(*raced, "--work", 1e5, "--name", "few").refusal
+    assert not (tmp_path / "results" / "few").exists()
+    for words in (("race", "--set", "paper"), ("problems", "--set", "paper"), ("race",)):
+        assert "--work is for the problem set foreign or test_set" in piezobench(*words, "--work", 1e6).refusal
+    assert "the race stream does not use it" in piezobench("race", "--race", "stream", "--work", 1e6).refusal
+    for work in ("nan", "0.5"):
+        assert "work" in piezobench(*raced, "--work", work).refusal
+        with pytest.raises(ProblemSetError, match=f"work is '{work}' and not a number of bit operations"):
+            make("foreign", options={"folder": str(tmp_path), "work": work})
 
 
 def test_proofs_and_refusals_are_cached_by_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -382,6 +408,10 @@ def test_proving_processes_end_with_the_generator_whether_they_start_or_work(pau
 
 
 def test_an_interrupt_ends_a_running_proof() -> None:
-    threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        next(proven(lambda child, seconds: prove(child, time.sleep, seconds), [3600.0]))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background ignore it
+    try:
+        threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            next(proven(lambda child, seconds: prove(child, time.sleep, seconds), [3600.0]))
+    finally:
+        signal.signal(signal.SIGINT, before)

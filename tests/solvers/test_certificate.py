@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import scipy.sparse
+from box_programs import many_weak_rows
 from every_active_set import (
     INF,
     boxes,
@@ -23,7 +24,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
 
-from solvers.certificate import Infeasible, NotCertified, Unbounded, certify, exact_cost_gap, exact_optimum, verify
+from solvers.certificate import (
+    Certificate,
+    Infeasible,
+    NotCertified,
+    Unbounded,
+    certify,
+    exact_cost_gap,
+    exact_optimum,
+    verify,
+)
 from solvers.exact import linear_algebra as exact_linear_algebra
 
 
@@ -245,3 +255,19 @@ def test_an_answer_that_is_not_finite_or_of_the_wrong_shape_is_refused(x: np.nda
 def test_a_proof_that_takes_too_much_work_is_refused() -> None:
     with pytest.raises(NotCertified, match=r"no proof within 1e\+04 bit operations of exact arithmetic"):
         certify(gram_problem(18, seed=1), np.zeros(18), work=1e4)
+
+
+def test_an_optimum_is_proven_even_if_its_uniqueness_takes_too_much_work() -> None:
+    problem = many_weak_rows()
+    proof = certify(problem, np.zeros(8), work=1e6)
+    assert proof.unique is None
+    verify(problem, proof)
+    decided = certify(problem, np.zeros(8), work=1e7)
+    assert decided == replace(proof, unique=True)
+    verify(problem, decided)
+    with pytest.raises(NotCertified, match="line 7"):
+        verify(problem, replace(proof, unique=False))
+    assert Certificate.from_json(proof.to_json()) == proof
+    assert exact_cost_gap(problem, proof, np.zeros(8), c=1.0).relative == 0.0
+    with pytest.raises(NotCertified, match="no proof within 1e"):
+        certify(problem, np.zeros(8), work=1e5)

@@ -40,6 +40,10 @@ REPEATED_CALLS, CACHE_RATIO, CACHE_NS, LONGEST_REPEATED_NS = 8, 5.0, 2_000, 1_00
 """Test for a cache: number of repeated calls, least speed-up and least gain by repeated data, longest call tested."""
 
 
+class BlockError(Exception):
+    """A solver failed at a block; the argument is the outcome."""
+
+
 @dataclass
 class Measurement:
     """The outcome of a task with its times, and the judgement of its timed answers."""
@@ -60,18 +64,18 @@ def run_block(
     child: SolverChild, task: Task, P: Matrix, q: Matrix, inspect: bool = False, most_ns: float = math.inf
 ) -> BlockOutcome:
     """Time a block. No call begins after ``most_ns``; ``inspect`` is whether to look for objects that the solver
-    replaced."""
+    replaced. BlockError if the solver fails; if its process ended, so did the solver that was ready."""
     cpu_ns, begin = child.cpu_ns(), perf_counter_ns()
     block = child.ask(Block(task.key, P, q, inspect, most_ns))
     wall_ns, cpu_ns = perf_counter_ns() - begin, child.cpu_ns() - cpu_ns
     if block.failure:
-        return BlockOutcome(block.failure, block.message)
+        raise BlockError(block)
     if isinstance(block, BlockOutcome):
         n = len(q) if wall_ns < most_ns else min(len(block.answers), len(q))
         if n and block.answers.shape == (n, q.shape[1]) and block.update_ns.shape == block.solve_ns.shape == (n,):
             block.wall_ns, block.cpu_ns = wall_ns, cpu_ns
             return block
-    return BlockOutcome("tampered", "its process sent an answer that was not requested")
+    raise BlockError(Outcome("tampered", "its process sent an answer that was not requested"))
 
 
 def joined(blocks: Sequence[BlockOutcome]) -> BlockOutcome:
@@ -104,7 +108,8 @@ def cpu_ratio(block: BlockOutcome, allowed_ns: float) -> float:
 def hidden_cpu_time(
     child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, n: int, call_ns: float
 ) -> str:
-    """Evidence that the solver works while it is not timed: before or after its calls, or in a few of them; "" if none.
+    """Evidence that the solver works while it is not timed: before or after its calls, or in a few of them; "" if none,
+    or if the null solver fails.
 
     Blocks of ``n`` calls are tested, or of fewer if calls of ``call_ns`` would take longer than LONG_NS. Hidden work
     shows as CPU time far beyond the median reported time and beyond that of the null solver for the same block. A
@@ -119,8 +124,9 @@ def hidden_cpu_time(
         order = np.random.default_rng().permutation(len(q))
         block = run_block(child, task, P, q)
         shuffled = run_block(child, task, P[order], q[order])
-        null_block = run_block(idle, null_task, P, q)
-        if block.failure or shuffled.failure or null_block.failure:
+        try:
+            null_block = run_block(idle, null_task, P, q)
+        except BlockError:
             break
         ratio = min(cpu_ratio(each, IDLE_RATIO * null_block.cpu_ns) for each in (block, shuffled))
         median_ns, shuffled_median_ns = np.median(block.calls_ns), np.median(shuffled.calls_ns)
@@ -144,7 +150,7 @@ def timed(
     effort: Effort,
     test_for_cheating: bool = True,
 ) -> Measurement:
-    """Time a task.
+    """Time a task; BlockError if the solver fails at a block, also at one that tests for cheating.
 
     ``idle`` is the process of the null solver; ``test_for_cheating`` adds the tests for hidden work and for a cache.
     """
@@ -158,8 +164,6 @@ def timed(
         n = min(size, fresh.calls_at_once, effort.most - done)
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), inspect=True, most_ns=most_ns)
-        if block.failure:
-            return Measurement(block)
         blocks.append(block)
         n, evidence = len(block.answers), _impossible_times(block, child.entry.times_itself)
         done, spent_ns = done + n, spent_ns + int(block.calls_ns.sum())
@@ -203,8 +207,6 @@ def _cached_answers(child: SolverChild, task: Task, fresh: FreshData, call_ns: f
     for _ in range(TRIALS):
         P, q = fresh.unseen(calls)
         block = run_block(child, task, np.concatenate([P, P]), np.concatenate([q, q]))
-        if block.failure:
-            return None
         first, again = int(block.calls_ns[:calls].min()), max(float(np.median(block.calls_ns[calls:])), 1.0)
         if first < CACHE_RATIO * again or first - again < CACHE_NS:
             return None

@@ -19,7 +19,7 @@ from bench.processes.sentinel import EVERY_S
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.driver import Part, Tell
-from bench.races.oneshot.blocks import Measurement, timed
+from bench.races.oneshot.blocks import BlockError, Measurement, timed
 from bench.races.oneshot.rows import answer_us, row_of
 from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
@@ -52,7 +52,10 @@ class Pass(Part):
     ) -> Row:
         """Time, judge and save a task."""
         idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
-        measured = timed(pool.child(task), idle, task, self.problem, fresh, effort, test_for_cheating)
+        try:
+            measured = timed(pool.child(task), idle, task, self.problem, fresh, effort, test_for_cheating)
+        except BlockError as error:
+            measured = Measurement(*error.args)
         outcome, row = measured.outcome, row_of(self.problem, task, measured)
         run.save(task, [row], {"setup": outcome.setup_ns, "update": outcome.update_ns, "solve": outcome.solve_ns})
         pool.sentinel.sample(unless_within_s=EVERY_S)

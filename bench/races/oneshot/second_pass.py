@@ -27,7 +27,7 @@ from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races import null_solver
 from bench.races.driver import Tell
-from bench.races.oneshot.blocks import joined, run_block, set_up
+from bench.races.oneshot.blocks import BlockError, joined, run_block, set_up
 from bench.races.oneshot.first_pass import FirstPass, Pass
 from bench.races.oneshot.rows import answer_us, median, number
 from bench.races.oneshot.settings import OneshotSettings
@@ -123,11 +123,12 @@ def interleave(
         chance.shuffle(ready)
         data = fresh.unseen(1)
         for task in list(ready):
-            block = run_block(children[task.solver, task.lane], task, *data)
-            if block.failure:
+            try:
+                block = run_block(children[task.solver, task.lane], task, *data)
+            except BlockError:
                 ready.remove(task)
-            elif at >= 0:
-                blocks[task.key].append(block)
+            else:
+                blocks[task.key] += [block] if at >= 0 else []
     return [(task, joined(blocks[task.key])) for task in tasks if task in ready]
 
 
