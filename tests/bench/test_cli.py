@@ -168,7 +168,19 @@ def test_a_closed_error_output_or_input_changes_neither_status_nor_output(tmp_pa
 # Options that a call would not use.
 
 EVERY_RACE = ("solver", "lane", "seed", "time-limit", "memory")
-OF_PROBLEMS = {"set", "recording", "time", "sheet", "folder", "test-set", "scaling", "limit", "budget", "repeats"}
+OF_PROBLEMS = {
+    "set",
+    "recording",
+    "time",
+    "sheet",
+    "folder",
+    "test-set",
+    "work",
+    "scaling",
+    "limit",
+    "budget",
+    "repeats",
+}
 READS = {
     "oneshot": OF_PROBLEMS | {"rounds"},
     "anytime": OF_PROBLEMS | {"rounds"},
@@ -184,6 +196,7 @@ VALUES = {
     "sheet": "one",
     "folder": ".",
     "test-set": "some.py",
+    "work": 1e6,
     "scaling": "raw",
     "tier": "high",
     "settings": "run",
