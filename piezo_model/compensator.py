@@ -125,10 +125,9 @@ class Compensator(Stateful):
         checks.require(lambda pair: pair[0] < pair[1], "two numbers in ascending order", x_limits=x_limits)
         low, high = map(float, x_limits)
         self._x_limits, self._rate_limit, self._integral_gain = (low, high), rate_limit, integral_gain
-        if state is None:
-            state = OperatorState.before_drive(s, (low, high), x_start)
-        elif x_start is not None:
+        if state is not None and x_start is not None:
             raise ValueError("give either state or x_start: the states say where the drive starts")
+        state = OperatorState.before_drive(s, (low, high), x_start) if state is None else state
         OperatorState.require(state, s)
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 

@@ -11,8 +11,9 @@ Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418; `operators` f
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeGuard, get_args
@@ -173,7 +174,8 @@ class HysteresisCreepModel(Immutable):
         Parameters
         ----------
         x : array (N,) or Recording
-            Input in the structure's input unit; a recording in other units is converted.
+            Input in the structure's input unit; a recording in other units is converted, and may have another sampling
+            period.
         state : OperatorState, optional
             States before the first sample. By default, for a recording the states that fit it best, as in the
             identification; for an array the model's :attr:`start`, and without one those of a compensator's stage at
@@ -195,8 +197,8 @@ class HysteresisCreepModel(Immutable):
         if _is_recording(x):
             from piezo_model.identification.validation import start_and_transient  # which simulates with this method
 
-            x = x.in_units(self.structure.input_unit, self.structure.output_unit)
-            return self.simulate(x.arrays()[0], start_and_transient(self, x)[0] if state is None else state)
+            x, model = x.in_units(self.structure.input_unit, self.structure.output_unit), self.at(x.sample_time)
+            return model.simulate(x.arrays()[0], start_and_transient(model, x)[0] if state is None else state)
         return self.advance(x, self.initial_state() if state is None else state)[0]  # type: ignore[arg-type]
 
     def advance(self, x: ArrayLike, state: OperatorState) -> tuple[Vector, OperatorState]:
@@ -239,14 +241,43 @@ class HysteresisCreepModel(Immutable):
         refusal = self.report.get("refusal")
         return "" if refusal is None else " ".join(f"The model was forced although {refusal}.".split())
 
+    def at(self, sample_time: float) -> HysteresisCreepModel:
+        """The same model at another sampling period in s, which a controller or a signal may have.
+
+        Plays depend on no time, and the rates of creep are in 1/s, so weights and states stay. The report is that of
+        the identification, with its sampling period as ``sample_time_s``; the lag of a sensor is in new samples. The
+        model itself is returned for its own period, and for one that differs by no more than the rounding of a clock,
+        a millionth.
+
+        Raises
+        ------
+        StructureError
+            The sampling period is not positive, or out of range.
+
+        Examples
+        --------
+        >>> structure = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,),
+        ...                                        sample_time=5e-3)
+        >>> model = HysteresisCreepModel.from_weights(structure, [1.0, 2.0, 0.1, 0.0])
+        >>> bool(np.isclose(model.simulate(np.ones(201))[-1], model.at(125e-6).simulate(np.ones(8001))[-1]))
+        True
+        """
+        own, structure = self.structure.sample_time, replace(self.structure, sample_time=sample_time)
+        if math.isclose(sample_time, own, rel_tol=1e-6):
+            return self
+        report = {"sample_time_s": own, **self.report}
+        if report.get("lag"):
+            report["lag"] = {**report["lag"], "samples": report["lag"]["samples"] * own / sample_time}
+        return replace(self, structure=structure, report=report)
+
     def initial_state(self, start: StartChoice | None = None) -> OperatorState:
         """States before a signal: those before the recording of the identification, or of a compensator's stage at
         rest; by default the former, if the model has them."""
         checks.one_of(get_args(StartChoice), start="rest" if start is None else start)
-        if start == "rest" or (start is None and self.start is None):
-            return OperatorState.before_drive(self.structure)
-        if self.start is None:
+        if start == "recording" and self.start is None:
             raise ModelError("the model has no states from before a recording; begin at rest")
+        if start == "rest" or self.start is None:
+            return OperatorState.before_drive(self.structure)
         return self.start.copy()
 
     def validate(self, recording: Recording) -> Validation:

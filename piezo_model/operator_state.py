@@ -6,7 +6,7 @@ r_n, padded with zeros to a multiple of eight, the structure's ``lanes``; creep 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypedDict
 
@@ -17,12 +17,9 @@ from piezo_model import checks
 from piezo_model.core import State, Stateful
 from piezo_model.json_file import Number
 from piezo_model.operators import creep_gain, dead_zone_limits
-from piezo_model.structure import ModelStructure
+from piezo_model.structure import ModelStructure, StructureError
 from solvers.arrays import Vector, reals
 from solvers.core import padded
-
-BRANCHES: Mapping[Literal["above", "below"], float] = {"above": 1.0, "below": -1.0}
-"""Slope dz/dr of the settled states z over the thresholds r."""
 
 
 class States(TypedDict):
@@ -79,10 +76,10 @@ class OperatorState(Stateful):
             If x is not finite, or for another direction.
         """
         checks.finite(x=x)
-        checks.require(lambda way: way in (None, *BRANCHES), "'above', 'below' or None", came_from=came_from)
+        checks.require(lambda way: way in ("above", "below", None), "'above', 'below' or None", came_from=came_from)
         unit_x = (x - structure.x_centre) / structure.x_scale
-        branch = max(-1.0, min(1.0, -unit_x)) if came_from is None else BRANCHES[came_from]
-        z = unit_x + branch * padded_thresholds(structure)
+        slopes = {"above": 1.0, "below": -1.0, None: max(-1.0, min(1.0, -unit_x))}  # dz/dr over the thresholds
+        z = unit_x + slopes[came_from] * padded_thresholds(structure)
         return cls(z, np.tile(z, len(structure.creep_rates)))
 
     @classmethod
@@ -93,8 +90,9 @@ class OperatorState(Stateful):
 
         The limits are the structure's range by default.
         """
-        low, high = structure.x_range if x_limits is None else x_limits
-        return cls.settled_at(structure, float(drive_start(low, high, x_start)))
+        return cls.settled_at(
+            structure, float(drive_start(*(structure.x_range if x_limits is None else x_limits), x_start))
+        )
 
     def require(self, structure: ModelStructure) -> None:
         """Raise ValueError if the states do not have the size of a structure."""
@@ -158,8 +156,8 @@ def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = Non
 
     Raises
     ------
-    ValueError
-        If it is outside of the limits.
+    StructureError
+        It is outside of the limits.
 
     Examples
     --------
@@ -169,12 +167,10 @@ def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = Non
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     x = np.clip(0.0, low, high) if x_start is None else reals("x_start", x_start)
     if x.shape not in ((), low.shape):
-        raise ValueError(f"x_start must be one number or one for each actuator, not of shape {x.shape}")
+        raise StructureError(f"x_start must be one number or one for each actuator, not of shape {x.shape}")
     x = np.broadcast_to(x, low.shape)
-    outside = np.flatnonzero(~(np.isfinite(x) & (low <= x) & (x <= high)))
-    if outside.size:
-        i = int(outside[0])
-        raise ValueError(
+    for i in np.flatnonzero(~(np.isfinite(x) & (low <= x) & (x <= high))):
+        raise StructureError(
             f"x_start{f'[{i}]' if x.ndim else ''} must be within the limits of the drive, {low.flat[i]:g} to "
             f"{high.flat[i]:g}, not {x.flat[i]:g}"
         )

@@ -44,7 +44,8 @@ LONGEST_UNIT = 1000
 
 
 class StructureError(ValueError):
-    """An invalid model structure; the message is one sentence that names the field."""
+    """An invalid model structure, or a start of the drive that does not fit; the message is one sentence that names the
+    field."""
 
 
 @dataclass(frozen=True)

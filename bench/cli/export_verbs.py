@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.cli.options import RateLimit, XStart
+from bench.cli.options import Rate, RateLimit, XStart
 from bench.export.realtime import real_time
 from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
@@ -54,6 +54,7 @@ def export_c_verb(
     high: High = None,
     rate_limit: RateLimit = None,
     x_start: XStart = None,
+    rate: Rate = None,
     integral_gain: IntegralGain = 0.0,
     name: Annotated[str, typer.Option(help="Prefix of the names of files, functions and types.")] = "piezo",
 ) -> None:
@@ -61,8 +62,19 @@ def export_c_verb(
     from bench.export.building import write_folder
     from bench.export.c_source import export
 
-    drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
-    loaded, settings = _opened(model, low, high, solver, precision=precision, part=part, name=name, **drive)
+    loaded, settings = _opened(
+        model,
+        low,
+        high,
+        rate,
+        solver,
+        precision=precision,
+        part=part,
+        name=name,
+        rate_limit=rate_limit,
+        x_start=x_start,
+        integral_gain=integral_gain,
+    )
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
     what = "the compensator" if part == "compensator" else f"the self-learning loop with {settings.solver}"
@@ -80,13 +92,15 @@ def export_fmu_verb(
     high: High = None,
     rate_limit: RateLimit = None,
     x_start: XStart = None,
+    rate: Rate = None,
     integral_gain: IntegralGain = 0.0,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
     from bench.export.fmu import write_fmu
 
-    drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
-    loaded, settings = _opened(model, low, high, None, **drive)
+    loaded, settings = _opened(
+        model, low, high, rate, None, rate_limit=rate_limit, x_start=x_start, integral_gain=integral_gain
+    )
     if out.suffix != ".fmu":
         raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
     if out.exists():
@@ -113,7 +127,7 @@ def realtime_verb(
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
     if out is not None:
         check_writable(out, others=[model])
-    loaded, settings = _opened(model, None, None, solver, precision=precision, part=part)
+    loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
     result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
@@ -149,6 +163,7 @@ def _opened(
     path: Path,
     low: float | None,
     high: float | None,
+    rate: float | None,
     solver: LoopSolver | None,
     **options: Any,
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
@@ -165,8 +180,8 @@ def _opened(
         model = HysteresisCreepModel.load(path)
     if model.warning:
         errors.print(model.warning, soft_wrap=True)
-    s = model.structure
-    lowest, highest = limits or s.x_range
+    model = model if rate is None else model.at(1.0 / rate)
+    lowest, highest = limits or model.structure.x_range
     limits = (lowest if low is None else low, highest if high is None else high)
     return model, ExportSettings(solver=chosen or SOLVERS[0], x_limits=limits, **options)
 

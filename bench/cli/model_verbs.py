@@ -93,11 +93,10 @@ def simulate_verb(
     """Compute the output of the model for a drive."""
     check_writable(out, others=[drive, model])
     loaded = HysteresisCreepModel.load(model)
-    s = loaded.structure
     read = read_reference(drive, time=time, column=input, role="input", **reading)
-    given = read.suited(s.sample_time, s.input_unit, "input")
+    given, loaded = read.suited(loaded.structure.input_unit, "input"), loaded.at(read.sample_time)
+    s = loaded.structure
     state, began = loaded.initial_state(start), start or ("rest" if loaded.start is None else "recording")
-    x_start = float(s.x_centre + s.x_scale * state.play[0])
     y = loaded.simulate(given.values, state)
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
@@ -111,13 +110,12 @@ def simulate_verb(
         "unit": s.output_unit,
         "start": began,
         "units": given.units,
-        "x_start": x_start,
         "forced": loaded.warning,
     }
     lines = [
         loaded.warning,
         given.units,
-        STARTS[began].format(quantity(x_start, s.input_unit)),
+        STARTS[began].format(quantity(s.x_centre + s.x_scale * state.play[0], s.input_unit)),
         f"{y.size} samples of output from {quantity(lowest, s.output_unit)} to {quantity(highest, s.output_unit)}.",
         f"Output: {out}",
     ]

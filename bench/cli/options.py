@@ -139,6 +139,10 @@ STARTS = {
     "recording": "Begins with the states that identify found before its recording.",
     "rest": "Begins settled at {}.",
 }
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", callback=positive, help="Samples per second of the controller; the model's by default."),
+]
 XStart = Annotated[
     float | None,
     typer.Option(

@@ -166,8 +166,9 @@ def compensate_verb(
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
     if start == "recording":
         refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
-    opening = {"time": time, "column": column, **reading}
-    work = Compensating(absolute(model), opening, low, high, rate_limit, start, x_start)
+    work = Compensating(
+        absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit, start, x_start
+    )
     if out is None:
         process(
             work,

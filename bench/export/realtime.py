@@ -101,7 +101,7 @@ def real_time(
     core = max(os.sched_getaffinity(0)) if core is None else core
     with tempfile.TemporaryDirectory(prefix="piezobench-realtime-") as name:
         folder = Path(name)
-        write_files(folder, export(model, settings))
+        write_files(folder, export(model.at(1.0 / rate_Hz), settings))
         sources = sorted(path.name for path in folder.glob("piezo*.c"))
         compile_c(folder, [*FLAGS, "loop.c", *sources, "-o", "loop", "-lm"], "the export")
 

@@ -134,7 +134,8 @@ class Validating(WithModel):
         """The recording, the model and its validation."""
         loaded = HysteresisCreepModel.load(model)
         opened = check_direction(Recording.open(recording, hold=HELD, **self.opening))
-        return opened, loaded, loaded.validate(opened)
+        result = loaded.validate(opened)
+        return opened, result.model, result
 
 
 FOLLOWED = 1e-3
@@ -155,26 +156,22 @@ class Compensating(WithModel):
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the drive; return how well the model follows the reference with it, and the share at the limits.
 
-        RecordingError if the sampling time of the reference is not the model's, the limits are not ascending, or the
-        drive does not start within them; ModelError if the model has not the states that it is to start with; UnitError
-        if the reference is in a unit that cannot be converted to the model's.
+        RecordingError if the limits are not ascending, or the drive does not start within them; ModelError if the model
+        has not the states that it is to start with; UnitError if the reference is in a unit that cannot be converted to
+        the model's.
         """
-        model = HysteresisCreepModel.load(further[0])
+        model, read = HysteresisCreepModel.load(further[0]), read_reference(recording, **self.opening)
+        model, reference = model.at(read.sample_time), read.suited(model.structure.output_unit)
         s = model.structure
-        reference = read_reference(recording, **self.opening).suited(s.sample_time, s.output_unit)
         limits = (
             s.x_centre - s.x_scale if self.low is None else self.low,
             s.x_centre + s.x_scale if self.high is None else self.high,
         )
         if not limits[0] < limits[1]:
             raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
-        given = None if self.start == "rest" else model.initial_state(self.start)
-        try:
-            compensator = Compensator(model, limits, self.rate_limit, given, x_start=self.x_start)
-        except ValueError as refusal:
-            raise RecordingError(f"--x-start: {refusal}") from None
+        known = None if self.start == "rest" else model.initial_state(self.start)
+        compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start)
         state = compensator.state.copy()
-        began = float(s.x_centre + s.x_scale * state.play[0])
         x = compensator.run(reference.values)
         times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")
         write_table(target, {"time_s": times, name: x}, model.warning)
@@ -183,7 +180,7 @@ class Compensating(WithModel):
             "forced": model.warning,
             "units": reference.units,
             "start": self.start,
-            "x_start": began,
+            "x_start": float(s.x_centre + s.x_scale * state.play[0]),
             "samples": x.size,
             "lowest": float(x.min()),
             "highest": float(x.max()),

@@ -80,8 +80,13 @@ def staircase(text: str, unit: str, centre: float, sample_time: float) -> Refere
 
 
 def of_file(path: Path, unit: str, sample_time: float) -> Reference:
-    """The reference column of a file, as of :meth:`piezo_model.recordings.Reference.suited`."""
-    found = read_reference(path).suited(sample_time, unit)
+    """The reference column of a file, in the unit and of the sampling time of the stage."""
+    found = read_reference(path).suited(unit)
+    if abs(found.sample_time / sample_time - 1.0) > 0.01:
+        raise ReferenceError(
+            f"{path}: is sampled every {found.sample_time:g} s, and every {sample_time:g} s is needed; "
+            f"use --rate {1.0 / found.sample_time:g}"
+        )
     return Reference(found.values, found.units.rstrip(".") or path.name)
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.reference import Reference
-from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, json_file
+from piezo_model import HysteresisCreepModel, ModelStructure, json_file
 from piezo_model.deployment import Deployment
 
 Learn = Literal["continuous", "cyclic", "off"]
@@ -38,10 +38,10 @@ class Task:
 
 
 def first_model(file: Path | None, declared: Declared, sample_time: float) -> HysteresisCreepModel:
-    """The model in a file of ``identify`` or ``deploy``, in the units of the stage; without a file, the straight line
-    through the ranges.
+    """The model in a file of ``identify`` or ``deploy``, in the units of the stage and at this sampling time; without a
+    file, the straight line through the ranges.
 
-    UnitError if its units measure something else, ModelError if the file holds no model of this sampling time.
+    UnitError if its units measure something else.
     """
     if file is None:
         structure = ModelStructure.equidistant(
@@ -56,10 +56,5 @@ def first_model(file: Path | None, declared: Declared, sample_time: float) -> Hy
         )
         return HysteresisCreepModel.from_weights(structure, structure.straight_line)
     deployed = json_file.format_of(file) == Deployment.FORMAT
-    model = Deployment.load(file).model if deployed else HysteresisCreepModel.load(file)
-    s = model.structure
-    if abs(s.sample_time / sample_time - 1.0) > 1e-6:
-        raise ModelError(
-            f"{file}: the model is sampled at {1.0 / s.sample_time:g} Hz; use --rate {1.0 / s.sample_time:g}"
-        )
-    return replace(model, structure=s.in_units(declared.input_unit, declared.output_unit, str(file)))
+    model = (Deployment.load(file).model if deployed else HysteresisCreepModel.load(file)).at(sample_time)
+    return replace(model, structure=model.structure.in_units(declared.input_unit, declared.output_unit, str(file)))

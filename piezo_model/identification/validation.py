@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.fit_report import Fit, percent
-from piezo_model.identification.fitting import IdentificationError, forward_error
+from piezo_model.identification.fitting import forward_error
 from piezo_model.identification.initial_state import (
     find_initial_state,
     head_of,
@@ -97,14 +97,9 @@ class Validation:
 def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
     """The states before the first sample of a recording that fit best, and the number of samples in a transient.
 
-    The identification's states are kept if the error is as small as it was there. IdentificationError for another
-    sampling period than the model's.
+    The identification's states are kept if the error is as small as it was there.
     """
     s = model.structure
-    if abs(recording.sample_time / s.sample_time - 1.0) > 1e-3:
-        raise IdentificationError(
-            f"{recording.name}: is sampled every {recording.sample_time:g} s and the model every {s.sample_time:g} s"
-        )
     head = head_of(recording, s)
     (x, y), longest = head.arrays(), longest_transient(head, s)
 
@@ -134,8 +129,8 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
 
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
-    s = model.structure
-    own = model.report.get("recording") == recording.digest()
+    model = model.at(recording.sample_time)
+    s, own = model.structure, model.report.get("recording") == recording.digest()
     recording = recording.in_units(s.input_unit, s.output_unit)
     (state, skip), lag = start_and_transient(model, recording), model.report.get("lag")
     (low, high), start = y_range(recording, skip), state

@@ -327,15 +327,8 @@ class Reference(Source):
         """Sampling period, values and unit."""
         return iter((self.sample_time, self.values, self.unit))
 
-    def suited(self, sample_time: float, unit: str, role: str = "reference") -> Reference:
-        """Return the signal in the unit of a model or a stage.
-
-        RecordingError for another sampling time in s than theirs, UnitError for a unit that measures something else.
-        """
-        if abs(self.sample_time / sample_time - 1.0) > 0.01:
-            raise RecordingError(
-                f"{self.name}: is sampled every {self.sample_time:g} s, and every {sample_time:g} s is needed"
-            )
+    def suited(self, unit: str, role: str = "reference") -> Reference:
+        """Return the signal in the unit of a model or a stage; UnitError for a unit that measures something else."""
         (gain,), units = self._conversions({role: (self.unit, unit)})
         return replace(self, values=gain * self.values, unit=unit or self.unit, units=units)
 

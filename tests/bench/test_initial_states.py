@@ -88,13 +88,41 @@ def test_the_command_and_python_give_the_same_drive_to_the_last_bit(
     assert abs(drive[0] - 40.0) <= 0.1 + 1e-12
 
 
+def test_a_reference_and_a_drive_at_another_rate_are_for_the_model_at_that_rate(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    model, wanted = HysteresisCreepModel.load(desk / "model.json"), column(desk / "wanted.csv", 1)[::10]
+    slow, t = model.at(10 * SAMPLE_TIME), np.arange(wanted.size) * 10 * SAMPLE_TIME
+    write_table(tmp_path / "wanted.csv", {"time_s": t, "reference_um": wanted})
+    assert piezobench("compensate", desk / "model.json", "wanted.csv", "--out", "x.csv", folder=tmp_path).status == 0
+    x = column(tmp_path / "x.csv", 1)
+    np.testing.assert_allclose(x, Compensator(slow).run(wanted), rtol=0, atol=1e-9)
+    assert piezobench("simulate", desk / "model.json", "x.csv", "--out", "y.csv", folder=tmp_path).status == 0
+    np.testing.assert_allclose(column(tmp_path / "y.csv", 2), slow.simulate(x), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", ["compensator", "learning"])
+def test_the_export_at_a_rate_is_that_of_the_model_at_that_rate(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, part: str
+) -> None:
+    HysteresisCreepModel.load(desk / "model.json").at(1.0 / 8000.0).save(tmp_path / "model.json")
+    words = ("--part", part, "--rate-limit", 100)
+    assert piezobench("export-c", desk / "model.json", tmp_path / "a", "--rate", 8000, *words).status == 0
+    assert piezobench("export-c", tmp_path / "model.json", tmp_path / "b", *words).status == 0
+    one, other = ((tmp_path / folder / "piezo_parameters.h").read_text() for folder in ("a", "b"))
+    assert one == other
+    assert "#define PIEZO_SAMPLE_TIME_S 0.000125" in one
+    assert piezobench("export-c", desk / "model.json", tmp_path / "c", "--rate", 0).status == 2
+    assert not (tmp_path / "c").exists()
+
+
 def test_a_start_outside_of_the_limits_or_beside_the_states_of_a_recording_is_refused(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "x.csv"
     for words, sentence in (
-        (("--x-start", 40, "--high", 30), "--x-start: x_start must be within the limits of the drive"),
-        (("--x-start", "nan"), "--x-start: x_start must be within the limits of the drive"),
+        (("--x-start", 40, "--high", 30), "x_start must be within the limits of the drive"),
+        (("--x-start", "nan"), "x_start must be within the limits of the drive"),
         (("--x-start", 40, "--start", "recording"), "--x-start: is for --start rest"),
     ):
         call = piezobench("compensate", desk / "model.json", desk / "wanted.csv", *words, "--out", out)

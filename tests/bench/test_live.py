@@ -309,6 +309,9 @@ def test_a_reference_and_a_model_in_other_units_are_converted_to_those_of_the_st
     s = model.structure
     model.save(tmp_path / "model.json")
     declared = Declared("mV", "nm", (0.0, 1e5), (-1e4, 1e4), 1.0, 0.0)
+    assert first_model(tmp_path / "model.json", declared, 0.3 * s.sample_time).structure.sample_time == pytest.approx(
+        0.3 * s.sample_time
+    )
     converted = first_model(tmp_path / "model.json", declared, s.sample_time)
     assert (converted.structure.input_unit, converted.structure.output_unit) == ("mV", "nm")
     np.testing.assert_allclose(converted.simulate(1e3 * x), 1e3 * model.simulate(x), rtol=1e-9, atol=1e-9)

@@ -228,18 +228,22 @@ def test_errors_on_another_recording_are_compared_in_units_and_not_as_shares_of_
     assert any("on the recording that the model was identified from" in sentence for sentence in worse.sentences())
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [({"sample_time": 2e-3}, "sampled every 0.002 s"), ({"input_unit": "nm"}, "the input is in nm, .* to V;")],
-)
-def test_a_recording_with_another_period_or_unit_than_the_model_is_refused(
-    changes: dict[str, object], words: str
-) -> None:
+def test_a_recording_in_units_of_something_else_than_the_models_is_refused() -> None:
     made = recording(DESCRIBABLE["hysteresis"], 0)
     x, y = made.arrays()
-    options = {"sample_time": SAMPLE_TIME, "input_unit": "V", **changes}
-    with pytest.raises((IdentificationError, UnitError), match=words):
-        identify(made).validate(Recording.from_arrays(x, y, **options))  # type: ignore[arg-type]
+    with pytest.raises(UnitError, match=r"the input is in nm, .* to V;"):
+        identify(made).validate(Recording.from_arrays(x, y, SAMPLE_TIME, input_unit="nm"))
+
+
+def test_a_recording_at_another_rate_is_validated_and_simulated_by_the_model_at_that_rate() -> None:
+    made = recording(DESCRIBABLE["hysteresis and creep"], 3)
+    model = identify(made, structure=structure_of(made, 3, 1))
+    x, y = made.arrays()
+    slow = Recording.from_arrays(x[::2], y[::2], 2.0 * SAMPLE_TIME)
+    found = model.validate(slow)
+    assert found.model.structure.sample_time == 2.0 * SAMPLE_TIME
+    assert found.fit.rms_percent < 1.5 * model.validate(made).fit.rms_percent
+    assert np.sqrt(np.mean((model.simulate(slow) - y[::2]) ** 2)) < 1.5 * model.report["fit"]["rms"]
 
 
 def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_that_in_V_and_um() -> None:

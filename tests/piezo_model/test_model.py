@@ -17,7 +17,7 @@ from piezo_model.atomic_file import write_text
 from piezo_model.compensator import Compensator
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
-from piezo_model.structure import ModelStructure
+from piezo_model.structure import ModelStructure, StructureError
 
 # Simulation.
 
@@ -138,6 +138,33 @@ def test_the_states_of_no_known_direction_are_those_after_swings_through_the_ran
     model, swings = HysteresisCreepModel.from_weights(s, s.straight_line), np.outer(SWINGS, (100.0 - x, 0.0 - x))
     swung = model.advance([*(x + swings.ravel()), x], OperatorState.settled_at(s, 50.0))[1]
     np.testing.assert_allclose(OperatorState.settled_at(s, x).play, swung.play, atol=2e-3)
+
+
+@pytest.mark.parametrize("rate_Hz", [100, 1000, 8000])
+def test_a_second_after_a_step_creep_has_its_closed_form_at_every_sampling_rate(rate_Hz: int) -> None:
+    s = ModelStructure.equidistant(3, 1, (-100.0, 100.0), (-1.0, 1.0), (10.0, 1.0), 5e-3)
+    weights = [0.1, 0.1, 0.1, 0.1, 1.0, 0.1, 0.3, 0.2, 0.1, 0.1]
+    start = OperatorState.settled_at(s, 0.0)
+    model = replace(HysteresisCreepModel.from_weights(s, weights), start=start, report={"lag": {"samples": 2.0}})
+    state = model.at(1.0 / rate_Hz).advance(np.full(rate_Hz, 80.0), model.initial_state())[1]
+    r = s.thresholds
+    expected = np.outer(1.0 - np.exp(-np.array(s.creep_rates)), np.maximum(0.8 - r, 0.0))
+    np.testing.assert_allclose(state.creep.reshape(2, -1)[:, : r.size], expected, atol=1e-12)
+    np.testing.assert_allclose(state.play[: r.size], 0.8 - r, atol=1e-12)
+    same = model.at(1.0 / rate_Hz)
+    np.testing.assert_array_equal(same.weights, model.weights)
+    np.testing.assert_array_equal(same.initial_state().creep, start.creep)
+    assert same.report["sample_time_s"] == 5e-3
+    assert same.report["lag"]["samples"] == pytest.approx(2.0 * 5e-3 * rate_Hz)
+    assert model.report == {"lag": {"samples": 2.0}}
+
+
+def test_a_model_is_itself_at_its_own_rate_and_refuses_one_that_does_not_exist(model: HysteresisCreepModel) -> None:
+    own = model.structure.sample_time
+    assert model.at(own) is model.at(own * (1.0 + 1e-9)) is model
+    for wrong in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(StructureError, match=r"sample_time must be from 1e-09 to 1e\+09, not"):
+            model.at(wrong)
 
 
 @pytest.mark.parametrize(
