@@ -64,7 +64,7 @@ class BankFile(Versioned):
     """The content of a file besides the arrays."""
 
     FORMAT = "piezobench-bank"
-    VERSION = 3
+    VERSION = 4
     AGAIN = "load it with the program that wrote it, and take its models over"
     structure: ModelStructure
     tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]
@@ -284,9 +284,10 @@ class CompensatorBank(Stateful):
 
     @property
     def counts(self) -> dict[str, Index]:
-        """Numbers of hand-overs, refusals of new weights and sensor faults of each actuator."""
+        """Numbers of hand-overs, refusals of new weights, sensor faults, and of those refusals because the output falls
+        as the input rises, of each actuator."""
         memory = np.ascontiguousarray(self._get("memory", self._slots)).view(MEMORY)[:, 0]
-        return {name: memory[name].astype(np.int64) for name in ("hand_overs", "refusals", "faults")}
+        return {name: memory[name].astype(np.int64) for name in ("hand_overs", "refusals", "faults", "reversed")}
 
     @property
     def weights(self) -> Matrix:

@@ -220,12 +220,12 @@ class SelfLearningCompensator(Learner):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of verdicts on samples, of hand-overs, and of refusals of new weights."""
+        """Numbers of verdicts on samples, of hand-overs, of refusals of new weights, and of those refusals because the
+        output falls as the input rises."""
         verdicts = self._core["guard"][-len(Verdict) :]
         return {
             **{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, verdicts, strict=True)},
-            "hand_overs": int(self._memory["hand_overs"]),
-            "refusals": int(self._memory["refusals"]),
+            **{name: int(self._memory[name]) for name in ("hand_overs", "refusals", "reversed")},
         }
 
     def samples_until_change(self) -> int:

@@ -144,10 +144,14 @@ class ModelStructure(Immutable):
         input_unit: str = "V",
         output_unit: str = "um",
     ) -> ModelStructure:
-        """Thresholds equidistant over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1)."""
+        """Thresholds equidistant over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1).
+
+        The output falls as the input rises if ``y_range`` is in descending order.
+        """
         with checks.refusing(StructureError):
             checks.whole(0, n=n, m=m)
-            checks.ascending(x_range=x_range, y_range=y_range)
+            checks.ascending(x_range=x_range)
+            checks.different(y_range=y_range)
         (x_centre, x_scale), (y_centre, y_scale) = map(_centre_and_scale, (x_range, y_range))
         return cls(
             tuple(i / (n + 1) for i in range(1, n + 1)),
@@ -164,17 +168,17 @@ class ModelStructure(Immutable):
         )
 
     @property
-    def falling(self) -> bool:
+    def negative_gain(self) -> bool:
         """Whether the output falls as the input rises."""
         return self.y_scale < 0.0
 
-    def turned(self) -> ModelStructure:
+    def reversed_output(self) -> ModelStructure:
         """The structure of the same thresholds for an output of opposite sign.
 
         Examples
         --------
         >>> structure = ModelStructure((), (-0.25, 0.0, 0.75), (), 1e-3, 0.5, 0.5, 4.0, 4.0)
-        >>> structure.turned().falling, structure.turned().dead_zone_thresholds
+        >>> structure.reversed_output().negative_gain, structure.reversed_output().dead_zone_thresholds
         (True, (-0.75, 0.0, 0.25))
         """
         return replace(

@@ -93,7 +93,7 @@ def live_verb(
         from bench.live.page import check_address  # which needs Bokeh
 
         check_address(host, port)
-    (low, high), sample_time, unit = declared.y_range, 1.0 / rate, declared.output_unit
+    (low, high), sample_time, unit = sorted(declared.y_range), 1.0 / rate, declared.output_unit
     centre = 0.5 * (low + high)
     if reference is not None:
         wanted = of_file(reference, unit, sample_time)

@@ -2,7 +2,7 @@
 
     class Stage:
         input_unit, output_unit = "V", "um"
-        x_limits, y_range = (0.0, 150.0), (-20.0, 20.0)      # limits of the drive; range of plausible outputs
+        x_limits, y_range = (0.0, 150.0), (-20.0, 20.0)      # limits of the drive; outputs there, about
         rate_limit, rest = 5000.0, 0.0                       # largest change of the drive per second; drive at rest
         def open(self): ...
         def exchange(self, x): ...                           # write the drive, return the measured output
@@ -74,9 +74,10 @@ class Declared(msgspec.Struct, frozen=True):
             declared = json_file.convert(attributes, cls)
         except ValueError as error:
             raise DeviceError(f"{name}: the class {type(device).__name__}: {json_file.brief(error)}") from None
-        for what, (low, high) in (("x_limits", declared.x_limits), ("y_range", declared.y_range)):
-            if not low < high:
-                raise DeviceError(f"{name}: {what} must be in ascending order, not {(low, high)}")
+        if not declared.x_limits[0] < declared.x_limits[1]:
+            raise DeviceError(f"{name}: x_limits must be in ascending order, not {declared.x_limits}")
+        if declared.y_range[0] == declared.y_range[1]:
+            raise DeviceError(f"{name}: y_range must be two different outputs, not {declared.y_range}")
         if not declared.x_limits[0] <= declared.rest <= declared.x_limits[1]:
             raise DeviceError(f"{name}: rest {declared.rest:g} is outside of x_limits {declared.x_limits}")
         return declared

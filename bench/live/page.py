@@ -153,7 +153,7 @@ def plots(task: Task, sources: dict[str, ColumnDataSource]) -> list[Any]:
 
 def controls(task: Task, board: Board) -> list[Any]:
     """Buttons that write requests on the board, and the set point's input."""
-    low, high = task.declared.y_range
+    low, high = sorted(task.declared.y_range)
     value = NumericInput(
         mode="float", value=0.5 * (low + high), width=110, stylesheets=["input { color: #1b1f24; }"], low=low, high=high
     )

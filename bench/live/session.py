@@ -27,6 +27,7 @@ from bench.live.board import Board, State, edges_us
 from bench.live.device import DeviceError
 from bench.live.recorder import record
 from bench.live.task import Task
+from piezo_model.learning.learner import REVERSED
 from piezo_model.units import quantity
 
 POLL_S = 0.02
@@ -75,7 +76,8 @@ def run(task: Task, recording: Path | None, page: tuple[str, int] | None, notify
             finally:
                 board.set(state=State.ENDED)
         os.sched_setaffinity(0, cores)
-        sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(task, board)]
+        reversed_output = [event for event in board.last_events() if REVERSED in event]
+        sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(task, board), *reversed_output]
         return Outcome(sentences, 128 + received[0] if received else board.failed)
 
 

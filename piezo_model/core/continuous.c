@@ -5,8 +5,9 @@
  *
  * The candidate is the optimum of G at the last interval. At the end of an interval it replaces the weights in use if
  * it predicted the interval at least as well, and the optimum of the present G becomes the next candidate. Weights are
- * handed over only while the drive of the last one to two half windows covers enough of its range. Otherwise, after the
- * first hand-over, learning pauses as well: G would decay and be filled with sensor noise.
+ * handed over only while the output rises with the input (learner.c) and the drive of the last one to two half windows
+ * covers enough of its range. While it covers less, after the first hand-over, learning pauses as well: G would decay
+ * and be filled with sensor noise.
  *
  * A sensor fault loses nothing that was learned before it, and keeps nothing learned from a failing sensor:
  *
@@ -39,6 +40,7 @@ void N(learner_begin_anew)(const Learner *l, num which, num level)
         }
     }
     copy_where(which, l->candidate, l->in_use, d);
+    N(learner_forget_direction)(m, which);
     set_where(which, &m->level, level);
     set_where(which, &m->established, constant(0));
     set_where(which, &m->revert, constant(0));
@@ -157,7 +159,9 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
     const num reverts = both(looked_at, m->revert),
               judged = both(both(looked_at, is_not(reverts)), less(constant(0), m->predicted));
     const num better = both(is_finite(m->squares_candidate), is_not(less(m->squares_in_use, m->squares_candidate)));
-    const num takes = both(both(judged, better), both(excited, is_not(less(constant(0), m->wait))));
+    const num rises = less(constant(0), m->evidence[DIRECTION]),
+              falls = both(judged, less(m->evidence[DIRECTION], constant(0)));
+    const num takes = both(both(judged, both(better, rises)), both(excited, is_not(less(constant(0), m->wait))));
     const num fresh = either(reverts, takes), first = both(takes, is_not(m->established));
     int events = 0;
     if (checkpoint) {
@@ -174,7 +178,8 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
         enter(l, reverts, (real)p->reset_lasts);
         events = TAKE_OVER | (any(first) ? FIRST : 0);
     }
-    m->refusals = plus(m->refusals, both(judged, is_not(better)));
+    m->reversed = plus(m->reversed, falls);
+    m->refusals = plus(m->refusals, either(falls, both(judged, is_not(better))));
     if (any(judged)) {
         events |= N(learner_optimum)(l, judged);
     }

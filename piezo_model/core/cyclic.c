@@ -1,7 +1,8 @@
 /* Cyclic operation, a synchronous Moore machine:   reset -> build -> learn -> reset, with the new weights.
  *
  *     reset    only the operator states advance                          ends after a number of good samples in a row
- *     build    good samples are added to the Gram matrix                 ends after a number of good samples
+ *     build    good samples are added to the Gram matrix                 ends after a number of good samples, when the
+ *                                                                        direction of the output is known (learner.c)
  *     learn    one step w <- Proj(w - eta (P w + q)) for each sample,    ends after a number of samples
  *              or waiting for the answer of another solver
  *
@@ -18,9 +19,10 @@
  * at once. A cycle whose drive covers less than NARROW of the range of V_p is not kept, since small movements hardly
  * excite most weights; each such cycle takes a tenth off the range of V_p.
  *
- * New weights are handed over if the drive of the building phase covered at least MIN_EXCITATION of its range, and if
- * they are finite and explain their data no worse than the weights in use, which a failing solver could violate.
- * Weights that the drive did not reach stay, since the reference of the problem are the weights in use.
+ * New weights are handed over if the drive of the building phase covered at least MIN_EXCITATION of its range, the
+ * output rises with the input, and they are finite and explain their data no worse than the weights in use, which a
+ * failing solver could violate. Weights that the drive did not reach stay, since the reference of the problem are the
+ * weights in use.
  *
  * Source: the paper's Fig. 1 and equations (3) to (7).
  */
@@ -215,6 +217,14 @@ static int end_of_build(const Learner *l, int64_t now)
     memcpy(c->covered, l->memory->span, SPAN * sizeof(real));
     if ((c->covered[X_HIGH] - c->covered[X_LOW]) / 2 < MIN_EXCITATION) {
         return refuse(l, UNEXCITED);
+    }
+    if (l->memory->evidence[DIRECTION] == 0) {
+        l->clock->phase_left = 1; /* build on until the data tell the direction of the output */
+        return 0;
+    }
+    if (l->memory->evidence[DIRECTION] < 0) {
+        l->memory->reversed += 1;
+        return refuse(l, 0);
     }
     recall(l, l->in_use, c->data, c->data);
     make_program(l);

@@ -1,4 +1,26 @@
+/* Whether the output rises with the input, as the model does, or falls (a reversed connection), by the correlation r of
+ * drive and output:
+ *
+ *     stretch   samples over which the drive covers at least PART of its range so far, and SHORTEST
+ *     r         over deviations from the mean of each stretch, in sums that are multiplied by FADE at each stretch
+ *
+ * With k samples, r is sure if r^2 k >= SIGNIFICANT. The output rises if r > 0 is sure after FEW stretches, or if r > 0
+ * after MANY. It falls if r < 0 and r^2 > FALLS after SOME stretches in a range of WIDE. In between, the last verdict
+ * holds. Noise, hysteresis, drift and a lag below a quarter of the period make |r| smaller but do not change its sign
+ * for long. Weights are handed over only while the output rises: the inverse of a model of the wrong direction would
+ * drive the actuator to a limit and keep it there.
+ */
 #include "learner.h"
+
+#define PART ((real)0.4)
+#define SHORTEST ((real)0.03)
+#define FADE ((real)0.96875)
+#define SIGNIFICANT ((real)9)
+#define FALLS ((real)0.4)
+#define FEW ((real)2.5)
+#define SOME ((real)12)
+#define MANY ((real)20)
+#define WIDE ((real)0.06)
 
 static Note note_at(Arena *arena, Shape s)
 {
@@ -57,6 +79,53 @@ static BlockSummary pass_through(const Learner *l, const Block *block, int judge
         span_widen(b.span, (const num[]){x, x, y, y}, good);
     }
     return b;
+}
+
+void N(learner_forget_direction)(LearnerMemory *m, num which)
+{
+    copy_where(which, m->evidence, (const num[EVIDENCE]){0}, EVIDENCE);
+    span_clear(m->stretch, 2 * SPAN, which);
+}
+
+/* The sum of products of deviations from the means. */
+static num deviations(const num *e, int a, int b, int ab)
+{
+    return minus(e[ab], divided(times(e[a], e[b]), greatest(e[ONE], constant(1))));
+}
+
+static int judge_direction(const Learner *l, const Block *block, const num *span)
+{
+    LearnerMemory *const m = l->memory;
+    num *const e = m->evidence, *const driven = m->stretch + SPAN;
+    for (int k = 0; k < block->head->count; ++k) {
+        const num measured = from_shared(block->y, k), good = both(m->learning, is_finite(measured));
+        const num x = both(good, from_shared(block->x, k)), y = choose(good, measured, constant(0));
+        const num terms[] = {good, x, y, times(x, x), times(x, y), times(y, y)};
+        for (int i = 0; i < MOMENTS; ++i) {
+            e[i] = plus(e[i], terms[i]);
+        }
+    }
+    span_widen(m->stretch, span, m->learning);
+    span_widen(driven, m->stretch, constant(1));
+    const num range = minus(driven[X_HIGH], driven[X_LOW]);
+    const num covered = minus(m->stretch[X_HIGH], m->stretch[X_LOW]);
+    const num ends = is_not(less(covered, greatest(constant(SHORTEST), times(constant(PART), range))));
+    const num stretch[] = {e[ONE], constant(1), deviations(e, X, X, X_X), deviations(e, X, Y, X_Y),
+                           deviations(e, Y, Y, Y_Y)};
+    for (int i = COUNT; i < DIRECTION; ++i) {
+        set_where(ends, e + i, plus_times(stretch[i - COUNT], constant(FADE), e[i]));
+    }
+    copy_where(ends, e, (const num[MOMENTS]){0}, MOMENTS);
+    span_clear(m->stretch, SPAN, ends);
+    const num known = times(e[XX], e[YY]), explained = times(e[XY], e[XY]);
+    const num sure =
+        both(less(constant(FEW), e[STRETCHES]), less(times(constant(SIGNIFICANT), known), times(explained, e[COUNT])));
+    const num rises = both(less(constant(0), e[XY]), either(sure, less(constant(MANY), e[STRETCHES])));
+    const num falls = both(both(less(e[XY], constant(0)), less(times(constant(FALLS), known), explained)),
+                           both(less(constant(SOME), e[STRETCHES]), less(constant(WIDE), range)));
+    const num found = both(falls, is_not(less(e[DIRECTION], constant(0))));
+    e[DIRECTION] = choose(rises, constant(1), choose(falls, constant(-1), e[DIRECTION]));
+    return any(found) ? REVERSED : 0;
 }
 
 void N(learner_add_rows)(const Learner *l, int count, num learns)
@@ -138,15 +207,17 @@ int N(learner_learn)(const Learner *l)
     }
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
         const int cyclic = WAY(l->settings) == CYCLIC;
-        BlockSummary b = cyclic && l->clock->phase != BUILD ? count_good(&block) : pass_through(l, &block, !cyclic);
+        const int counts = !cyclic || l->clock->phase == BUILD;
+        BlockSummary b = counts ? pass_through(l, &block, !cyclic) : count_good(&block);
         b.fault = differs(known, l->memory->fault_count);
         if (block.head->answered == m->offered) {
             l->memory->pending = constant(0);
         }
+        events = counts ? judge_direction(l, &block, b.span) : 0;
 #ifdef CORE_TILE
-        events = tile_continuous_block(l, &b);
+        events |= tile_continuous_block(l, &b);
 #else
-        events = cyclic ? cyclic_block(l, &b) : continuous_block(l, &b);
+        events |= cyclic ? cyclic_block(l, &b) : continuous_block(l, &b);
 #endif
     }
     CORE_RELEASE(&m->consumed, m->consumed + 1);
@@ -210,6 +281,7 @@ void learner_begin(const Learner *l, int resets)
     m->pending = 0;
     memcpy(l->before, l->in_use, sizeof(real) * (size_t)NUMS(l->d));
     if (WAY(p) == CYCLIC) {
+        learner_forget_direction(m, 1);
         cyclic_enter(l, RESET);
     } else {
         l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;

@@ -32,7 +32,8 @@ enum {
     FIRST = 128,        /* continuous: first weights since learning began anew */
     LOOK = 256,         /* continuous: the driven range should be checked */
     OTHER_SENSOR = 512, /* continuous: the sensor changed in a fault, learning began anew */
-    NO_OPTIMUM = 1024   /* continuous: the data have no optimum, learning began anew */
+    NO_OPTIMUM = 1024,  /* continuous: the data have no optimum, learning began anew */
+    REVERSED = 2048     /* the output falls as the input rises: no weights are handed over */
 };
 
 enum { CONTINUOUS, CYCLIC };     /* values of `way` */
@@ -55,6 +56,12 @@ typedef struct {
     real smoothing, step_ratio;                  /* of the error's level; of the projected step */
 } LearnerSettings;
 
+/* A span is the lowest and highest drive, then the lowest and highest output. */
+enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH, SPAN };
+/* Evidence of the direction: sums over the samples of the present stretch, the faded ones of the stretches before it
+ * (learner.c), and the verdict: 1 the output rises with the input, -1 it falls, 0 not known yet. */
+enum { ONE, X, Y, X_X, X_Y, Y_Y, MOMENTS, COUNT = MOMENTS, STRETCHES, XX, XY, YY, DIRECTION, EVIDENCE };
+
 /* State of a learner; flags are 1 or 0. piezo_model/learning/layout.py has the same names. */
 typedef struct {
     num learning;
@@ -71,7 +78,10 @@ typedef struct {
     num in_half;                                      /* samples in the current half window */
     num drive[2], drive_before[2]; /* lowest and highest drive of the current half window and of the one before */
     num hand_overs, refusals, faults, failures; /* counters; a failure is a program without an optimum */
-    num span[4];                                /* span since the last fault or range check */
+    num reversed;                               /* refusals because the output falls as the input rises */
+    num span[SPAN];                             /* span since the last fault or range check */
+    num evidence[EVIDENCE];
+    num stretch[2 * SPAN]; /* spans of the present stretch, and of all */
 } LearnerMemory;
 
 /* State that all learners of a tile share. */
@@ -134,11 +144,8 @@ typedef struct {
     num good;                              /* number of good samples */
     num fault;                             /* flag: the sensor failed */
     num squares_in_use, squares_candidate; /* sums of squared errors */
-    num span[4];                           /* of the good samples */
+    num span[SPAN];                        /* of the good samples */
 } BlockSummary;
-
-/* A span is the lowest and highest drive, then the lowest and highest output. */
-enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH, SPAN };
 
 /* Empty `count` entries of spans where `which` is 1. */
 CORE_INLINE void span_clear(num *span, int count, num which)
@@ -202,6 +209,8 @@ CORE_API void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes);
 
 /* Learn from the next block, if there is one; what came of it. */
 CORE_API int N(learner_learn)(const Learner *l);
+/* Forget the direction of the output. */
+CORE_API void N(learner_forget_direction)(LearnerMemory *m, num which);
 /* Forget everything but the weights in use, `level` being their mean squared error so far. */
 CORE_API void N(learner_begin_anew)(const Learner *l, num which, num level);
 /* Offer the unknowns `v` where `which` is 1; `fallback` where after a fault. Whether the last offer was answered, so

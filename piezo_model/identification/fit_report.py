@@ -161,7 +161,7 @@ class FitReport:
         fit = self.fit
         if self.refusal is not None:
             yield 1e3, f"The model was forced although {self.refusal}."
-        if s.falling:
+        if s.negative_gain:
             yield 200.0, "The output falls as the input rises; model, inverse and compensator have that sign."
         if not self.hysteresis:
             yield (

@@ -90,7 +90,7 @@ def preprocess(
 
     s = ranged(s, skip or 0)
     rest = OperatorState.settled_at(s, float(next(head.chunks(1))[0][0]))
-    s = min((s, s.turned()), key=lambda signed: cost(signed, skip or 0, rest))
+    s = min((s, s.reversed_output()), key=lambda signed: cost(signed, skip or 0, rest))
     if skip is None:
         longest = longest_transient(head, s)
         skip = transient(longest) if longest else 0

@@ -28,6 +28,7 @@ class BlockEvent(IntFlag):
     LOOK = 256
     OTHER_SENSOR = 512
     NO_OPTIMUM = 1024
+    REVERSED = 2048
 
 
 class Verdict(IntEnum):

@@ -51,7 +51,10 @@ MEMORY = np.dtype(
         ("refusals", REAL),
         ("faults", REAL),
         ("failures", REAL),
+        ("reversed", REAL),
         ("span", REAL, 4),
+        ("evidence", REAL, 12),
+        ("stretch", REAL, 8),
     ]
 )
 CLOCK = np.dtype(

@@ -27,12 +27,18 @@ from piezo_model.regressors import full_gram, write_slope_regressors
 
 LOG_LENGTH = 1000
 """Number of events kept."""
+REVERSED = (
+    "the output falls as the input rises, so the weights in use stay; reverse the sensor, or give y_range in "
+    "descending order"
+)
 MESSAGES = {
     BlockEvent.FIRST: ("hand-over", "the first new weights since learning began; further ones are counted only"),
     BlockEvent.OTHER_SENSOR: ("sensor", "the output is not what it was before the fault; learning begins anew"),
     BlockEvent.NO_OPTIMUM: ("refused", "the data have no optimum; learning begins anew"),
+    BlockEvent.REVERSED: ("refused", REVERSED),
 }
-"""Log entries of continuous operation; its further hand-overs and refusals are only counted."""
+"""Log entries of events that are logged once; further hand-overs and refusals of continuous operation, and further
+refusals of a reversed output, are only counted."""
 
 
 class Learner(Stateful):

@@ -70,20 +70,20 @@ def compensation(size: int) -> Expected:
 
 
 class Stage:
-    """An actuator with noise, and optionally a faulty sensor."""
+    """An actuator with noise, and optionally a faulty sensor or one of negative gain."""
 
-    def __init__(self, size: int, faulty: bool) -> None:
+    def __init__(self, size: int, faulty: bool, gain: float = 1.0) -> None:
         self.model = a_model(n=9, m=2, rates=(30.0, 0.5), seed=7)
         self.state = OperatorState.settled_at(self.model.structure, self.model.structure.x_centre)
         self.noise = 0.03 * np.random.default_rng(3).standard_normal(size)
-        self.faulty, self.done = faulty, 0
+        self.faulty, self.gain, self.done = faulty, gain, 0
 
     def __call__(self, x: Vector) -> Vector:
         """Measured output for samples of the drive."""
         k = np.arange(self.done, self.done + x.size)
         self.done += x.size
         y, self.state = self.model.advance(x, self.state)
-        y += self.noise[k]
+        y = self.gain * y + self.noise[k]
         if self.faulty:
             y[k % 9000 == 5] = np.nan
             y[k % 25000 == 7] = 30.0  # implausible
@@ -93,10 +93,17 @@ class Stage:
         return y
 
 
-def learning(solver: str, size: int, faulty: bool = False, integral_gain: float = 0.0) -> Expected:
+def learning(
+    solver: str,
+    size: int,
+    faulty: bool = False,
+    integral_gain: float = 0.0,
+    gain: float = 1.0,
+    structure: ModelStructure | None = None,
+) -> Expected:
     """The self-learning loop on a stage: continuous with the recursive solver, cyclic with the others."""
-    model = a_model()
-    start = HysteresisCreepModel.from_weights(model.structure, model.structure.straight_line)
+    structure = a_model().structure if structure is None else structure
+    start = HysteresisCreepModel.from_weights(structure, structure.straight_line)
     mode: Mode = "continuous" if solver == "recursive_active_set" else "cyclic"
     learner = SelfLearningCompensator(
         start.structure,
@@ -108,7 +115,7 @@ def learning(solver: str, size: int, faulty: bool = False, integral_gain: float 
         integral_gain=integral_gain,
         **PHASES,
     )
-    y_ref, stage = references(size, seed=2), Stage(size, faulty)
+    y_ref, stage = references(size, seed=2), Stage(size, faulty, gain)
     x, y = learner.run(y_ref[:-1], stage)
     events = learner.counts["hand_overs"], learner.counts["refusals"]
     x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive

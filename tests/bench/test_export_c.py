@@ -87,6 +87,24 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
         assert events[3] == 0
 
 
+@pytest.mark.needs("gcc")
+@pytest.mark.parametrize("solver", ["box_active_set", pytest.param("recursive_active_set", marks=pytest.mark.slow)])
+def test_the_exported_learner_refuses_a_reversed_output_and_learns_it_with_a_descending_range(
+    tmp_path: Path, solver: str
+) -> None:
+    expected = learning(solver, SHORT, gain=-1.0)
+    hand_overs, refusals, *_ = compare(tmp_path / "held", expected, "gcc", ("-O2",))
+    assert hand_overs == 0
+    assert refusals > 0
+    line = Compensator(expected.model, x_limits=LIMITS).run(expected.samples[:, 0])
+    np.testing.assert_array_equal(expected.x, line)
+    descending = expected.model.structure.reversed_output()
+    hand_overs, *_ = compare(
+        tmp_path / "learned", learning(solver, SHORT, gain=-1.0, structure=descending), "gcc", ("-O2",)
+    )
+    assert hand_overs > 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=() if kind in ("compensator", INTEGRAL[1]) else NIGHTLY) for kind in KINDS]

@@ -416,6 +416,28 @@ def test_a_sine_has_the_given_frequency_whatever_the_number_of_samples_in_a_peri
     assert found == pytest.approx(1.0 + 2.0 * np.sin(2.0 * np.pi * frequency * 5e-3 * np.arange(10_000)), abs=1e-2)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("descending", [False, True])
+def test_a_stage_whose_output_falls_is_not_learned_unless_its_range_is_in_descending_order(
+    descending: bool, piezobench: CommandLine, tmp_path: Path
+) -> None:
+    (tmp_path / "stage.py").write_text(
+        "from bench.live.device import Simulated\nMADE = Simulated('relay_preisach', 2e-3).make()\nclass Stage:\n"
+        "    input_unit, output_unit, x_limits, rate_limit, rest = 'V', 'um', MADE.x_limits, 5000.0, 0.0\n"
+        f"    y_range, timeout_s = {'MADE.y_range[::-1]' if descending else 'MADE.y_range'}, 5.0\n"
+        "    def open(self): pass\n    def exchange(self, x): return sum(MADE.y_range) - MADE.exchange(x)\n"
+        "    def close(self): pass\n"
+    )
+    words = ("--rate", RATE, "--seconds", 8, "--sine", "2Hz:12um", "--record", "run.parquet", "--no-page")
+    call = piezobench("live", "--device", "stage.py", *words, folder=tmp_path)
+    assert call.status == 0, call.stderr
+    assert ("the output falls as the input rises" in " ".join(call.stdout.split())) == (not descending)
+    recorded = pd.read_parquet(tmp_path / "run.parquet").iloc[-3 * RATE : -RATE // 2]
+    error = recorded["displacement_um"] - recorded["reference_um"]
+    assert (np.sqrt(np.mean(error**2)) < 1.0) == descending
+    assert (recorded["drive_V"] < LIMIT).all()
+
+
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of the page of a run whose stage's file has markup in its name."""

@@ -21,7 +21,7 @@ LIMITS = (0.0, 150.0)
 def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Drives and errors (N,) of the closed loop with an actuator that the model describes exactly and a disturbance
     ``added`` to its output."""
-    model = replace(MODEL, structure=STRUCTURE.turned()) if turned else MODEL
+    model = replace(MODEL, structure=STRUCTURE.reversed_output()) if turned else MODEL
     compensator = Compensator(model, LIMITS, integral_gain=gain / T)
     state, x, error = compensator.state.copy(), np.empty(y_ref.size), np.empty(y_ref.size)
     for k in range(y_ref.size):

@@ -101,7 +101,7 @@ def test_sign_offset_and_unit_change_the_model_by_scale_alone(
     y = noisy(rng, creeping(rng, u))
     one = identify(Recording.from_arrays(u, y, SAMPLE_TIME), lag="ignore")
     other = identify(Recording.from_arrays(x_scale * u + x_offset, scale * y + offset, SAMPLE_TIME), lag="ignore")
-    assert other.structure.falling == (scale < 0.0)
+    assert other.structure.negative_gain == (scale < 0.0)
     assert one.start is not None
     assert other.start is not None
     expected = scale * one.simulate(u, one.start) + offset

@@ -13,6 +13,8 @@ Vector = NDArray[np.float64]
 T = 1e-3
 SAMPLES, COUNT = 12_000, 8
 """One tile, which starts at the same sample as a single learner."""
+REVERSED = 4
+"""Its actuator whose output falls as the input rises."""
 
 
 def structure_for(plant: plants.Plant, n: int = 5, m: int = 3, offset: bool = False) -> ModelStructure:
@@ -47,6 +49,7 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
     plant = plants.get("relay_preisach", sample_time=T)
     structure = structure_for(plant, n, m, offset)
     y_ref, y = recorded(plant, faulty)
+    y[:, REVERSED] = sum(plant.y_range) - y[:, REVERSED]
     before = np.vstack([np.full(COUNT, np.nan), y[:-1]])
     options = {"hand_over_s": 0.1, "integral_gain": integral_gain, "rate_limit": 3e4}
     x_start = np.linspace(0.0, 150.0, COUNT)
@@ -70,5 +73,6 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
         assert {name: counts[i] for name, counts in bank.counts.items()} == {
             name: single._memory[name] for name in bank.counts
         }
-        assert single.counts["hand_overs"] > 5
+        assert (single.counts["hand_overs"] > 5) == (i != REVERSED)
+        assert (single.counts["reversed"] > 0) == (i == REVERSED)
         assert (single._memory["faults"] > 0) == (faulty and i % 2 == 1)

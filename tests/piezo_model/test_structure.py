@@ -28,6 +28,15 @@ def test_creep_weights_do_not_grow_with_the_rates_and_go_without_them() -> None:
     assert equidistant(offset=True).weight_names[-1] == "offset"
 
 
+def test_a_descending_output_range_gives_the_structure_of_the_reversed_output() -> None:
+    for low, high in ((-20.0, 20.0), (3.0, 7.0)):
+        descending, ascending = equidistant(y_range=(high, low)), equidistant(y_range=(low, high))
+        assert descending == ascending.reversed_output()
+        assert descending.negative_gain
+        assert not ascending.negative_gain
+        np.testing.assert_allclose(descending.unit_output(np.array([high, low])), [-1.0, 1.0])
+
+
 def test_ranges_become_the_unit_interval() -> None:
     s = equidistant()
     assert s.unit_input(np.array([0.0, 75.0, 150.0])).tolist() == [-1.0, 0.0, 1.0]
@@ -50,6 +59,8 @@ def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:
         ({"n": -1}, "n must be a whole number of at least 0, not -1"),
         ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
         ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
+        ({"y_range": (2.0, 2.0)}, r"y_range must be two finite numbers that differ, not \(2.0, 2.0\)"),
+        ({"x_range": (1.0, -1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, -1.0\)"),
         ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
         ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
         ({"creep_rates": (math.inf,)}, "creep_rates must be from"),

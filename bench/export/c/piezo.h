@@ -61,8 +61,9 @@ typedef struct {
 } piezo_state;
 
 #if PIEZO_LEARNING
-/* Counts since the reset: hand-overs and refusals of new weights, faults of sensor and arithmetic, and, because
- * piezo_learn was late, offers of weights after their sample and blocks of samples that found the ring full. */
+/* Counts since the reset: hand-overs and refusals of new weights (each of them while the output falls as the input
+ * rises, which the y_range of the model does not say), faults of sensor and arithmetic, and, because piezo_learn was
+ * late, offers of weights after their sample and blocks of samples that found the ring full. */
 typedef struct {
     uint32_t hand_overs, refusals, sensor_faults, numeric_faults, late_offers, dropped_blocks;
 } piezo_events;

@@ -1,0 +1,166 @@
+"""An output that falls as the input rises: not learned by a structure that rises, learned by one that falls."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from driven_plants import NAMES
+from learning_loops import MODES, WAYS, T, Vector
+from numpy.typing import NDArray
+
+from piezo_model import Compensator, CompensatorBank, ModelStructure, SelfLearningCompensator, plants
+from piezo_model.learning.learner import REVERSED
+
+SECONDS = 8
+TIME = np.arange(SECONDS * 1000) * T
+PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "samples_to_solve": 5}
+
+
+def structure_of(name: str, falling: bool = False) -> ModelStructure:
+    plant = plants.get(name, sample_time=T)
+    low, high = plant.y_range
+    return ModelStructure.equidistant(
+        5, 3, plant.x_range, (high, low) if falling else (low, high), (100.0, 10.0, 1.0, 0.1), T, offset=True
+    )
+
+
+def measured(name: str, gain: float, noise: float = 1e-3, lag: int = 0, drift: float = 0.0) -> Callable[..., Vector]:
+    """Output of an actuator as a sensor shows it; noise and drift per second as shares of the range, lag in samples."""
+    plant, random, true = plants.get(name, sample_time=T), np.random.default_rng(1), list[float]()
+    low, high = plant.y_range
+
+    def act(x: Vector) -> Vector:
+        true.extend(plant.run(x))
+        k = np.arange(len(true) - x.size, len(true))
+        y = np.array(true)[np.maximum(k - lag, 0)] + (high - low) * drift * T * k
+        return 0.5 * (low + high) + gain * (y - 0.5 * (low + high)) + noise * (high - low) * random.normal(size=x.size)
+
+    return act
+
+
+def wanted(name: str, shape: Vector) -> Vector:
+    """A reference from a shape between -1 and 1, over three quarters of the range."""
+    low, high = plants.get(name, sample_time=T).y_range
+    return 0.5 * (low + high) + 0.375 * (high - low) * shape
+
+
+def learner_of(structure: ModelStructure, mode: str, solver: str = "box_active_set", **options: Any) -> Any:
+    return SelfLearningCompensator(structure, solver=solver, mode=mode, **{**PHASES, **options})  # type: ignore[arg-type]
+
+
+def said(learner: SelfLearningCompensator) -> list[str]:
+    """Kinds of the log entries about the direction."""
+    return [event.what for event in learner.log if event.message == REVERSED]
+
+
+SINE = np.sin(2 * np.pi * TIME)
+SINES = 0.5 * SINE + 0.3 * np.sin(2 * np.pi * 1.9 * TIME + 1.0) + 0.2 * np.sin(2 * np.pi * 3.7 * TIME + 2.0)
+RIGHT: dict[str, tuple[Vector, dict[str, float]]] = {
+    "noise of one per cent": (SINE, {"noise": 0.01}),
+    "noise of five per cent": (SINE, {"noise": 0.05}),
+    "small excursions": (0.07 * SINE, {}),
+    "a lag of a quarter of the fastest period": (SINES, {"lag": 68}),
+    "a drift of half the range": (SINE, {"drift": 0.5 / SECONDS}),
+    "a slow reference": (np.sin(2 * np.pi * 0.2 * TIME), {}),
+    "a fast reference": (np.sin(2 * np.pi * 100.0 * TIME), {}),
+    "levels": (np.round(3.0 * SINE) / 3.0, {}),
+}
+NEVER_LEARNED = ("noise of five per cent",)
+"""The sensor guard takes such noise for jumps again and again."""
+
+
+@pytest.mark.sample(6)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("mode", "solver"), WAYS)
+def test_while_the_output_falls_the_straight_line_drives_and_the_log_says_so_once(
+    name: str, mode: str, solver: str
+) -> None:
+    structure, y_ref = structure_of(name), wanted(name, SINE)
+    learner = learner_of(structure, mode, solver)
+    x, _ = learner.run(y_ref, measured(name, gain=-1.0))
+    assert said(learner) == ["refused"]
+    assert learner.counts["hand_overs"] == 0
+    assert 0 < learner.counts["reversed"] <= learner.counts["refusals"]
+    line = structure.straight_line
+    np.testing.assert_array_equal(learner.model.weights, line)
+    np.testing.assert_array_equal(learner.learned_weights, line)
+    np.testing.assert_array_equal(x, Compensator(learner.model).run(y_ref))
+    assert structure.x_range[0] < x.min() < x.max() < structure.x_range[1]
+
+
+@pytest.mark.sample(6)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("mode", "solver"), WAYS)
+def test_a_descending_range_learns_a_falling_output_as_an_ascending_one_a_rising_output(
+    name: str, mode: str, solver: str
+) -> None:
+    y_ref, errors = wanted(name, SINE), []
+    low, high = plants.get(name, sample_time=T).y_range
+    for gain in (1.0, -1.0):
+        learner = learner_of(structure_of(name, falling=gain < 0.0), mode, solver)
+        reference = 0.5 * (low + high) + gain * (y_ref - 0.5 * (low + high))
+        _, y = learner.run(reference, measured(name, gain, noise=0.0))
+        assert learner.counts["hand_overs"] > 0
+        assert (learner.counts["reversed"], said(learner)) == (0, [])
+        errors.append((y - reference)[-1000:])
+    np.testing.assert_allclose(errors[1], -errors[0], atol=1e-6 * (high - low))
+
+
+@pytest.mark.sample(10)
+@pytest.mark.parametrize("case", RIGHT)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("mode", MODES)
+def test_a_rising_output_is_not_taken_for_a_falling_one(mode: str, name: str, case: str) -> None:
+    shape, sensor = RIGHT[case]
+    learner = learner_of(structure_of(name), mode)
+    learner.run(wanted(name, shape), measured(name, 1.0, **sensor))
+    assert (learner.counts["reversed"], said(learner)) == (0, [])
+    assert learner.counts["hand_overs"] > 0 or case in NEVER_LEARNED
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 0.02])
+def test_a_resting_drive_or_a_sensor_that_is_not_connected_gives_no_verdict(mode: str, noise: float) -> None:
+    for shape, gain in ((0.0 * SINE, 1.0), (SINE, 0.0)):
+        learner = learner_of(structure_of(NAMES[0]), mode)
+        learner.run(wanted(NAMES[0], shape), measured(NAMES[0], gain, noise=noise))
+        assert (learner.counts["reversed"], said(learner)) == (0, [])
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_learning_goes_on_when_the_sensor_is_put_right_also_after_a_file(mode: str, tmp_path: Path) -> None:
+    name, y_ref = NAMES[-1], wanted(NAMES[-1], SINE)
+    learner = learner_of(structure_of(name), mode)
+    learner.run(y_ref, measured(name, gain=-1.0))
+    learner.save(tmp_path / "learner.json")
+    resumed = SelfLearningCompensator.load(tmp_path / "learner.json")
+    for each in (learner, resumed):
+        each.run(y_ref, measured(name, gain=1.0))
+        each.run(y_ref, measured(name, gain=1.0))
+        assert each.counts["hand_overs"] > 0
+        assert said(each) == ["refused"]
+    np.testing.assert_array_equal(learner.model.weights, resumed.model.weights)
+
+
+def test_in_a_bank_a_falling_output_holds_its_own_actuator_and_no_bit_of_another() -> None:
+    name, count = NAMES[0], 11
+    structure = structure_of(name)
+    y_ref = np.repeat(wanted(name, SINES)[:, None], count, axis=1)
+    reversed_ones = np.arange(count) % 3 == 1
+    drives = {}
+    for some in (False, True):
+        bank = CompensatorBank(structure, count)
+        sensors = [measured(name, -1.0 if some and reversed_ones[i] else 1.0) for i in range(count)]
+        x, y = np.empty_like(y_ref), np.full(count, np.nan)
+        for k, row in enumerate(y_ref):
+            x[k] = bank.step(row, y)
+            y = np.array([sensor(np.array([drive]))[0] for sensor, drive in zip(sensors, x[k], strict=True)])
+        drives[some] = x
+        held: NDArray[np.bool_] = reversed_ones & some
+        assert np.array_equal(bank.counts["reversed"] > 0, held)
+        assert np.array_equal(bank.counts["hand_overs"] == 0, held)
+    np.testing.assert_array_equal(drives[True][:, ~reversed_ones], drives[False][:, ~reversed_ones])
+    line = Compensator(learner_of(structure, "continuous").model).run(y_ref[:, 0])
+    np.testing.assert_array_equal(drives[True][:, reversed_ones], np.repeat(line[:, None], reversed_ones.sum(), axis=1))
