@@ -120,7 +120,7 @@ def realtime_verb(
     priority: Annotated[
         int, typer.Option(min=0, max=99, help="Priority under SCHED_FIFO; 0 for the default scheduler.")
     ] = 80,
-    core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last one by default.")] = None,
+    core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last free one by default.")] = None,
     out: Annotated[Path | None, typer.Option(help="JSON file to write histograms and figures to.")] = None,
     as_json: AsJson = False,
 ) -> None:

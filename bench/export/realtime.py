@@ -4,12 +4,15 @@ Sample k is due at t₀ + k T. The loop sleeps until then (``clock_nanosleep`` w
 locked memory if the system allows them), wakes up late by the *wake-up latency*, needs the *service time* for its step,
 and ends at the *response time* after t₀ + k T. If that exceeds T, the deadline is missed. An empty step on the same
 schedule gives the machine's floor.
+
+The program runs on a core that it claims as a race does, so that neither disturbs the other. A learner's thread shares
+that core, at the next lower priority.
 """
 
-import os
 import subprocess
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +21,10 @@ import numpy as np
 from bench.export.building import compile_c, write_files
 from bench.export.c_source import export
 from bench.export.settings import ExportError, ExportSettings
+from bench.timing import cores
 from bench.timing.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel
+from piezo_model.child_process import Child
 from solvers.arrays import Nanoseconds, Vector
 
 FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-pthread")
@@ -94,26 +99,33 @@ def real_time(
     """Build the exported loop and run it at a rate, then the same with an empty step.
 
     It requests a priority of SCHED_FIFO, 1 to 99, or none if that is 0, and is pinned to a core, by default the last
-    usable one. ExportError if there is no C compiler, or the time is shorter than a sampling period.
+    one that is free; while another process holds that core, it waits and prints which. ExportError if there is no C
+    compiler, or the time is shorter than a sampling period.
     """
     if rate_Hz * seconds < 1.0:
         raise ExportError(f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s")
-    core = max(os.sched_getaffinity(0)) if core is None else core
     with tempfile.TemporaryDirectory(prefix="piezobench-realtime-") as name:
         folder = Path(name)
         write_files(folder, export(model.at(1.0 / rate_Hz), settings))
         sources = sorted(path.name for path in folder.glob("piezo*.c"))
         compile_c(folder, [*FLAGS, "loop.c", *sources, "-o", "loop", "-lm"], "the export")
 
-        def paced(*null: str) -> Paced:
-            words = ["./loop", repr(rate_Hz), repr(seconds), str(priority), str(core), "times", *null]
-            done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-            if done.returncode != 0:
-                raise ExportError(f"the real-time program ended with status {done.returncode}: {done.stderr.strip()}")
-            wake, end = np.fromfile(folder / "times", dtype=np.int64).reshape(-1, 2).T
-            return Paced(rate_Hz, wake, end - wake, end, dict(line.split(" ", 1) for line in done.stdout.splitlines()))
+        # a child ends with this process, however that ends, and the program with the child
+        with cores.claim(core) as claimed, claimed.pinned(), Child() as child:
 
-        return RealTime(paced(), paced("null"))
+            def paced(*null: str) -> Paced:
+                words = ["./loop", repr(rate_Hz), repr(seconds), str(priority), str(claimed.number), "times", *null]
+                done = child.call(1e6, partial(subprocess.run, cwd=folder, capture_output=True, text=True), words)
+                if done.returncode != 0:
+                    raise ExportError(
+                        f"the real-time program ended with status {done.returncode}: {done.stderr.strip()}"
+                    )
+                wake, end = np.fromfile(folder / "times", dtype=np.int64).reshape(-1, 2).T
+                return Paced(
+                    rate_Hz, wake, end - wake, end, dict(line.split(" ", 1) for line in done.stdout.splitlines())
+                )
+
+            return RealTime(paced(), paced("null"))
 
 
 def histogram(times_us: Vector) -> dict[float, int]:

@@ -186,7 +186,6 @@ def drive(race: Race[Any], workers: Workers) -> None:
         race.prepare(resources)
         settings, core = race.child, None
         if race.timed and workers.is_one:
-            progress("waiting for a core on which no other race times", 0, 1)
             core = resources.enter_context(cores.claim()).number
         pool = resources.enter_context(SolverPool(entries, settings, core))
         field = field_of(run, pool)

@@ -7,11 +7,14 @@ folders for temporary files, and it is released when its process ends for any re
 import errno
 import os
 import socket
+import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 POLL_S = 0.5
+NAME = "\0piezobench-core{}"
 
 
 def usable() -> list[int]:
@@ -36,8 +39,9 @@ class Core(socket.socket):
             os.sched_setaffinity(0, before)
 
 
-def claim() -> Core:
-    """Lock a free core, the last one first, or wait for one.
+def claim(wanted: int | None = None) -> Core:
+    """Lock a core, by default any free one, the last one first; while none is free, wait, and print which process
+    holds it.
 
     Examples
     --------
@@ -45,16 +49,38 @@ def claim() -> Core:
     ...     core.number in usable()
     True
     """
+    told = False
     while True:
-        for number in usable():
+        numbers = usable() if wanted is None else [wanted]
+        for number in numbers:
             core = Core(socket.AF_UNIX)
             try:
-                core.bind(f"\0piezobench-core{number}")
+                core.bind(NAME.format(number))
             except OSError as error:
                 core.close()
                 if error.errno != errno.EADDRINUSE:
                     raise
             else:
+                core.listen()  # lets others ask whose it is
                 core.number = number
                 return core
+        if not told:
+            print(
+                "waiting for a free core:",
+                ", ".join(f"core {number} is held by {_holder(number)}" for number in numbers),
+                file=sys.stderr,
+                flush=True,
+            )
+            told = True
         time.sleep(POLL_S)
+
+
+def _holder(number: int) -> str:
+    """Process that holds a core, in words; it may belong to another user."""
+    with socket.socket(socket.AF_UNIX) as asking, suppress(OSError):
+        asking.setblocking(False)
+        asking.connect(NAME.format(number))
+        pid = int.from_bytes(asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 4), sys.byteorder)
+        command = Path(f"/proc/{pid}/cmdline").read_bytes().rstrip(b"\0").replace(b"\0", b" ")
+        return f"process {pid} ({command.decode(errors='replace')!r})"
+    return "another process"

@@ -65,7 +65,9 @@ def built(folder: Path, settings: ExportSettings, stage: str) -> None:
 
 @pytest.mark.needs("cc", "make")
 @pytest.mark.parametrize("solver", [None, "projected_difference", "recursive_active_set"])
-@pytest.mark.parametrize(("end", "status"), [("time", 0), ("SIGINT", 130), ("SIGTERM", 143), ("stage", 1)])
+@pytest.mark.parametrize(
+    ("end", "status"), [("time", 0), ("SIGHUP", 129), ("SIGINT", 130), ("SIGTERM", 143), ("stage", 1)]
+)
 def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
     tmp_path: Path, solver: str | None, end: str, status: int
 ) -> None:

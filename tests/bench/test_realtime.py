@@ -3,12 +3,13 @@
 import json
 import os
 import resource
+import socket
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine
+from command_line import CommandLine, command_lines, of_session, wait_until, wait_until_gone
 from exported_loops import a_model, compensation, learning
 from exported_programs import build, write_sources
 from programs import program
@@ -16,6 +17,7 @@ from programs import program
 from bench.export.building import EXACT, WARNINGS
 from bench.export.realtime import real_time
 from bench.export.settings import ExportError, ExportSettings
+from bench.timing import cores
 
 LOOP = ExportSettings(part="learning", solver="recursive_active_set")
 NOBODY = 65534
@@ -52,6 +54,31 @@ def test_the_times_of_a_run_are_shown_in_tables_and_given_as_json(
         for tail in figures["us"].values():
             assert tail["p50"] <= tail["p99"] <= tail["max"]
             assert tail["p99.99"] is None  # 600 samples cannot support it
+
+
+@pytest.mark.needs("cc")
+def test_the_program_waits_for_a_core_that_a_race_holds_and_then_holds_it_until_it_ends_or_is_killed(
+    piezobench: CommandLine, model_file: Path
+) -> None:
+    words = ("realtime", model_file, "--rate", 100, "--seconds", 1000, "--priority", 0, "--core")
+    with cores.claim() as core:
+        call = piezobench.start(*words, core.number)
+        waits = f"waiting for a free core: core {core.number} is held by process {os.getpid()} ("
+        wait_until(lambda: call.stderr.read_text().startswith(waits))
+        assert not pacing(call.pid)
+    wait_until(lambda: pacing(call.pid))
+    assert f" {core.number} times" in pacing(call.pid)[0]
+    with socket.socket(socket.AF_UNIX) as other, pytest.raises(OSError, match="in use"):
+        other.bind(f"\0piezobench-core{core.number}")
+    call.kill()
+    call.wait()
+    wait_until_gone(call.pid)  # with the C program
+    cores.claim(core.number).close()
+
+
+def pacing(session: int) -> list[str]:
+    """Command lines of the C program in a session."""
+    return [words for words in command_lines(of_session(session)) if words.startswith("./loop ")]
 
 
 @pytest.mark.slow

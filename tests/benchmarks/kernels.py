@@ -6,7 +6,6 @@ whole-array operations wherever the recursion over time allows it. PIEZOBENCH_IS
 where there is AVX-512.
 """
 
-import os
 import sys
 from collections.abc import Callable
 from time import perf_counter_ns
@@ -17,6 +16,7 @@ import numpy as np
 import solvers
 from bench.problems import find
 from bench.report.console import console, print_table
+from bench.timing import cores
 from piezo_model import Compensator, DataBasis, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.signals import multi_sine
 from solvers.arrays import Matrix, Vector
@@ -148,8 +148,8 @@ def learning_loop(repeats: int) -> list[Row]:
 
 def main(repeats: int = REPEATS) -> None:
     """Measure and print."""
-    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    rows = [*data_basis(repeats), *projected_step(repeats), *learning_loop(repeats)]
+    with cores.claim() as core, core.pinned():
+        rows = [*data_basis(repeats), *projected_step(repeats), *learning_loop(repeats)]
     print_table(
         ("what", "ours, ns", "NumPy, ns", "ratio"),
         [
