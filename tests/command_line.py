@@ -21,6 +21,7 @@ PATIENCE_S = 60.0
 SERVER = """
 import gc, json, os, resource, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests themselves may run in the background
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # or under nohup
 from bench.cli import standard_streams
 from bench.cli.app import command_line, run
 from bench.problems import sets

@@ -80,6 +80,7 @@ def live_verb(
                 f"{record} is written as Parquet, so its name must end in .parquet", param_hint="--record"
             )
         check_writable(record, "--record", filter(None, [reference, model]))
+        check(record)
     if not integral_gain <= rate:
         raise typer.BadParameter(
             f"must be at most the rate, {rate:g} 1/s, not {integral_gain:g}", param_hint="--integral-gain"
@@ -87,12 +88,6 @@ def live_verb(
     stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
     declared = Declared.of(stage.make(), str(stage))
     first = first_model(model, declared, 1.0 / rate)
-    if record is not None:
-        check(record)
-    if page:
-        from bench.live.page import check_address  # which needs Bokeh
-
-        check_address(host, port)
     (low, high), sample_time, unit = sorted(declared.y_range), 1.0 / rate, declared.output_unit
     centre = 0.5 * (low + high)
     if reference is not None:
@@ -108,14 +103,8 @@ def live_verb(
     else:
         wanted = constant(centre if set_point is None else set_point)
     task = Task(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
-    result = run(task, record, (host, port) if page else None, _print_now)
-    for sentence in result.sentences:
+    sentences, status = run(task, record, (host, port) if page else None)
+    for sentence in sentences:
         console.print(sentence)
-    if result.status:
-        raise typer.Exit(result.status)
-
-
-def _print_now(text: str) -> None:
-    """Print without buffering: the address of the page is needed during the run."""
-    console.print(text)
-    console.file.flush()
+    if status:
+        raise typer.Exit(status)

@@ -18,7 +18,7 @@ from solvers.arrays import Matrix, Vector
 COLUMNS = ("time_s", "reference", "drive", "measured")
 RING_S = 30.0
 """Seconds of samples in the ring buffer: the longest delay of the disk that loses none."""
-EVENTS, TEXT_BYTES = 64, 240
+EVENTS, TEXT_BYTES = 64, 480
 BINS, BINS_PER_DECADE, FIRST_NS = 160, 20, 100
 """Histogram of service times: number and width of its bins, upper edge of the first."""
 FOLLOW = math.inf
@@ -39,17 +39,17 @@ class State(IntEnum):
 INTEGERS = (
     "head",  # samples written
     "state",
-    "beat_ns",  # time of the last sample
-    "missed",  # deadlines
+    "missed",  # deadlines, those of skipped due times too
     "null_missed",  # deadlines that the null loop missed, among null_samples
     "null_samples",
     "events",
     "hand_overs",
     "learning",  # 1 to learn, 0 to pause
     "stop",  # 1 to stop
-    "core",  # of the loop
     "followed",  # samples before the ramp to rest
     "failed",  # 1 if the stage failed
+    "rescued",  # 1 if the process that stood by has taken over
+    "over",  # 1 if no process drives the stage any more
 )
 
 
@@ -128,13 +128,17 @@ class Board:
     def begin_ramp(self, reason: str, failed: bool) -> None:
         """Note that the ramp to rest begins, and why."""
         self.log(f"ramp to rest: {reason}")
-        self._fields["reason"][0] = reason.encode()[:TEXT_BYTES]
+        self.reason = reason
         self.set(followed=self.head, failed=failed, state=State.RAMPING)
 
     @property
     def reason(self) -> str:
-        """Why the run ends; empty until then."""
+        """Why the run ends, or the stage could not be opened; empty until then."""
         return str(self._fields["reason"][0].decode(errors="replace"))
+
+    @reason.setter
+    def reason(self, text: str) -> None:
+        self._fields["reason"][0] = text.encode()[:TEXT_BYTES]
 
     def show_model(self, model: HysteresisCreepModel) -> None:
         """Write the weights and the frame of the model in use."""

@@ -9,7 +9,8 @@
         def close(self): ...
 
 Optional are ``timeout_s``, the longest exchange before the stage counts as lost (0.5 s), and ``reopens``, whether a
-second process may open the stage after the first has died (True), to bring it to rest.
+second process may open the stage after the first has died (True), to bring it to rest. The process of the stage has a
+timer, which ends it after that time, so a stage must not use SIGALRM.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ TIMEOUT_S = 0.5
 LARGEST = 1e300
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
+Timeout = Annotated[float, msgspec.Meta(ge=1e-3, le=3600.0)]
 RAMP_S = 0.01
 """Shortest time in which a simulated stage may cross its range."""
 MAX_CATCH_UP = 1_000
@@ -63,7 +65,7 @@ class Declared(msgspec.Struct, frozen=True):
     y_range: tuple[Finite, Finite]
     rate_limit: Positive
     rest: Finite
-    timeout_s: Positive = TIMEOUT_S
+    timeout_s: Timeout = TIMEOUT_S
     reopens: bool = True
 
     @classmethod

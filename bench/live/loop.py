@@ -2,26 +2,30 @@
 schedule.
 
 Sample k is due at t_0 + k T. The service time is from the start of a sample to its end, the response time from its due
-time to its end. If the response exceeds T, the deadline was missed, and the due times that have passed meanwhile are
-skipped. The drive always changes by at most rate · T a sample and stays within the limits; every run ends with a ramp
-to rest.
+time to its end. If the response exceeds T, the deadline was missed; the due times that have passed meanwhile are
+skipped, and each is a missed deadline too. The drive always changes by at most rate · T a sample and stays within the
+limits; every run ends with a ramp to rest.
 
-The loop has a process and a core of its own and waits for no other process: see `board`.
+The loop has a process and a core of its own and waits for no other process: see `board`. While it calls the stage a
+timer of the kernel runs (SIGALRM), which ends the process if the call takes longer than the stage may, whatever the
+call is doing and whoever else is alive. Another process, which has been waiting for that, opens the stage anew and
+ramps it to rest: :func:`stand_by`.
 """
 
 import gc
 import math
+import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
 
 from bench.live.board import FOLLOW, Board, State, bin_of
 from bench.live.controller import Controller
 from bench.live.device import Device
 from bench.live.task import Task
-from bench.timing import cores
 from bench.timing.schedule import SPIN_NS, wait_until
 
 LEAD_NS = 20_000_000
@@ -31,20 +35,35 @@ NULL_S = 1.0
 PRIORITY, WAKE_NS, SHORTEST_NS = 50, 40_000, 100_000
 """Real-time scheduling: priority, how long before a due time the loop begins to spin, and the shortest sampling period
 that leaves the system enough of the core; with a shorter one, Linux would stop the loop for 50 ms of every second."""
-CHECK_PARENT = 1_000
-"""Samples between checks that the parent process is alive."""
+OPENING_S, CLOSING_S = 60.0, 10.0
+"""Longest times in which a stage may open and close."""
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a run; they are blocked while a process of the run starts."""
 SHOW_S = 0.5
 """Interval at which the model is shown."""
 
 
-def schedule(rate: float, spin_ns: int) -> Iterator[tuple[int, int]]:
-    """Wait for each sample and yield its number and due time, ns; due times that have passed are skipped."""
+def schedule(rate: float, spin_ns: int) -> Iterator[tuple[int, int, int]]:
+    """Wait for each sample and yield its number, its due time in ns, and how many due times were skipped before it,
+    because they had passed."""
     period, clock = round(1e9 / rate), time.perf_counter_ns
-    start, k = clock() + LEAD_NS, 0
+    start, k, skipped = clock() + LEAD_NS, 0, 0
     while True:
         wait_until(start + k * period, clock, time.sleep, spin_ns)
-        yield k, start + k * period
-        k = max(k + 1, (clock() - start) // period)
+        yield k, start + k * period, skipped
+        newest = max(k + 1, (clock() - start) // period)
+        k, skipped = newest, newest - k - 1
+
+
+def handle_signals(handler: Callable[..., object] | signal.Handlers) -> None:
+    """Handle the signals that end a run, but those that the caller ignores, as nohup does.
+
+    A stage stands still while its loop is stopped, so Ctrl-Z has no effect.
+    """
+    for number in [number for number in ENDING if signal.getsignal(number) != signal.SIG_IGN]:
+        signal.signal(number, handler)
+    signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
 
 
 class Loop:
@@ -54,13 +73,12 @@ class Loop:
         self._board, self._device, self._task, self._spin_ns = board, device, task, spin_ns
         self._controller = Controller(task)
         self._x, self._y, self._set_point = float(board.drive[0]), math.nan, FOLLOW
-        self._ramping = board.state == State.RAMPING
-        self._silent = self._failures = 0
+        self._ramping, self._answered_ns, self._measured_ns = board.state == State.RAMPING, 0, 0
 
     def next_drive(self, reference: float) -> float:
         """The drive that the compensator requests, or rest, within limits and rate."""
-        stage, requested = self._task.declared, self._controller.step(reference, self._y)
-        target = stage.rest if self._ramping or not math.isfinite(requested) else requested
+        stage, requested = self._task.declared, math.nan if self._ramping else self._controller.step(reference, self._y)
+        target = requested if math.isfinite(requested) else stage.rest
         (low, high), step = stage.x_limits, stage.rate_limit / self._task.rate
         return min(max(target, self._x - step, low), self._x + step, high)
 
@@ -71,12 +89,13 @@ class Loop:
             measured = self._device.exchange(x)
             if isinstance(measured, bool) or not hasattr(measured, "__float__"):
                 raise TypeError(f"it returned {measured!r} and no number")
-            self._x, self._y, self._failures = x, float(measured), 0
-        except Exception as error:
-            self._y, self._failures = math.nan, self._failures + 1
-            self.end(f"the stage failed: {' '.join(str(error).split()) or type(error).__name__}", failed=True)
-        self._silent = 0 if math.isfinite(self._y) else self._silent + 1
-        if self._silent > self._task.timeout_samples:
+            self._x, self._y, self._answered_ns = x, float(measured), time.perf_counter_ns()
+        except (Exception, SystemExit) as error:
+            self._y = math.nan
+            self.end(f"the stage failed: {words_of(error)}", failed=True)
+        if math.isfinite(self._y):
+            self._measured_ns = self._answered_ns
+        elif time.perf_counter_ns() - self._measured_ns > 1e9 * self._task.limit_s:
             self.end(f"no measurement for {self._task.declared.timeout_s:g} s", failed=True)
 
     def end(self, reason: str, failed: bool = False) -> None:
@@ -97,33 +116,36 @@ class Loop:
             self._controller.learning = bool(board.learning)
             board.log("learning" if board.learning else "learning paused")
 
-    def run(self) -> bool:
-        """Follow the reference until the end, then ramp to rest; False if the stage takes no drive any more."""
-        board, rate, parent = self._board, self._task.rate, os.getppid()
-        last, show_every = round(self._task.seconds * rate) or math.inf, max(1, round(SHOW_S * rate))
+    def run(self) -> None:
+        """Follow the reference until the end, then ramp to rest; the board's state is ENDED unless the stage takes no
+        drive any more."""
+        board, rate, watching = self._board, self._task.rate, multiprocessing.parent_process()
+        last, show_every = self._task.seconds * rate or math.inf, max(1, round(SHOW_S * rate))
         before = board.last[0] + 1.0 / rate if board.head else 0.0
-        for k, due in schedule(rate, self._spin_ns):
+        self._answered_ns = self._measured_ns = time.perf_counter_ns() + LEAD_NS
+        for k, due, skipped in schedule(rate, self._spin_ns):
+            signal.setitimer(signal.ITIMER_REAL, self._task.limit_s)
             if k >= last:
                 self.end("the time is over")
-            start = time.perf_counter_ns()
-            reference = self._task.reference.at(k) if self._set_point == FOLLOW else self._set_point
-            # a drive whose exchange failed is written again: the stage may have taken it
-            self.exchange(float(board.drive[0]) if self._failures else self.next_drive(reference))
-            end = time.perf_counter_ns()
-            board.write((before + k / rate, reference, self._x, self._y))
-            board.set(beat_ns=end, missed=board.missed + (end - due > 1e9 / rate))
-            board.service[bin_of(end - start)] += 1
-            if self._ramping and self._x == self._task.declared.rest:
-                return True
-            if self._failures > self._task.timeout_samples:
-                break
-            if board.head % CHECK_PARENT == 0 and os.getppid() != parent:
+            if watching is not None and os.getppid() != watching.pid:
                 self.end("the process that watches the loop has died")
             if not self._ramping:
                 self.obey()
-                if board.head % show_every == 0:
-                    self._controller.show(board)
-        return False
+            start = time.perf_counter_ns()
+            reference = self._task.reference.at(k) if self._set_point == FOLLOW else self._set_point
+            # a drive whose exchange failed is written again: the stage may have taken it
+            self.exchange(self.next_drive(reference) if board.drive[0] == self._x else float(board.drive[0]))
+            end = time.perf_counter_ns()
+            board.write((before + k / rate, reference, self._x, self._y))
+            board.set(missed=board.missed + skipped + (end - due > 1e9 / rate))
+            board.service[bin_of(end - start)] += 1
+            if self._ramping and self._x == self._task.declared.rest:
+                board.set(state=State.ENDED)
+                break
+            if end - self._answered_ns > 1e9 * self._task.limit_s:
+                break
+            if not self._ramping and board.head % show_every == 0:
+                self._controller.show(board)
 
 
 def real_time(rate: float) -> int:
@@ -140,52 +162,64 @@ def real_time(rate: float) -> int:
 def null_loop(board: Board, rate: float, spin_ns: int) -> None:
     """Count the deadlines that a loop that does nothing misses on this machine."""
     samples = missed = 0
-    for k, due in schedule(rate, spin_ns):
+    for k, due, skipped in schedule(rate, spin_ns):
         if k >= NULL_S * rate:
             break
-        samples, missed = samples + 1, missed + (time.perf_counter_ns() - due > 1e9 / rate)
+        samples, missed = samples + 1, missed + skipped + (time.perf_counter_ns() - due > 1e9 / rate)
     board.set(null_missed=missed, null_samples=samples)
 
 
-def main(task: Task, board: Board, ready: Connection) -> None:
-    """Process of the loop; sends "" once the stage is open, or a sentence why it is not."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all processes; the parent requests the stop
-    signal.signal(signal.SIGTERM, lambda *_: board.set(stop=1))
-    with cores.claim() as core:
-        os.sched_setaffinity(0, {core.number})
-        board.set(core=core.number)
-        spin_ns = real_time(task.rate)
-        null_loop(board, task.rate, spin_ns)
-        board.drive[0] = task.declared.rest
+def main(task: Task, board: Board, core: int, lock: Connection) -> None:
+    """Process of the loop; ``lock`` is that of its core, which is released when this process ends."""
+    handle_signals(lambda *_: board.set(stop=1))
+    os.sched_setaffinity(0, {core})
+    spin_ns = real_time(task.rate)
+    null_loop(board, task.rate, spin_ns)
+    board.drive[0] = task.declared.rest
+    _drive(task, board, spin_ns)
+
+
+def stand_by(task: Task, board: Board, loop: int) -> None:
+    """Process that waits for the end of the loop, whose process id is given; if the stage is not at rest then, it opens
+    it anew and ramps it to rest from the last drive."""
+    handle_signals(signal.SIG_IGN)
+    with suppress(ProcessLookupError):  # it has ended already
+        wait([os.pidfd_open(loop)])
+    if board.state in (State.FOLLOWING, State.RAMPING):
+        board.set(followed=board.followed or board.head, state=State.RAMPING, rescued=1)
+        _drive(task, board, SPIN_NS)
+
+
+def _drive(task: Task, board: Board, spin_ns: int) -> None:
+    """Open the stage, run the loop and close the stage; the board's reason says what cannot be done.
+
+    The state is STARTING until the stage is open, or RAMPING from the start.
+    """
+    signal.setitimer(signal.ITIMER_REAL, OPENING_S)
+    done = "opened"
+    try:
         device = task.device.make()
         loop = Loop(board, device, task, spin_ns)
-        try:
-            device.open()
-        except Exception as error:
-            ready.send(f"{task.device}: cannot be opened: {error}")
-            return
-        ready.send("")
+        device.open()
+        done = "closed"
         gc.collect()
         gc.disable()
-        board.set(state=State.FOLLOWING, learning=int(task.learn != "off"))
-        _finish(board, device, loop)
+        if board.state == State.STARTING:
+            board.set(state=State.FOLLOWING, learning=int(task.learn != "off"))
+        else:
+            device.exchange(float(board.drive[0]))  # the stage may have taken it or not
+        try:
+            loop.run()
+        except Exception as error:  # of the compensator, which the ramp to rest does not need
+            loop.end(f"the loop failed: {words_of(error)}", failed=True)
+            loop.run()
+        signal.setitimer(signal.ITIMER_REAL, CLOSING_S)
+        device.close()
+    except (Exception, SystemExit) as error:
+        board.set(failed=1)
+        board.reason = f"{board.reason}; it cannot be {done}: {words_of(error)}".removeprefix("; ")
 
 
-def rescue(task: Task, board: Board) -> None:
-    """Process that takes over from a loop that died or hangs: it opens the stage anew and ramps it to rest from the
-    last drive."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    device = task.device.make()
-    board.set(followed=board.followed or board.head, state=State.RAMPING)
-    device.open()
-    device.exchange(float(board.drive[0]))  # the stage may have taken it or not
-    _finish(board, device, Loop(board, device, task))
-
-
-def _finish(board: Board, device: Device, loop: Loop) -> None:
-    """Run the loop and close the stage."""
-    at_rest = loop.run()
-    device.close()
-    if at_rest:
-        board.set(state=State.ENDED)
+def words_of(error: BaseException) -> str:
+    """The message of an exception on one line, or its name."""
+    return " ".join(str(error).split()) or type(error).__name__

@@ -2,13 +2,17 @@
 it.
 
 The loop does not depend on the page. The server is bound to this machine by default, answers only at a secret path and
-serves its own scripts, so nothing leaves the machine.
+serves its own scripts, so nothing leaves the machine. Whatever name of this machine a browser uses, the data go only to
+a page of the same name and port: other sites are refused. A site that lets its own name point to this machine (DNS
+rebinding) passes that check, but does not know the path.
 """
 
 import asyncio
 import math
+import secrets
 from collections.abc import Callable
 from html import escape
+from socket import gethostname
 from typing import Any
 
 import numpy as np
@@ -16,11 +20,12 @@ from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, Div, NumericInput, Span
+from bokeh.models import Button, ColumnDataSource, Div, Span, TextInput
 from bokeh.plotting import figure
 from bokeh.server.server import Server
+from bokeh.server.views.ws import WSHandler
 from bokeh.themes import Theme
-from tornado.netutil import bind_sockets
+from tornado.websocket import WebSocketHandler
 
 from bench.live.board import FOLLOW, Board, State, edges_us
 from bench.live.device import DeviceError
@@ -152,23 +157,24 @@ def plots(task: Task, sources: dict[str, ColumnDataSource]) -> list[Any]:
 
 
 def controls(task: Task, board: Board) -> list[Any]:
-    """Buttons that write requests on the board, and the set point's input."""
-    low, high = sorted(task.declared.y_range)
-    value = NumericInput(
-        mode="float", value=0.5 * (low + high), width=110, stylesheets=["input { color: #1b1f24; }"], low=low, high=high
-    )
+    """Buttons that write requests on the board, the set point's input, and a line for what is wrong with that."""
+    (low, high), unit = sorted(task.declared.y_range), shown(task.declared.output_unit)
+    value = TextInput(value=f"{0.5 * (low + high):g}", width=110, stylesheets=["input { color: #1b1f24; }"])
+    wrong = Div()
 
     def button(label: str, press: Callable[[], None], kind: str = "default") -> Button:
         made = Button(label=label, button_type=kind, width_policy="min")  # type: ignore[arg-type]
         made.on_click(press)
         return made
 
-    def hold(set_point: float) -> None:
-        if not math.isnan(set_point):
-            board.set_point[0] = min(max(set_point, low), high)
-
-    def follow_reference() -> None:
-        board.set_point[0] = FOLLOW
+    def hold(asked: str | float) -> None:
+        try:
+            set_point = float(asked)
+        except ValueError:
+            set_point = math.nan
+        known = low <= set_point <= high
+        wrong.text = "" if known else f"The set point must be a number from {low:g} to {high:g} {escape(unit)}."
+        board.set_point[0] = set_point if known else board.set_point[0]
 
     learn = [
         button("Learn", lambda: board.set(learning=1)),
@@ -176,11 +182,12 @@ def controls(task: Task, board: Board) -> list[Any]:
     ]
     return [
         button("Stop", lambda: board.set(stop=1), "danger"),
-        button("Hold", lambda: hold(board.last[1])),
-        button("Follow the reference", follow_reference),
+        button("Hold", lambda: hold(min(max(float(board.last[1]), low), high))),
+        button("Follow the reference", lambda: board.set_point.fill(FOLLOW)),
         value,
-        button(f"Go to set point, {shown(task.declared.output_unit)}", lambda: hold(value.value or 0.0)),
+        button(f"Go to set point, {unit}", lambda: hold(value.value)),
         *(learn if task.learn != "off" else ()),
+        wrong,
     ]
 
 
@@ -225,31 +232,29 @@ def document(task: Task, board: Board, doc: Document) -> None:
     doc.add_periodic_callback(update, EVERY_MS)
 
 
-def check_address(host: str, port: int) -> None:
-    """DeviceError if a server cannot listen at the address."""
+def listen(board: Board, task: Task, address: tuple[str, int]) -> Callable[[], None]:
+    """Listen at an address, and return a function that serves the page there.
+
+    It prints the page's address once it answers. DeviceError if nobody can listen there.
+    """
+    (host, port), path = address, f"/{secrets.token_urlsafe(16)}"
+    name = f"[{host}]" if ":" in host else host
+    asyncio.set_event_loop(asyncio.new_event_loop())
+    # Tornado's own check that a request's origin is the host that it asks; Bokeh's compares it with a list of names
+    WSHandler.check_origin = WebSocketHandler.check_origin  # type: ignore[method-assign]
+    app = Application(FunctionHandler(lambda doc: document(task, board, doc)))
     try:
-        for listening in bind_sockets(port, host):
-            listening.close()
+        server = Server({path: app}, port=port, address=host, use_index=False, redirect_root=False)
     except OSError as error:
         raise DeviceError(
-            f"the page cannot be at {host}:{port}: {error.strerror}; --port or --host names another place"
+            f"the page cannot be at {name}:{port}: {error.strerror}; --port or --host names another place"
         ) from None
 
+    def serve() -> None:
+        server.start()
+        server.io_loop.add_callback(
+            print, f"Page: http://{gethostname() if host in ('', '0.0.0.0', '::') else name}:{port}{path}", flush=True
+        )
+        server.io_loop.start()
 
-def serve(board: Board, task: Task, address: tuple[str, int], token: str, notify: Callable[[str], None]) -> None:
-    """Serve the page in this thread; ``notify`` gets its address once it answers."""
-    asyncio.set_event_loop(asyncio.new_event_loop())
-    host, port = address
-    app = Application(FunctionHandler(lambda doc: document(task, board, doc)))
-    local = [f"localhost:{port}"] if host == "127.0.0.1" else []
-    server = Server(
-        {f"/{token}": app},
-        port=port,
-        address=host,
-        use_index=False,
-        redirect_root=False,
-        allow_websocket_origin=[f"{host}:{port}", *local],
-    )
-    server.start()
-    notify(f"Page: http://{host}:{port}/{token}")
-    server.io_loop.start()
+    return serve

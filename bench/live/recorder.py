@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as parquet
 
-from bench.live.board import Board, State
+from bench.live.board import Board
 from piezo_model.atomic_file import replacing
 from piezo_model.recordings.formats.arrow import whole_batches
 
@@ -41,7 +41,8 @@ def check(path: Path) -> None:
 
 
 def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
-    """Record until the loop ends, and return a sentence with the file; a full disk stops the run."""
+    """Record until the run is over, and return a sentence with the file; a full disk, or any other failure, stops the
+    run."""
     stream, schema = stream_beside(path), pa.schema([(name, pa.float64()) for name in names])
     try:
         with stream.open("wb", buffering=0) as file:
@@ -50,18 +51,18 @@ def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
             for batch in whole_batches(stream):
                 writer.write_batch(batch)
         stream.unlink()
-    except OSError as error:
+    except Exception as error:
         board.set(stop=1)
-        return f"Recording: {stream}, since {path} could not be written: {error.strerror}"
+        return f"Recording: {stream}, since {path} could not be written: {getattr(error, 'strerror', None) or error}"
     return f"Recording: {path}"
 
 
 def _append_samples(board: Board, file: FileIO, schema: pa.Schema) -> None:
-    """Append new samples every second until the loop ends; OSError if the disk is full."""
+    """Append new samples every second until the run is over; OSError if the disk is full."""
     _append(file, schema.serialize())
     recorded, due, ended = 0, time.monotonic(), False
     while not ended:
-        ended = board.state == State.ENDED
+        ended = bool(board.over)
         if ended or time.monotonic() >= due:
             first, samples = board.read(recorded)
             columns = [pa.array(np.ascontiguousarray(column)) for column in samples.T]

@@ -103,6 +103,8 @@ def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> 
             values.append(
                 float(value.magnitude if value.dimensionless else value.to(unit or "dimensionless").magnitude)
             )
+            if not math.isfinite(values[-1]):
+                raise ValueError
         except (pint.errors.PintError, ValueError, TypeError, AttributeError, AssertionError):
             raise ReferenceError(
                 f"{option} {text}: {part!r} is not a number{f' in {shown(unit)}' if unit else ''}"

@@ -1,20 +1,19 @@
 """A live run: starts the loop, watches, records and shows it, and makes sure that the stage ends at rest.
 
-The loop writes the time of every sample. If it is silent longer than the stage allows, or dies, its process is killed
-and another one opens the stage and ramps it to rest; a stage that cannot be opened twice is left as it is, and the
-outcome states it.
+The loop needs nobody: without this process it ramps to rest, and if the stage hangs, its process ends (see `loop`).
+Another process stands by for that from the start, without this one too, opens the stage anew and ramps it to rest. A
+stage that cannot be opened twice is left as it is, and the outcome states it.
 """
 
 import math
 import multiprocessing
 import os
-import secrets
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Thread
@@ -27,34 +26,36 @@ from bench.live.board import Board, State, edges_us
 from bench.live.device import DeviceError
 from bench.live.recorder import record
 from bench.live.task import Task
+from bench.timing import cores
 from piezo_model.learning.learner import REVERSED
 from piezo_model.units import quantity
 
 POLL_S = 0.02
-OPENING_S = 60.0
-"""Longest time in which a stage may open."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a run ended."""
-
-    sentences: list[str]
-    status: int
-    """0, 1 if the stage failed, or 128 plus the number of the signal that ended the run."""
-
-
-def run(task: Task, recording: Path | None, page: tuple[str, int] | None, notify: Callable[[str], None]) -> Outcome:
+def run(task: Task, recording: Path | None, page: tuple[str, int] | None) -> tuple[list[str], int]:
     """Run a task to its end, optionally with a recording and with a page at an address.
 
-    ``notify`` receives messages for the user during the run. DeviceError if the stage cannot be opened.
+    Returns sentences on the run, and its status: 0, 1 if the stage failed, or 128 plus the number of the signal that
+    ended the run. DeviceError if the page cannot be at its address, or the stage cannot be opened. Once it is open,
+    signals are only noted.
     """
-    board, stage = Board(task.rate, task.model), task.declared
-    with _signals() as received:
-        process = _start_loop(task, board)
-        cores = os.sched_getaffinity(0)
-        os.sched_setaffinity(0, cores - {board.core} or cores)  # keeps the threads of this process off the loop's core
-        with ThreadPoolExecutor() as pool:
+    board, stage, received, serve = Board(task.rate, task.model), task.declared, list[int](), None
+    if page is not None:
+        from bench.live.page import listen  # which imports Bokeh
+
+        serve = listen(board, task, page)
+    with cores.claim() as core:
+        resource_tracker.ensure_running()  # which the first start would do, and unblock the signals
+        signal.pthread_sigmask(signal.SIG_BLOCK, loop.ENDING)  # also in the processes, until they handle them
+        process = _start(loop.main, task, board, core.number, Connection(os.dup(core.fileno())))
+        rescuer = _start(loop.stand_by, task, board, process.pid) if stage.reopens else None
+        try:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, loop.ENDING)
+            _wait_until_open(task, board, process)
+            loop.handle_signals(lambda number, _: received.append(number))
+            # keeps the threads of this process off the loop's core
+            os.sched_setaffinity(0, set(cores.usable()) - {core.number} or {core.number})
             columns = (
                 "time_s",
                 *(
@@ -66,19 +67,17 @@ def run(task: Task, recording: Path | None, page: tuple[str, int] | None, notify
                     )
                 ),
             )
-            recorded = recording and pool.submit(record, board, recording, columns)
-            if page is not None:
-                from bench.live.page import serve  # which imports Bokeh
-
-                Thread(target=serve, args=(board, task, page, secrets.token_urlsafe(16), notify), daemon=True).start()
-            try:
-                sentence = _watch(task, board, process, received)
-            finally:
-                board.set(state=State.ENDED)
-        os.sched_setaffinity(0, cores)
+            recorded = recording and ThreadPoolExecutor().submit(record, board, recording, columns)
+            if serve is not None:
+                Thread(target=serve, daemon=True).start()
+            sentence = _watch(task, board, process, rescuer, received)
+        finally:
+            board.set(stop=1, over=1)
+            if board.state == State.STARTING:  # it has not driven the stage, and now does not
+                process.kill()
         reversed_output = [event for event in board.last_events() if REVERSED in event]
         sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(task, board), *reversed_output]
-        return Outcome(sentences, 128 + received[0] if received else board.failed)
+        return sentences, 128 + received[0] if received else board.failed
 
 
 def _start(target: Callable[..., None], *arguments: Any) -> BaseProcess:
@@ -87,52 +86,46 @@ def _start(target: Callable[..., None], *arguments: Any) -> BaseProcess:
     return process
 
 
-def _start_loop(task: Task, board: Board) -> BaseProcess:
-    """Start the loop and wait until the stage is open."""
-    ours, theirs = multiprocessing.Pipe(duplex=False)
-    process = _start(loop.main, task, board, theirs)
-    theirs.close()
-    try:
-        refusal = ours.recv() if ours.poll(OPENING_S) else f"{task.device}: did not open within {OPENING_S:g} s"
-    except EOFError:
-        refusal = f"{task.device}: the process that opens it died"
-    if refusal:
-        process.kill()
-        raise DeviceError(refusal)
-    return process
+def _wait_until_open(task: Task, board: Board, process: BaseProcess) -> None:
+    """Wait until the stage is open; DeviceError if it cannot be opened."""
+    while board.state == State.STARTING:
+        if not process.is_alive():
+            late = f"did not open within {loop.OPENING_S:g} s" if process.exitcode == -signal.SIGALRM else ""
+            raise DeviceError(f"{task.device}: {board.reason or late or 'the process that opens it died'}")
+        time.sleep(POLL_S)
 
 
-def _watch(task: Task, board: Board, process: BaseProcess, received: list[int]) -> str:
-    """Wait for the end of the loop; return a sentence on how it came."""
-    timeout_s = task.declared.timeout_s
-    limit_ns = 1e9 * (timeout_s + 1.0 / task.rate)  # samples are a period apart
+def _watch(task: Task, board: Board, process: BaseProcess, rescuer: BaseProcess | None, received: list[int]) -> str:
+    """Wait until nobody drives the stage any more; return a sentence on how that came.
+
+    A signal ends the run, and so does the death of the process that stands by.
+    """
     while process.is_alive():
         time.sleep(POLL_S)
-        if received:
+        os.kill(process.pid or 0, signal.SIGCONT)  # somebody may have stopped it, and its timer with it
+        if received or (rescuer is not None and not rescuer.is_alive()):
             board.set(stop=1)
-        beat = board.beat_ns
-        if beat and time.perf_counter_ns() - beat > limit_ns and board.state != State.ENDED:
-            process.kill()
-            process.join()
-            return _rescue(task, board, f"the stage did not answer for {timeout_s:g} s")
-    if board.state != State.ENDED:
-        return _rescue(task, board, board.reason or "the loop's process died")
-    return f"The stage is at rest; {board.reason}."
-
-
-def _rescue(task: Task, board: Board, reason: str) -> str:
-    """Bring the stage to rest from another process; return a sentence on the result."""
-    board.set(failed=1)
-    stage, reason = task.declared, f"{reason[0].upper()}{reason[1:]}"
-    last = f"its last drive was {quantity(float(board.drive[0]), stage.input_unit)}"
-    if not stage.reopens:
-        return f"{reason}, and the stage cannot be opened by another process: {last}."
-    process = _start(loop.rescue, task, board)
-    process.join((stage.x_limits[1] - stage.x_limits[0]) / stage.rate_limit + OPENING_S)
-    if board.state == State.ENDED:
+    if rescuer is not None:
+        rescuer.join()
+    stage, reason, at_rest = task.declared, board.reason, board.state == State.ENDED
+    if process.exitcode == -signal.SIGALRM:
+        reason = f"the stage did not answer for {stage.timeout_s:g} s"
+        if at_rest and not board.rescued:
+            reason = f"the stage did not close within {loop.CLOSING_S:g} s"
+    elif process.exitcode or not reason:
+        reason = "the loop's process died"
+    elif rescuer is not None and rescuer.exitcode:
+        reason = "the process that stood by to bring it to rest died"
+    board.set(failed=int(bool(board.failed) or not at_rest or reason != board.reason))
+    if at_rest and not board.rescued:
+        return f"The stage is at rest; {reason}."
+    reason, last = f"{reason[0].upper()}{reason[1:]}", quantity(float(board.drive[0]), stage.input_unit)
+    if at_rest:
         return f"{reason}; another process has brought the stage to rest."
-    process.kill()
-    return f"{reason}, and the stage could not be brought to rest: {last}."
+    cannot = f"could not be brought to rest ({board.reason or 'the second process died'})"
+    if rescuer is None:
+        cannot = "cannot be opened by another process"
+    return f"{reason}, and the stage {cannot}: its last drive was {last}."
 
 
 def _figures(task: Task, board: Board) -> list[str]:
@@ -156,20 +149,3 @@ def _figures(task: Task, board: Board) -> list[str]:
         rms = quantity(float(np.sqrt(np.mean(error**2))), task.declared.output_unit, 3)
         sentences.insert(0, f"Tracking error over the last {error.size / task.rate:.3g} s: {rms} RMS.")
     return sentences
-
-
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Collect the signals that would end this process: not those that it ignores, SIGHUP under nohup for example."""
-    received: list[int] = []
-    numbers = [
-        number
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if signal.getsignal(number) is not signal.SIG_IGN
-    ]
-    before = [signal.signal(number, lambda number, _: received.append(number)) for number in numbers]
-    try:
-        yield received
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

@@ -32,9 +32,9 @@ class Task:
     seconds: float
 
     @property
-    def timeout_samples(self) -> float:
-        """Longest silence of the stage, in samples."""
-        return self.declared.timeout_s * self.rate
+    def limit_s(self) -> float:
+        """Longest time from a sample to the next, and longest silence of the sensor: samples are a period apart."""
+        return self.declared.timeout_s + 1.0 / self.rate
 
 
 def first_model(file: Path | None, declared: Declared, sample_time: float) -> HysteresisCreepModel:

@@ -1,5 +1,6 @@
 """A compensator on a running stage: refusals, the end of a run at rest, its recording, and its page in a browser."""
 
+import http.client
 import math
 import os
 import random
@@ -37,6 +38,7 @@ from bench.live.device import Declared, DeviceError, DeviceFile, Simulated
 from bench.live.recorder import stream_beside
 from bench.live.reference import of_file, sine
 from bench.live.task import first_model
+from bench.timing import cores
 from piezo_model import HysteresisCreepModel, Recording, plants
 from piezo_model.recordings import write_table
 from piezo_model.recordings.formats.arrow import whole_batches
@@ -51,12 +53,19 @@ FAULTS = {
     "hangs": "time.sleep(1e6)",
     "returns nothing": "return None",
     "returns NaN": "return float('nan')",
+    "exits": "raise SystemExit('the driver gives up')",
+    "ends the process": "os._exit(0)",
 }
+
+
+def children_of(session: int) -> list[int]:
+    """Process ids of the loop and, once it has been started, of the process that stands by."""
+    return sorted(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
 
 
 def loop_of(session: int) -> int:
     """Process id of the loop."""
-    return next(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
+    return children_of(session)[0]
 
 
 class Stage:
@@ -148,14 +157,34 @@ def free_port() -> int:
 ENDS = {
     "SIGINT": (130, "asked to stop"),
     "SIGTERM": (143, ""),
-    "kill loop": (1, "another process has brought the stage to rest"),
+    "SIGHUP": (129, "asked to stop"),
+    "kill loop": (1, "The loop's process died; another process has brought the stage to rest"),
     "kill all but the loop": (-9, ""),
+    "kill the process that stands by": (1, "The stage is at rest; the process that stood by to bring it to rest died"),
+    "interrupt twice": (130, "asked to stop"),
+    "interrupt loop": (0, "asked to stop"),
+    "stop loop": (0, "The stage is at rest; the time is over"),
     "raises": (1, "the amplifier is gone"),
+    "exits": (1, "the driver gives up"),
+    "ends the process": (1, "The loop's process died; another process has brought the stage to rest"),
     "hangs": (1, "did not answer for 3 s; another process has brought"),
     "returns nothing": (1, "returned None and no number"),
     "returns NaN": (1, "no measurement for 3 s"),
 }
 """Exit status, and part of the output."""
+
+
+def end(how: str, session: int) -> None:
+    """Send the signals of an end."""
+    loop, stands_by = children_of(session)
+    {
+        "kill loop": lambda: os.kill(loop, signal.SIGKILL),
+        "kill all but the loop": lambda: [os.kill(pid, signal.SIGKILL) for pid in (session, stands_by)],
+        "kill the process that stands by": lambda: os.kill(stands_by, signal.SIGKILL),
+        "interrupt twice": lambda: [os.kill(session, signal.SIGINT), time.sleep(0.01), os.kill(session, signal.SIGINT)],
+        "interrupt loop": lambda: os.kill(loop, signal.SIGINT),
+        "stop loop": lambda: os.kill(loop, signal.SIGSTOP),
+    }.get(how, lambda: os.kill(session, signal.Signals[how]))()
 
 
 @pytest.mark.sample(1)
@@ -166,24 +195,226 @@ def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
     chance, record = random.Random(how), tmp_path / "run.parquet"
     file = faulty(tmp_path, how, RATE + chance.randrange(RATE)) if how in FAULTS else stage.file
     words = ("--device", file, "--sine", "2Hz:12um", "--rate", RATE, "--port", free_port(), "--record", record)
-    call = piezobench.start("live", *words)
+    call = piezobench.start("live", *words, *(("--seconds", 6) if how == "stop loop" else ()))
     stage.wait_until_it_moves()
     if how not in FAULTS:
         time.sleep(chance.uniform(0.5, 2.5))
-        number = signal.SIGKILL if how.startswith("kill") else signal.Signals[how]
         drives = stage.drives().size
-        os.kill(loop_of(call.pid) if how == "kill loop" else call.pid, number)
+        end(how, call.pid)
     ended = call.wait()
     stage.wait_for_rest()
     status, message = ENDS[how]
     assert ended.status == status, ended.stderr
     assert message in ended.stdout
+    assert "Traceback" not in ended.stderr
     stage.check()
     if how == "kill all but the loop":  # which ends the recording
         assert drives - pa.Table.from_batches(whole_batches(stream_beside(record))).num_rows <= 1.5 * RATE
     else:
         assert_complete(stage, record)
     wait_until_gone(call.pid)
+
+
+HANGS_ONCE = """{stage}
+import pathlib, time
+mark = pathlib.Path({mark!r})
+def hangs(base):
+    class Hangs(base):
+        count = 0
+        def {method}(self, *x):
+            Hangs.count += 1
+            if Hangs.count == {at} and not mark.exists():
+                mark.touch()
+                {code}
+            return base.{method}(self, *x)
+    return Hangs
+TcpStage = hangs(TcpStage)
+"""
+ASLEEP = "time.sleep(1e6)"
+KEEPS_THE_INTERPRETER = "import ctypes; ctypes.PyDLL(None).sleep(1_000_000)"
+
+
+def hanging(stage: Stage, method: str, at: int, code: str = ASLEEP) -> tuple[Path, Path]:
+    """File of a stage that hangs in one call of a method in one process, and the file that says that it does."""
+    file, mark = stage.folder / "hanging.py", stage.folder / "hangs"
+    file.write_text(HANGS_ONCE.format(stage=stage.file.read_text(), mark=str(mark), method=method, at=at, code=code))
+    return file, mark
+
+
+@pytest.mark.parametrize("code", [KEEPS_THE_INTERPRETER, pytest.param(ASLEEP, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("signals", [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_stage_that_hangs_in_its_first_exchange_is_brought_to_rest(
+    code: str, signals: int, stage: Stage, piezobench: CommandLine
+) -> None:
+    file, mark = hanging(stage, "exchange", 1, code)
+    call = piezobench.start("live", "--device", file, "--rate", 10, "--no-page")
+    wait_until(mark.exists)
+    for _ in range(signals):
+        os.kill(call.pid, signal.SIGINT)
+    ended = call.wait()
+    assert ended.status == (130 if signals else 1)
+    assert "The stage did not answer for 3 s; another process has brought the stage to rest." in ended.stdout
+    assert stage.drives()[-1] == 0.0
+    wait_until_gone(call.pid)
+
+
+@pytest.mark.slow
+def test_a_stage_that_does_not_close_is_given_up_at_rest(stage: Stage, piezobench: CommandLine) -> None:
+    file, _ = hanging(stage, "close", 1)
+    ended = piezobench("live", "--device", file, "--rate", RATE, "--seconds", 1, "--no-page")
+    assert ended.status == 1
+    assert "The stage is at rest; the stage did not close within 10 s." in ended.stdout
+    assert stage.drives()[-1] == 0.0
+
+
+@pytest.mark.slow
+def test_an_error_of_a_stage_that_closes_is_shown_and_its_run_has_failed(stage: Stage, piezobench: CommandLine) -> None:
+    file, _ = hanging(stage, "close", 1, "raise OSError('the port is gone')")
+    ended = piezobench("live", "--device", file, "--rate", RATE, "--seconds", 1, "--no-page")
+    assert (ended.status, ended.stderr) == (1, "")
+    assert "The stage is at rest; the time is over; it cannot be closed: the port is gone." in ended.stdout
+
+
+def test_a_stage_that_cannot_be_opened_is_refused_and_nothing_is_recorded(
+    stage: Stage, piezobench: CommandLine, tmp_path: Path
+) -> None:
+    file, _ = hanging(stage, "open", 1, "raise OSError('the port is taken')")
+    words = ("--device", file, "--no-page", "--record", tmp_path / "run.parquet")
+    assert piezobench("live", *words).refusal == f"piezobench live: {file}: it cannot be opened: the port is taken"
+    assert not list(tmp_path.glob("run.*"))
+
+
+def test_a_stage_that_cannot_be_opened_anew_is_left_with_the_reason(stage: Stage, piezobench: CommandLine) -> None:
+    call = piezobench.start("live", "--device", stage.file, "--rate", RATE, "--sine", "2Hz:12um", "--no-page")
+    stage.wait_until_it_moves()
+    stage.server.kill()
+    ended = call.wait()
+    assert (ended.status, ended.stderr) == (1, "")
+    assert "The stage failed: " in ended.stdout
+    assert "and the stage could not be brought to rest (" in ended.stdout
+    assert "it cannot be opened: [Errno 111] Connection refused): its last drive was" in ended.stdout
+    wait_until_gone(call.pid)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_the_stage_opens_ends_the_run_at_once(
+    number: signal.Signals, stage: Stage, piezobench: CommandLine, tmp_path: Path
+) -> None:
+    file, mark = hanging(stage, "open", 1)
+    call = piezobench.start("live", "--device", file, "--no-page", "--record", tmp_path / "run.parquet")
+    wait_until(mark.exists)
+    os.kill(call.pid, number)
+    ended = call.wait()
+    assert (ended.status, ended.stdout, ended.stderr) == (128 + number, "", "")
+    assert not stage.drives().size
+    assert not list(tmp_path.glob("run.*"))
+    wait_until_gone(call.pid)
+
+
+@pytest.mark.nightly
+def test_a_stage_that_does_not_open_within_a_minute_is_refused(stage: Stage, piezobench: CommandLine) -> None:
+    file, _ = hanging(stage, "open", 1)
+    assert "did not open within 60 s" in piezobench("live", "--device", file, "--no-page").refusal
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("rate", [10, 1000, 8000])
+def test_a_loop_whose_watching_process_was_killed_ramps_to_rest_and_ends(
+    rate: int, stage: Stage, piezobench: CommandLine
+) -> None:
+    call = piezobench.start("live", "--device", stage.file, "--rate", rate, "--sine", "0.5Hz:12um", "--no-page")
+    wait_until(lambda: stage.drives().size >= 10)
+    call.kill()
+    call.wait()
+    wait_until_gone(call.pid)
+    assert stage.drives()[-1] == 0.0
+    assert stage.drives().max() > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_loop_that_hangs_after_its_watching_process_was_killed_ends_and_releases_its_core(
+    alone: bool, stage: Stage, piezobench: CommandLine
+) -> None:
+    file, mark = hanging(stage, "exchange", RATE)
+    call = piezobench.start("live", "--device", file, "--rate", RATE, "--sine", "2Hz:12um", "--no-page")
+    wait_until(mark.exists)
+    loop, stands_by = children_of(call.pid)
+    (core,) = os.sched_getaffinity(loop)
+    call.kill()
+    if alone:
+        os.kill(stands_by, signal.SIGKILL)
+    call.wait()
+    wait_until_gone(call.pid)
+    cores.claim(core).close()
+    assert (stage.drives()[-1] == 0.0) != alone  # there is nobody left to open it anew
+
+
+@pytest.mark.slow
+def test_a_compensator_that_fails_does_not_keep_the_stage_from_rest(stage: Stage, tmp_path: Path) -> None:
+    script = tmp_path / "run.py"
+    script.write_text(
+        "from bench.live import controller\nfrom bench.cli.app import run\n"
+        "class Fails(controller.Controller):\n    def step(self, y_ref, y): 1 / 0\n"
+        "controller.Controller = Fails\n"
+        f"if __name__ in ('__main__', '__mp_main__'): import bench.live.loop; bench.live.loop.Controller = Fails\n"
+        "if __name__ == '__main__': raise SystemExit(run("
+        f"['live', '--device', {str(stage.file)!r}, '--no-page', '--rate', '100']))\n"
+    )
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert ended.returncode == 1, ended.stderr
+    assert "The stage is at rest; the loop failed: division by zero." in ended.stdout
+    assert stage.drives()[-1] == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("after_s", [0.0, 0.2, 0.5, 1.0])
+def test_signals_of_a_terminal_while_the_processes_start_end_the_run_without_a_traceback(
+    number: signal.Signals, after_s: float, stage: Stage
+) -> None:
+    with subprocess.Popen(
+        [*LIVE, "--device", stage.file, "--no-page", "--rate", "100"],
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=hears_its_terminal,
+    ) as call:
+        wait_until(lambda: children_of(call.pid))
+        time.sleep(after_s)
+        os.killpg(call.pid, number)
+        _, errors = call.communicate(timeout=PATIENCE_S)
+    assert (call.returncode, errors) == (128 + number, "")
+    wait_until_gone(call.pid)
+
+
+STALLS = """
+import time
+class Stage:
+    input_unit, output_unit, x_limits, y_range = "V", "um", (0.0, 150.0), (0.0, 20.0)
+    rate_limit, rest, reopens, count = 5000.0, 0.0, False, 0
+    def open(self): pass
+    def exchange(self, x):
+        self.count += 1
+        time.sleep(0.3 if self.count % 100 == 0 else 0.0)
+        return x * 20.0 / 150.0
+    def close(self): pass
+"""
+
+
+def test_due_times_that_a_stall_skips_are_missed_deadlines(piezobench: CommandLine, tmp_path: Path) -> None:
+    file, record = tmp_path / "stalls.py", tmp_path / "run.parquet"
+    file.write_text(STALLS)
+    ended = piezobench("live", "--device", file, "--no-page", "--rate", 1000, "--seconds", 2, "--record", record)
+    samples, missed = (
+        int(re.search(what, ended.stdout)[1]) for what in (r"(\d+) samples at", r"; (\d+) deadlines were")
+    )
+    k = np.rint(1000.0 * pd.read_parquet(record).time_s.to_numpy()).astype(int)
+    skipped = k[-1] + 1 - samples
+    assert skipped > 5 * 290
+    assert skipped <= missed <= skipped + samples
 
 
 @pytest.mark.slow
@@ -289,6 +520,8 @@ def test_a_simulated_stage_follows_the_clock_if_the_loop_is_late() -> None:
         (("--simulate", "duhem", "--rate", 1e6), "--rate': Input should be less than or equal to 20000"),
         (("--simulate", "duhem", "--record", "run.csv"), "must end in .parquet"),
         (("--simulate", "duhem", "--set-point", 300), "--set-point 300 is outside of the stage's range"),
+        (("--simulate", "duhem", "--staircase", "1s:nan:3"), "'nan' is not a number in µm"),
+        (("--simulate", "duhem", "--staircase", "1s:1um:inf"), "'inf' is not a number"),
     ],
 )
 def test_an_invalid_run_is_refused_in_a_sentence_before_anything_moves(
@@ -337,6 +570,7 @@ def test_a_reference_of_another_kind_than_the_stage_measures_is_refused_before_a
             "the field 'rate_limit' is wrong: expected `float` > 0.0",
         ),
         ("timeout_s = 0.5 -> timeout_s = 'long'", "the field 'timeout_s' is wrong: expected `float`, got `str`"),
+        ("timeout_s = 0.5 -> timeout_s = 1e6", "the field 'timeout_s' is wrong: expected `float` <= 3600.0"),
         ("input_unit, output_unit -> a_unit, output_unit", "the field 'input_unit' is missing"),
         ("def exchange -> def swap", "holds 0 classes with the methods open, exchange, close"),
         ("import os -> import no_such_module", "cannot be run: ModuleNotFoundError"),
@@ -522,6 +756,94 @@ def test_each_button_has_its_effect(watched: str, browser: Browser) -> None:
     ):
         press(browser, label)
         browser.wait_until(lambda message=message: message in text_of(browser))
+
+
+def set_point(browser: Browser, text: str) -> None:
+    """Type a set point."""
+    browser.run(
+        """const find = node => { if (node.nodeName === 'INPUT') { node.value = arguments[0];
+            node.dispatchEvent(new Event('change')); }
+        if (node.shadowRoot) find(node.shadowRoot); node.childNodes.forEach(find); }; find(document.body);""",
+        text,
+    )
+
+
+@pytest.mark.needs("chromium", "chromedriver")
+@pytest.mark.parametrize("text", ["", "-", "abc", "300", "1e999", "nan", "-inf", "1,5"])
+def test_a_set_point_that_is_no_number_in_the_range_moves_nothing_and_is_named(
+    watched: str, browser: Browser, text: str
+) -> None:
+    browser.open(watched)
+    browser.wait_until(lambda: "samples at" in text_of(browser))
+    held = text_of(browser).count("s: holds")
+    set_point(browser, text)
+    press(browser, "Go to set point, µm")
+    browser.wait_until(lambda: "The set point must be a number from -20 to 20 µm." in text_of(browser))
+    assert text_of(browser).count("s: holds") == held
+    set_point(browser, "1.5")
+    press(browser, "Go to set point, µm")
+    browser.wait_until(lambda: text_of(browser).count("s: holds") == held + 1)
+    assert "The set point must be" not in text_of(browser)
+    press(browser, "Follow the reference")
+
+
+def status_of_handshake(port: int, host: str, origin: str | None, path: str) -> int:
+    """HTTP status of a WebSocket handshake at this machine."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20.0)
+    connection.putrequest("GET", path, skip_host=True)
+    for name, value in {
+        "Host": host,
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+        **({} if origin is None else {"Origin": origin}),
+    }.items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+@pytest.mark.slow
+@pytest.mark.needs("chromium", "chromedriver")
+@pytest.mark.parametrize("host", ["0.0.0.0", "localhost", "::1"])
+def test_a_page_is_live_under_every_name_of_its_machine_and_other_sites_are_refused(
+    host: str, browser: Browser, piezobench: CommandLine
+) -> None:
+    port = free_port()
+    words = ("--simulate", "duhem", "--rate", 100, "--host", host, "--port", port)
+    call = piezobench.start("live", *words)
+    wait_until(lambda: call.stdout.read_text().endswith("\n"))
+    address = call.stdout.read_text().split()[1]
+    shown, token = {"0.0.0.0": socket.gethostname(), "::1": "[::1]"}.get(host, host), address.rpartition("/")[2]
+    assert address == f"http://{shown}:{port}/{token}"
+    names = {"0.0.0.0": (socket.gethostname(), "localhost", "127.0.0.1", "127.0.0.2")}.get(host, (shown,))
+    for name in names:
+        browser.open(f"http://{name}:{port}/{token}")
+        browser.wait_until(lambda: "samples at 100 Hz" in text_of(browser))
+        first = re.search(r"(\d+) samples", text_of(browser)).group(1)
+        browser.wait_until(lambda first=first: re.search(r"(\d+) samples", text_of(browser)).group(1) != first)
+    if host == "0.0.0.0":
+        path = f"/{token}/ws"
+        assert status_of_handshake(port, f"stage.lab:{port}", f"http://stage.lab:{port}", path) == 101
+        assert status_of_handshake(port, f"stage.lab:{port}", None, path) == 101  # no browser
+        for origin in ("http://evil.example", f"http://stage.lab:{port + 1}", f"http://evil.example:{port}", "null"):
+            assert status_of_handshake(port, f"stage.lab:{port}", origin, path) == 403
+    os.kill(call.pid, signal.SIGINT)
+    assert call.wait().status == 130
+
+
+@pytest.mark.slow
+def test_a_second_run_at_the_same_port_is_refused_before_its_first_sample_and_does_not_disturb_the_first(
+    watched: str, stage: Stage, piezobench: CommandLine
+) -> None:
+    port = watched.rpartition(":")[2].partition("/")[0]
+    refusal = piezobench("live", "--device", stage.file, "--port", port).refusal
+    assert f"the page cannot be at 127.0.0.1:{port}: Address already in use; --port or --host names" in refusal
+    assert not stage.drives().size
+    assert urllib.request.urlopen(watched, timeout=20.0).status == 200
 
 
 def test_requests_without_the_token_are_refused(watched: str) -> None:
