@@ -45,6 +45,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     """Run, machine, rule, figures and certificate, for people to read."""
 
     def __post_init__(self) -> None:
+        if self.solver == "recursive_active_set":  # in stored races and files; both are exact and have no settings
+            self.solver = "box_active_set"
         self.lane, self.tier = Lane(self.lane), Tier(self.tier)
         self.x_limits = LearningSettings(  # type: ignore[assignment]
             solver=self.solver, x_limits=self.x_limits, mode=self.mode, solver_options=self.options
@@ -70,3 +72,11 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
         except ValueError as error:
             raise ModelError(f"{path}: its model is not valid: {error}") from None
         return Deployment(**{**msgspec.structs.asdict(file), "model": model})
+
+
+def open_model(path: str | Path) -> tuple[HysteresisCreepModel, Deployment[HysteresisCreepModel] | None]:
+    """The model in a file of ``identify`` or ``deploy``, and the deployment if it is one; ModelError as of both."""
+    if json_file.format_of(path) == Deployment.FORMAT:
+        deployed = Deployment.load(path)
+        return deployed.model, deployed
+    return HysteresisCreepModel.load(path), None

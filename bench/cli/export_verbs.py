@@ -3,28 +3,39 @@ machine."""
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
 from bench.cli.options import Rate, RateLimit, XStart
 from bench.export.realtime import real_time
-from bench.export.settings import SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
+from bench.export.settings import EXACT_SOLVER, SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
 from piezo_model import HysteresisCreepModel
 from piezo_model.atomic_file import write_text
-from piezo_model.deployment import Deployment
-from piezo_model.json_file import format_of
+from piezo_model.deployment import open_model
+from piezo_model.learning.settings import Mode
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
-PartChoice = Annotated[Part, typer.Option("--part", help="Compensation alone, or the complete self-learning loop.")]
+PartChoice = Annotated[
+    Part | None,
+    typer.Option(
+        "--part",
+        help="Compensation alone, or the complete self-learning loop; by default the loop of a file from deploy, and "
+        "the compensation of a model.",
+    ),
+]
+ModeChoice = Annotated[
+    Mode | None,
+    typer.Option("--mode", help="Mode of the self-learning loop: by default that of the file, for a model continuous."),
+]
 SolverChoice = Annotated[
     LoopSolver | None,
     typer.Option(
         "--solver",
-        help="Solver of the self-learning loop: recursive_active_set learns continuously and is exact at every "
-        "interval, the others learn in cycles.",
+        help="Solver of the self-learning loop: box_active_set finds the exact optimum; the others are for --mode "
+        "cyclic.",
     ),
 ]
 PrecisionChoice = Annotated[Precision, typer.Option("--precision", help="Number format of signals, states and model.")]
@@ -48,8 +59,9 @@ def export_c_verb(
     model: ModelArgument,
     folder: Annotated[Path, typer.Argument(help="New or empty folder for the source.")],
     precision: PrecisionChoice = "double",
-    part: PartChoice = "compensator",
+    part: PartChoice = None,
     solver: SolverChoice = None,
+    mode: ModeChoice = None,
     low: Low = None,
     high: High = None,
     rate_limit: RateLimit = None,
@@ -67,9 +79,10 @@ def export_c_verb(
         low,
         high,
         rate,
+        part,
         solver,
+        mode,
         precision=precision,
-        part=part,
         name=name,
         rate_limit=rate_limit,
         x_start=x_start,
@@ -77,7 +90,8 @@ def export_c_verb(
     )
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
-    what = "the compensator" if part == "compensator" else f"the self-learning loop with {settings.solver}"
+    loop = f"the self-learning loop ({settings.mode}, {settings.solver})"
+    what = loop if settings.learning else "the compensator, without learning"
     console.print(
         f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, "
         f"the calls and the memory.\nSource: {folder}; make -C {folder} run builds and runs the example."
@@ -98,9 +112,8 @@ def export_fmu_verb(
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
     from bench.export.fmu import write_fmu
 
-    loaded, settings = _opened(
-        model, low, high, rate, None, rate_limit=rate_limit, x_start=x_start, integral_gain=integral_gain
-    )
+    drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
+    loaded, settings = _opened(model, low, high, rate, "compensator", None, None, **drive)
     if out.suffix != ".fmu":
         raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
     if out.exists():
@@ -108,14 +121,16 @@ def export_fmu_verb(
     check_writable(out, "out")
     write_fmu(loaded, settings, out, fmi)
     console.print(f"FMU: {out}, FMI {fmi}.0 Co-Simulation with a fixed step of {loaded.structure.sample_time:g} s.")
+    console.print("It compensates and does not learn; export-c writes the self-learning loop of a file from deploy.")
 
 
 def realtime_verb(
     model: ModelArgument,
     rate: Annotated[float, typer.Option(min=1.0, max=1e6, help="Samples per second.")] = 8000.0,
     seconds: Annotated[float, typer.Option(min=0.01, help="Duration of the run in s.")] = 60.0,
-    part: PartChoice = "compensator",
+    part: PartChoice = None,
     solver: SolverChoice = None,
+    mode: ModeChoice = None,
     precision: PrecisionChoice = "double",
     priority: Annotated[
         int, typer.Option(min=0, max=99, help="Priority under SCHED_FIFO; 0 for the default scheduler.")
@@ -127,7 +142,7 @@ def realtime_verb(
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
     if out is not None:
         check_writable(out, others=[model])
-    loaded, settings = _opened(model, None, None, None, solver, precision=precision, part=part)
+    loaded, settings = _opened(model, None, None, None, part, solver, mode, precision=precision)
     result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
@@ -164,37 +179,25 @@ def _opened(
     low: float | None,
     high: float | None,
     rate: float | None,
+    part: Part | None,
     solver: LoopSolver | None,
+    mode: Mode | None,
     **options: Any,
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
-    """Model and export settings from a file of identify or deploy."""
-    if solver is not None and options.get("part") != "learning":
-        raise typer.BadParameter("is for --part learning; a compensator alone has no solver", param_hint="--solver")
-    limits, chosen = None, solver
-    if format_of(path) == Deployment.FORMAT:
-        deployed = Deployment.load(path)
-        model, limits = deployed.model, deployed.x_limits
-        if chosen is None and options.get("part") == "learning":
-            chosen = _exported_solver(deployed, path)
-    else:
-        model = HysteresisCreepModel.load(path)
+    """Model and export settings from a file of identify, by default of the compensator alone, or of deploy, by default
+    of what was deployed; learning is continuous by default."""
+    model, deployed = open_model(path)
+    part = part or ("learning" if deployed else "compensator")
+    if part != "learning" and (solver or mode):
+        raise typer.BadParameter(
+            "is for --part learning; a compensator alone does not learn", param_hint="--solver" if solver else "--mode"
+        )
+    mode = mode or (deployed.mode if deployed else "continuous")
+    if solver is None:
+        solver = EXACT_SOLVER if mode == "continuous" else cast(LoopSolver, deployed.solver) if deployed else SOLVERS[0]
     if model.warning:
         errors.print(model.warning, soft_wrap=True)
     model = model if rate is None else model.at(1.0 / rate)
-    lowest, highest = limits or model.structure.x_range
+    lowest, highest = deployed.x_limits if deployed else model.structure.x_range
     limits = (lowest if low is None else low, highest if high is None else high)
-    return model, ExportSettings(solver=chosen or SOLVERS[0], x_limits=limits, **options)
-
-
-def _exported_solver(deployed: Deployment, path: Path) -> LoopSolver:
-    """The exported solver that corresponds to the deployed one."""
-    if deployed.mode == "continuous":
-        return "recursive_active_set"
-    if deployed.solver == "recursive_active_set":
-        return "box_active_set"  # solving once a cycle, both give the optimum
-    if deployed.solver in SOLVERS:
-        return deployed.solver
-    raise ExportError(
-        f"{path}: learns with {deployed.solver}, which has no C export; --solver box_active_set gives "
-        "the exact optimum, --solver projected_difference spreads its work over the learning phase"
-    )
+    return model, ExportSettings(part=part, solver=solver, mode=mode, x_limits=limits, **options)

@@ -22,7 +22,7 @@ from bench.fleet.storage import absolute
 from bench.fleet.works import Validating
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, print_result
-from piezo_model import HysteresisCreepModel
+from piezo_model.deployment import open_model
 from piezo_model.recordings import read_reference, write_table
 from piezo_model.units import quantity
 
@@ -92,7 +92,7 @@ def simulate_verb(
 ) -> None:
     """Compute the output of the model for a drive."""
     check_writable(out, others=[drive, model])
-    loaded = HysteresisCreepModel.load(model)
+    loaded, _ = open_model(model)
     read = read_reference(drive, time=time, column=input, role="input", **reading)
     given, loaded = read.suited(loaded.structure.input_unit, "input"), loaded.at(read.sample_time)
     s = loaded.structure

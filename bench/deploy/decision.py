@@ -14,10 +14,11 @@ from typing import Any
 from bench.deploy.candidates import of_oneshot, of_stream
 from bench.deploy.rule import QUANTILES, Candidate, Rule
 from bench.races.stream.race import KIND as STREAM_KIND
-from bench.report.words import gap, number, solver_lanes
+from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
 from bench.timing import machine
 from bench.timing.percentiles import Percentile
+from piezo_model.learning.settings import EXACT_SOLVERS
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class Decision:
             f"{it.chosen.margin:g} times over; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} of "
             f"them its own; {name} of an answer {number(it.time(self.by))} µs "
             f"on the machine of the run ({machine.name(self.run.settings['machine'])}).",
+            "The compensator learns continuously, in C and in piezobench live with box_active_set, "
+            + ("and so in Python." if it.solver in EXACT_SOLVERS else f"in Python with {marked(it.solver)}."),
         ]
         if self.by:
             least = next(each for each in (it, *self.runners_up) if each.tail[self.by - 1].value is None)

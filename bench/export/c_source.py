@@ -12,7 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import piezo_model.core
-from bench.export.settings import BLOCKS, LEARNS, SOLVERS, ExportError, ExportSettings, Precision, initialiser, literal
+from bench.export.settings import (
+    BLOCKS,
+    EXACT_SOLVER,
+    LEARNS,
+    SOLVERS,
+    ExportError,
+    ExportSettings,
+    Precision,
+    initialiser,
+    literal,
+)
 from bench.rendering import c_templates
 from piezo_model import HysteresisCreepModel
 from piezo_model.core import bindings
@@ -148,7 +158,7 @@ def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: s
     s, precision = model.structure, settings.precision
     low, high = dead_zone_limits(s.dead_zone_thresholds)
     outer_low, outer_high = outer_limits(s)
-    kind = SOLVERS.index(settings.solver) if settings.learning else 0
+    kind = SOLVERS.index(settings.solver) if settings.cyclic else len(SOLVERS)
     return {
         "title": f"{title}. {model.warning}" if model.warning else title,
         "model": model,
@@ -202,7 +212,7 @@ def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLO
             *s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4
         )
     )
-    return size + int(solvers_bindings.box_bytes(s.d)) if settings.solver == "box_active_set" else size
+    return size + int(solvers_bindings.box_bytes(s.d)) if settings.cyclic and settings.solver == EXACT_SOLVER else size
 
 
 def memory_figures(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 from piezo_model.compensator import integral_share
 from piezo_model.learning.layout import block_samples, continuous_numbers
-from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
+from piezo_model.learning.settings import MIN_SLOPE, LearningSettings, Mode
 from piezo_model.operator_state import drive_start
 from piezo_model.structure import ModelStructure
 from solvers.kernel.accelerated_projection import AcceleratedProjection
@@ -20,15 +20,17 @@ Precision = Literal["double", "float"]
 LARGEST, SMALLEST = 3.4028234e38, 1.1754944e-38
 """Magnitudes of the normal numbers of single precision."""
 Part = Literal["compensator", "learning"]
-LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set", "recursive_active_set"]
+LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set"]
 SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
-"""Exportable solvers; the last one is the continuous mode."""
+EXACT_SOLVER: LoopSolver = "box_active_set"
+"""The solver of the continuous mode."""
 LEARNS = (
     "one projected step a sample, in cycles",
     "accelerated projected steps at the end of each building phase",
     "the exact optimum at the end of each building phase",
     "the exact optimum of each interval, continuously",
 )
+"""By the exportable solvers in cyclic mode, and by continuous mode."""
 BLOCKS = 8
 """Blocks in the ring between step and learner; a learner that is more than BLOCKS − 2 behind loses samples."""
 LONGEST_NAME = 31
@@ -51,6 +53,8 @@ class ExportSettings:
         The compensator alone, or the self-learning loop.
     solver : one of SOLVERS
         Solver of the learning.
+    mode : "cyclic" or "continuous"
+        Mode of the learning; the continuous one solves with ``box_active_set``.
     x_limits : pair of float, optional
         Limits of the drive in the input unit; the model's range by default.
     rate_limit : float, optional
@@ -71,6 +75,7 @@ class ExportSettings:
     precision: Precision = "double"
     part: Part = "compensator"
     solver: LoopSolver = "projected_difference"
+    mode: Mode = "cyclic"
     x_limits: tuple[float, float] | None = None
     rate_limit: float | None = None
     x_start: float | None = None
@@ -81,6 +86,11 @@ class ExportSettings:
     name: str = "piezo"
 
     def __post_init__(self) -> None:
+        if self.learning and self.solver not in (SOLVERS if self.cyclic else [EXACT_SOLVER]):
+            raise ExportError(
+                f"the C does not learn with {self.solver} in {self.mode} mode; it learns with {EXACT_SOLVER} in either "
+                f"mode, and with {' or '.join(SOLVERS[:-1])} in cyclic mode: --solver and --mode choose"
+            )
         if self.x_limits is not None and any(map(math.isinf, self.x_limits)):
             raise ExportError(
                 f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}"
@@ -103,7 +113,7 @@ class ExportSettings:
     @property
     def cyclic(self) -> bool:
         """Whether it learns in cyclic mode."""
-        return self.learning and self.solver != SOLVERS[-1]
+        return self.learning and self.mode == "cyclic"
 
     def numbers(self, s: ModelStructure) -> dict[str, float]:
         """Numbers of the parameter file, in the units of the C code: samples and unit amplitudes."""

@@ -12,6 +12,7 @@ import numpy as np
 from bench.fleet.storage import model_of
 from bench.messages.progress import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
+from piezo_model.deployment import open_model
 from piezo_model.identification.fit_review import Review, review
 from piezo_model.identification.identify import LagChoice, check_direction
 from piezo_model.identification.validation import Validation
@@ -132,7 +133,7 @@ class Validating(WithModel):
 
     def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and its validation."""
-        loaded = HysteresisCreepModel.load(model)
+        loaded, _ = open_model(model)
         opened = check_direction(Recording.open(recording, hold=HELD, **self.opening))
         result = loaded.validate(opened)
         return opened, result.model, result
@@ -144,7 +145,7 @@ FOLLOWED = 1e-3
 
 @dataclass(frozen=True)
 class Compensating(WithModel):
-    """Drive for a reference: its limits, the model's range by default, and its start."""
+    """Drive for a reference: its limits, by default those of a deployment or the model's range, and its start."""
 
     low: float | None = None
     high: float | None = None
@@ -160,13 +161,11 @@ class Compensating(WithModel):
         has not the states that it is to start with; UnitError if the reference is in a unit that cannot be converted to
         the model's.
         """
-        model, read = HysteresisCreepModel.load(further[0]), read_reference(recording, **self.opening)
+        (model, deployed), read = open_model(further[0]), read_reference(recording, **self.opening)
         model, reference = model.at(read.sample_time), read.suited(model.structure.output_unit)
         s = model.structure
-        limits = (
-            s.x_centre - s.x_scale if self.low is None else self.low,
-            s.x_centre + s.x_scale if self.high is None else self.high,
-        )
+        lowest, highest = deployed.x_limits if deployed else s.x_range
+        limits = (lowest if self.low is None else self.low, highest if self.high is None else self.high)
         if not limits[0] < limits[1]:
             raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
         known = None if self.start == "rest" else model.initial_state(self.start)

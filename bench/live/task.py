@@ -6,8 +6,8 @@ from typing import Literal
 
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.reference import Reference
-from piezo_model import HysteresisCreepModel, ModelStructure, json_file
-from piezo_model.deployment import Deployment
+from piezo_model import HysteresisCreepModel, ModelStructure
+from piezo_model.deployment import open_model
 
 Learn = Literal["continuous", "cyclic", "off"]
 N, M = 5, 3
@@ -55,6 +55,5 @@ def first_model(file: Path | None, declared: Declared, sample_time: float) -> Hy
             output_unit=declared.output_unit,
         )
         return HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    deployed = json_file.format_of(file) == Deployment.FORMAT
-    model = (Deployment.load(file).model if deployed else HysteresisCreepModel.load(file)).at(sample_time)
+    model = open_model(file)[0].at(sample_time)
     return replace(model, structure=model.structure.in_units(declared.input_unit, declared.output_unit, str(file)))

@@ -4,14 +4,13 @@ References leave the range, are NaN and infinite; the actuator of the loops is a
 """
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.export.settings import ExportSettings
+from bench.export.settings import SOLVERS, ExportSettings
 from piezo_model import Compensator, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
-from piezo_model.learning.settings import Mode
 from piezo_model.operator_state import OperatorState
 
 Vector = NDArray[np.float64]
@@ -93,6 +92,16 @@ class Stage:
         return y
 
 
+LOOPS = (*SOLVERS, "continuous")
+"""The solvers in cyclic mode, and continuous mode."""
+
+
+def loop_of(kind: str) -> dict[str, Any]:
+    """Solver and mode."""
+    continuous = kind == "continuous"
+    return {"solver": "box_active_set" if continuous else kind, "mode": "continuous" if continuous else "cyclic"}
+
+
 def learning(
     solver: str,
     size: int,
@@ -101,14 +110,13 @@ def learning(
     gain: float = 1.0,
     structure: ModelStructure | None = None,
 ) -> Expected:
-    """The self-learning loop on a stage: continuous with the recursive solver, cyclic with the others."""
+    """The self-learning loop on a stage, of one of LOOPS."""
     structure = a_model().structure if structure is None else structure
     start = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    mode: Mode = "continuous" if solver == "recursive_active_set" else "cyclic"
+    loop = loop_of(solver)
     learner = SelfLearningCompensator(
         start.structure,
-        solver=solver,
-        mode=mode,
+        **loop,
         x_limits=LIMITS,
         model=start,
         samples_to_solve=1,
@@ -119,7 +127,5 @@ def learning(
     x, y = learner.run(y_ref[:-1], stage)
     events = learner.counts["hand_overs"], learner.counts["refusals"]
     x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive
-    settings = ExportSettings(
-        part="learning", solver=cast(Any, solver), x_limits=LIMITS, integral_gain=integral_gain, **PHASES
-    )
+    settings = ExportSettings(part="learning", x_limits=LIMITS, integral_gain=integral_gain, **loop, **PHASES)
     return Expected(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)

@@ -497,6 +497,33 @@ def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("fastest", "where"),
+    [
+        ("daqp", "in C and in piezobench live with box_active_set, in Python with daqp."),
+        ("box_active_set", "in C and in piezobench live with box_active_set, and so in Python."),
+        ("recursive_active_set", "in C and in piezobench live with box_active_set, and so in Python."),
+    ],
+)
+def test_what_is_deployed_learns_continuously_and_a_sentence_says_with_which_solver_where(
+    piezobench: CommandLine, tmp_path: Path, fastest: str, where: str
+) -> None:
+    gaps = ((1e-13,) * len(ladder_of(fastest)),) * 2
+    decision = decide(run_of(tmp_path, nothing(), racer(fastest, gaps)), LENIENT)
+    assert f"The compensator learns continuously, {where}" in [text.replace("†", "") for text in decision.sentences()]
+    made = deployment(decision, model_for(decision.run, SelfLearningCompensator(STRUCTURE).model))
+    made.save(tmp_path / "c.json")
+    learner = SelfLearningCompensator.load(tmp_path / "c.json")
+    assert (learner.mode, learner.settings.solver) == (
+        "continuous",
+        fastest.replace("recursive_active_set", "box_active_set"),
+    )
+    assert Deployment.load(tmp_path / "c.json").evidence["figures"]["solver"] == fastest
+    call = piezobench("export-c", tmp_path / "c.json", tmp_path / "c")
+    assert "the self-learning loop (continuous, box_active_set) with d" in " ".join(call.stdout.split())
+    assert (tmp_path / "c" / "piezo_learner.c").is_file()
+
+
 def test_a_loaded_file_is_the_saved_one_and_its_tolerances_follow_from_the_constant_of_each_problem(
     tmp_path: Path,
 ) -> None:

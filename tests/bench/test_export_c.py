@@ -13,14 +13,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
-from exported_loops import LIMITS, MILLION, SAMPLE_TIME, SHORT, Expected, a_model, compensation, learning, references
+from exported_loops import (
+    LIMITS,
+    LOOPS,
+    MILLION,
+    SAMPLE_TIME,
+    SHORT,
+    Expected,
+    Stage,
+    a_model,
+    compensation,
+    learning,
+    loop_of,
+    references,
+)
 from exported_programs import build, replay, write_sources
 from programs import program
 
+from bench.cli.export_verbs import _opened
 from bench.export.building import EXACT, WARNINGS
 from bench.export.c_source import FLOAT_BOUND, export
-from bench.export.settings import SOLVERS, ExportError, ExportSettings, Precision, initialiser, literal
-from piezo_model import Compensator
+from bench.export.settings import ExportError, ExportSettings, Precision, initialiser, literal
+from piezo_model import Compensator, SelfLearningCompensator
 from piezo_model.deployment import Deployment
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
@@ -29,12 +43,12 @@ COMPILERS, LEVELS = ("gcc", "clang"), ("-O0", "-O1", "-O2", "-O3")
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 FLOAT_LOOP_BOUND = 1e-4
 """Unit amplitudes."""
-FAULTY = "projected_difference, faulty sensor", "recursive_active_set, faulty sensor"
+FAULTY = "projected_difference, faulty sensor", "continuous, faulty sensor"
 INTEGRAL = (
     "projected_difference, faulty sensor, integral action",
-    ("recursive_active_set, faulty sensor, integral action"),
+    ("continuous, faulty sensor, integral action"),
 )
-KINDS = ("compensator", *SOLVERS, *FAULTY, *INTEGRAL)
+KINDS = ("compensator", *LOOPS, *FAULTY, *INTEGRAL)
 NIGHTLY = pytest.mark.nightly
 
 
@@ -88,7 +102,7 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
 
 
 @pytest.mark.needs("gcc")
-@pytest.mark.parametrize("solver", ["box_active_set", pytest.param("recursive_active_set", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("solver", ["box_active_set", pytest.param("continuous", marks=pytest.mark.slow)])
 def test_the_exported_learner_refuses_a_reversed_output_and_learns_it_with_a_descending_range(
     tmp_path: Path, solver: str
 ) -> None:
@@ -127,7 +141,7 @@ def test_the_drives_are_the_same_over_a_million_samples(tmp_path: Path, kind: st
     [
         ("compensator", FLOAT_BOUND),
         ("projected_difference", FLOAT_LOOP_BOUND),
-        ("recursive_active_set", FLOAT_LOOP_BOUND),
+        ("continuous", FLOAT_LOOP_BOUND),
     ],
 )
 @pytest.mark.parametrize("compiler", COMPILERS)
@@ -148,7 +162,7 @@ SHAPES: tuple[tuple[dict[str, object], dict[str, object]], ...] = (
     ({"n": 7, "m": 4, "rates": (1.0, 2.0, 3.0, 4.0)}, {"rate_limit": 1e4}),
     ({"n": 8, "m": 0, "rates": (), "offset": True}, {"name": "left_axis"}),
 )
-PARTS = tuple(product((None, *SOLVERS), ("double", "float")))
+PARTS = tuple(product((None, *LOOPS), ("double", "float")))
 
 
 @pytest.mark.sample(1)
@@ -165,7 +179,7 @@ def test_every_shape_of_model_builds_and_fits_its_memory(
     tmp_path: Path, shape: dict[str, object], settings: dict[str, object], solver: str | None, precision: str
 ) -> None:
     model, y_ref = a_model(**shape), references(500)
-    loop = {} if solver is None else {"part": "learning", "solver": solver}
+    loop = {} if solver is None else {"part": "learning", **loop_of(solver)}
     samples = np.column_stack([y_ref, 0.9 * np.roll(y_ref, 1)]) if loop else y_ref
     write_sources(tmp_path, model, ExportSettings(**{**settings, **loop, "name": "piezo"}, precision=precision))
     blocks = f"-DPIEZO_BLOCKS={3 if precision == 'double' else 20}"
@@ -283,8 +297,8 @@ def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(tmp_pa
 
 @pytest.mark.slow
 def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_that_of_the_readme(tmp_path: Path) -> None:
-    for solver in SOLVERS:
-        write_sources(tmp_path, a_model(), ExportSettings(part="learning", solver=solver))
+    for solver in LOOPS:
+        write_sources(tmp_path, a_model(), ExportSettings(part="learning", **loop_of(solver)))
         deepest = 0
         for unit in ("piezo", "piezo_learner"):
             subprocess.run(
@@ -387,7 +401,7 @@ def test_one_shell_line_turns_a_recording_into_a_running_program(
     [
         (),
         ("--part", "learning"),
-        ("--part", "learning", "--solver", "recursive_active_set"),
+        ("--part", "learning", "--mode", "cyclic", "--solver", "accelerated_projection"),
         ("--name", "stage_x", "--low", 5, "--high", 100, "--rate-limit", 1000),
     ],
     ids=str,
@@ -420,17 +434,67 @@ def test_cmake_builds_it_too(piezobench: CommandLine, desk: Path, tmp_path: Path
 def test_a_compensator_of_deploy_keeps_its_limits_and_its_solver(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
-    call = piezobench("export-c", "deployed.json", tmp_path / "c", "--part", "learning", folder=desk)
-    assert "recursive_active_set" in call.stdout
+    call = piezobench("export-c", "deployed.json", tmp_path / "c", folder=desk)
+    assert "the self-learning loop (continuous, box_active_set) with d" in " ".join(call.stdout.split())
     parameters = (tmp_path / "c" / "piezo_parameters.h").read_text()
     assert "#define PIEZO_LOW 10.0" in parameters
     assert "#define PIEZO_LEARNING 4" in parameters
     assert "#define PIEZO_INTERVAL 80" in parameters
-    refusal = piezobench("export-c", "daqp.json", tmp_path / "d", "--part", "learning", folder=desk).refusal
-    assert "learns with daqp, which has no C export; --solver box_active_set gives the exact optimum" in refusal
-    call = piezobench("export-c", "exact.json", tmp_path / "e", "--part", "learning", folder=desk)
-    assert "the self-learning loop with box_active_set" in " ".join(call.stdout.split())
-    assert piezobench("export-c", "daqp.json", tmp_path / "d", folder=desk).status == 0
+    refusal = piezobench("export-c", "daqp.json", tmp_path / "d", folder=desk).refusal
+    assert "the C does not learn with daqp in cyclic mode; it learns with box_active_set in either mode" in refusal
+    call = piezobench("export-c", "exact.json", tmp_path / "e", folder=desk)
+    assert "the self-learning loop (cyclic, box_active_set) with d" in " ".join(call.stdout.split())
+    for options in (("--part", "compensator"), ("--mode", "continuous"), ("--solver", "projected_difference")):
+        folder = tmp_path / options[1]
+        assert piezobench("export-c", "daqp.json", folder, *options, folder=desk).status == 0
+        assert (folder / "piezo_learner.c").exists() == (options[0] != "--part")
+    refusal = piezobench("export-c", "deployed.json", tmp_path / "f", "--solver", "projected_difference", folder=desk)
+    assert "the C does not learn with projected_difference in continuous mode" in refusal.refusal
+    assert not (tmp_path / "f").exists()
+
+
+def test_a_stored_deployment_of_the_recursive_solver_is_one_of_its_exact_successor(desk: Path) -> None:
+    data = json.loads((desk / "exact.json").read_text())
+    path = desk / "stored.json"
+    path.write_text(json.dumps({**data, "solver": "recursive_active_set", "mode": "continuous"}))
+    loaded = Deployment.load(path)
+    assert (loaded.solver, loaded.mode) == ("box_active_set", "continuous")
+    assert SelfLearningCompensator.load(path).settings.solver == "box_active_set"
+
+
+@pytest.mark.needs("cc")
+def test_the_c_of_a_deployment_learns_as_the_compensator_that_python_loads_from_it(desk: Path, tmp_path: Path) -> None:
+    """To the last bit, with a stage that is not the model."""
+    learner = SelfLearningCompensator.load(desk / "deployed.json")
+    y_ref, stage = references(SHORT, seed=3), Stage(SHORT, False)
+    x, y = learner.run(y_ref[:-1], stage)
+    x = np.append(x, learner.step(y_ref[-1], np.nan))
+    model, settings = _opened(desk / "deployed.json", *[None] * 6)
+    write_sources(tmp_path, model, settings)
+    samples = np.column_stack([y_ref, np.concatenate([[np.nan], y])])
+    found, events = replay(build(tmp_path, "replay.c", "gcc", *WARNINGS, *EXACT, "-O2"), samples)
+    np.testing.assert_array_equal(found, x)
+    assert events[0] == learner.counts["hand_overs"] > 0
+
+
+def test_every_verb_that_takes_a_model_takes_a_compensator_of_deploy(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    t = np.arange(2000) * 125e-6
+    write_table(tmp_path / "wish.csv", {"time_s": t, "reference_um": 30.0 * np.sin(200.0 * t)})
+    write_table(tmp_path / "x.csv", {"time_s": t, "drive_V": 75.0 + 50.0 * np.sin(200.0 * t)})
+    for name in ("deployed", "model"):
+        for words in (
+            ("compensate", desk / f"{name}.json", "wish.csv", "--out", f"{name}-drive.csv"),
+            ("simulate", desk / f"{name}.json", "x.csv", "--out", f"{name}-output.csv"),
+        ):
+            call = piezobench(*words, folder=tmp_path)
+            assert call.status == 0, call.stderr
+    assert (tmp_path / "deployed-output.csv").read_bytes() == (tmp_path / "model-output.csv").read_bytes()
+    drive = np.loadtxt(tmp_path / "deployed-drive.csv", delimiter=",", skiprows=1)[:, 1]
+    assert (drive.min(), drive.max()) == (10.0, 120.0)  # its limits
+    call = piezobench("export-fmu", desk / "deployed.json", tmp_path / "it.fmu")
+    assert "It compensates and does not learn; export-c writes the self-learning loop" in " ".join(call.stdout.split())
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -464,6 +528,7 @@ def contents(folder: Path) -> dict[str, bytes]:
         (["export-c", "model.json", "c", "--high", "inf"], "must be finite"),
         (["export-c", "model.json", "c", "--part", "all"], "--part"),
         (["export-c", "model.json", "c", "--solver", "daqp"], "--solver"),
+        (["export-c", "model.json", "c", "--mode", "cyclic"], "--mode: is for --part learning"),
         (["export-c", "model.json", "c", "--speed", "9"], "--speed"),
         (["export-c", "model.json"], "folder"),
         (["export-c", "model.json", "/proc/c"], "/proc/c: cannot be written"),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import hears_its_terminal
+from exported_loops import loop_of
 from programs import program
 
 from bench.export.building import write_files
@@ -64,14 +65,14 @@ def built(folder: Path, settings: ExportSettings, stage: str) -> None:
 
 
 @pytest.mark.needs("cc", "make")
-@pytest.mark.parametrize("solver", [None, "projected_difference", "recursive_active_set"])
+@pytest.mark.parametrize("solver", [None, "projected_difference", "continuous"])
 @pytest.mark.parametrize(
     ("end", "status"), [("time", 0), ("SIGHUP", 129), ("SIGINT", 130), ("SIGTERM", 143), ("stage", 1)]
 )
 def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
     tmp_path: Path, solver: str | None, end: str, status: int
 ) -> None:
-    settings = ExportSettings(part="learning", solver=solver) if solver else ExportSettings()
+    settings = ExportSettings(part="learning", **loop_of(solver)) if solver else ExportSettings()
     built(tmp_path, settings, STAGE.replace("FAILS", "samples == 300" if end == "stage" else "0"))
     seconds = "0.5" if end in ("time", "stage") else "60"
     run = subprocess.Popen(

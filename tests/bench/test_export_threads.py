@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported_loops import LIMITS, Expected, learning
+from exported_loops import LIMITS, LOOPS, Expected, learning
 from exported_programs import write_sources
 from programs import program
 
 from bench.export.building import EXACT, WARNINGS
-from bench.export.settings import SOLVERS
 
 SOURCE = Path(__file__).with_name("two_threads.c")
 LEARNER = """#include "piezo_learner.c"
@@ -88,7 +87,7 @@ def run(two_threads: Path, expected: Expected, delay: int = 0, seed: int = 0) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", LOOPS)
 def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
     tmp_path: Path, solver: str, kind: str
 ) -> None:
@@ -101,7 +100,7 @@ def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("solver", ["projected_difference", "recursive_active_set"])
+@pytest.mark.parametrize("solver", ["projected_difference", "continuous"])
 def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_half_of_its_weights(
     tmp_path: Path, solver: str, kind: str
 ) -> None:

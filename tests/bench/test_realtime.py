@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine, command_lines, of_session, wait_until, wait_until_gone
-from exported_loops import a_model, compensation, learning
+from exported_loops import a_model, compensation, learning, loop_of
 from exported_programs import build, write_sources
 from programs import program
 
@@ -19,7 +19,7 @@ from bench.export.realtime import real_time
 from bench.export.settings import ExportError, ExportSettings
 from bench.timing import cores
 
-LOOP = ExportSettings(part="learning", solver="recursive_active_set")
+LOOP = ExportSettings(part="learning", **loop_of("continuous"))
 NOBODY = 65534
 
 
@@ -44,7 +44,7 @@ def test_the_times_of_a_run_are_shown_in_tables_and_given_as_json(
     written = json.loads((tmp_path / "figures.json").read_text())
     for what, capability in (("memory", "locking memory"), ("fifo", "SCHED_FIFO"), ("core", "pinning to a core")):
         assert (written["allowed"][what] == "yes") == (f"Without {capability}" not in shown.stdout)
-    learning = ("--part", "learning", "--solver", "recursive_active_set", "--priority", 0)
+    learning = ("--part", "learning", "--priority", 0)
     printed = json.loads(piezobench(*words, *learning, "--json").stdout)
     assert printed["allowed"]["fifo"] == "not asked for"
     for figures in (written, printed):
@@ -164,7 +164,7 @@ CORES = {
         *((core, None) for core in CORES),
         *(
             pytest.param("Cortex-M7", solver, marks=pytest.mark.slow)
-            for solver in ("projected_difference", "recursive_active_set")
+            for solver in ("projected_difference", "continuous")
         ),
     ],
 )
