@@ -185,7 +185,8 @@ def creeping(
         ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), rates, SAMPLE_TIME), [0.5, 0.4, 1.0, *w_K]
     )
     x = multi_sine(duration_s=16.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=5.0)
-    y = truth.simulate(x) + np.random.default_rng(0).normal(0.0, noise, x.size)
+    start = OperatorState.settled_at(truth.structure, truth.structure.x_centre)
+    y = truth.simulate(x, start) + np.random.default_rng(0).normal(0.0, noise, x.size)
     usual = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), SAMPLE_TIME, offset=True)
     return usual, x, y
 

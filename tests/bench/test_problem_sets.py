@@ -198,12 +198,12 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
 
 
 def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path) -> None:
-    x = np.concatenate([np.linspace(0, 1, 100), np.linspace(1, 0, 100)])
-    write_table(tmp_path / "short.csv", {"time_s": np.arange(200) / 100, "voltage_V": x, "displacement_um": x**2})
+    x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0, 50)])
+    write_table(tmp_path / "short.csv", {"time_s": np.arange(100) / 100, "voltage_V": x, "displacement_um": x**2})
     made = make("recorded", options={"recording": str(tmp_path / "short.csv")})
     found = [problem.name for problem in made.problems()]
     assert sorted([*found, *made.left_out]) == sorted(f"n{n}-m{m}-{window}" for n, m in ORDERS for window in WINDOWS)
-    assert made.left_out["n5-m3-tenth"] == "16 samples are too few for 19 weights"
+    assert made.left_out["n5-m3-tenth"] == "8 samples are too few for 13 weights"
 
 
 def test_sets_that_need_a_file_are_not_among_those_of_a_seed() -> None:
