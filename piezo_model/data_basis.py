@@ -77,23 +77,25 @@ class DataBasis(Stateful):
         Parameters
         ----------
         x, y : array (N,)
-            Input and measured output in the structure's units; any N.
+            Input and measured output in the structure's units; any N. An output that is NaN is missing: its sample
+            advances the operator states alone.
         count : bool
             False advances the operator states and leaves P, q and c unchanged, for samples that cannot be trusted.
 
         Raises
         ------
         ValueError
-            For arrays of different length and for values that are not finite; the basis is unchanged.
+            For arrays of different length and for other values that are not finite; the basis is unchanged.
         """
         s = self.structure
         x, y = checks.vectors(x=x, y=y)
-        checks.finite_arrays(x=x, y=y)
+        known = ~np.isnan(y)
+        checks.finite_arrays(x=x, y=np.where(known, y, 0.0))
         if x.size == 0:
             return
         x, y = s.unit_input(x), s.unit_output(y)
         with self._core.alone():
-            if not count:
+            if not (count and known.any()):
                 bindings.basis_advance(self._core.block, x)
                 return
             if self.samples == 0:
@@ -101,8 +103,8 @@ class DataBasis(Stateful):
                 first_play = np.maximum(x[0] - r, np.minimum(x[0] + r, state.play))
                 self._start = OperatorState(first_play, state.creep.copy())
             low, high = self._span[::2], self._span[1::2]
-            self._span[::2] = np.minimum(low, (x.min(), y.min()))
-            self._span[1::2] = np.maximum(high, (x.max(), y.max()))
+            self._span[::2] = np.minimum(low, (x[known].min(), y[known].min()))
+            self._span[1::2] = np.maximum(high, (x[known].max(), y[known].max()))
             bindings.basis_update(self._core.block, x, y)
 
     def _mean_gram(self) -> Matrix:

@@ -99,6 +99,7 @@ class Validation:
     state: OperatorState
     x: Vector
     y: Vector
+    """Input and output; a missing output is NaN."""
     noise_um: float = float("nan")
     """Standard deviation of the sensor's noise; 0 or NaN if it is unknown."""
 
@@ -109,12 +110,12 @@ class Validation:
         except ValueError:
             return float("nan")
         error = model.simulate(self.x, self.state) - self.y
-        return float(100.0 * np.sqrt(np.mean(error**2)) / self.span_um)
+        return float(100.0 * np.sqrt(np.nanmean(error**2)) / self.span_um)
 
     @property
     def span_um(self) -> float:
         """Range of the output."""
-        return float(np.ptp(self.y))
+        return float(np.nanmax(self.y) - np.nanmin(self.y))
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,7 +139,7 @@ def sensor_noise(y: NDArray[np.float64]) -> float:
     >>> round(sensor_noise(np.sin(t) + 1e-4 * np.random.default_rng(0).normal(size=t.size)) / 1e-4, 1)
     1.0
     """
-    return float(np.median(np.abs(np.diff(y, 3))) / 0.6745 / np.sqrt(20.0))
+    return float(np.nanmedian(np.abs(np.diff(y, 3))) / 0.6745 / np.sqrt(20.0))
 
 
 def part(whole: Recording, samples: slice) -> Recording:

@@ -112,7 +112,7 @@ def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
             for what, values in (("measured", review.y), ("modelled", review.y_model))
         ],
         ignore_index=True,
-    )
+    ).dropna()
     marks = (
         Mark("line", "name", where={"name": ["measured"]}, size=3.5, opacity=0.45, along="sample"),
         Mark("line", "name", where={"name": ["modelled"]}, size=0.9, along="sample"),

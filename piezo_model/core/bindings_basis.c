@@ -19,7 +19,11 @@ static void set_up(Arguments *a, void *memory, Shape s, double forgetting)
 static void update(Basis *b, int64_t samples, const double *x, const double *y)
 {
     for (int64_t k = 0; k < samples; ++k) {
-        basis_count(b, x[k], y[k]);
+        if (y[k] == y[k]) {
+            basis_count(b, x[k], y[k]);
+        } else { /* no output: the sample moves the operators alone */
+            advance(b->regressors.operators, b->shape, x[k], b->play, b->creep);
+        }
     }
 }
 

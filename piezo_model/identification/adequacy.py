@@ -21,7 +21,7 @@ import numpy as np
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification import alternative_models as models
 from piezo_model.identification.fit_report import Baseline, Fit, percent
-from piezo_model.identification.fitting import optimum
+from piezo_model.identification.fitting import filled, optimum
 from piezo_model.identification.initial_state import HEAD, moving_from
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -95,6 +95,7 @@ def check_adequacy(
     )
     baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent, held_out=False)
     x, y = recording.head(HEAD + moving).arrays()
+    y = filled(y)
     own = ((y - model.simulate(x, state)) / fit.span)[skip:]
     x, y = x[skip:], y[skip:]
     first = max(0, min(moving - skip - 1, x.size - WINDOW))  # while the drive rests, explanations cannot differ
@@ -226,7 +227,7 @@ def cross_validate(
     None with too few samples."""
     x, y = recording.arrays()
     even = alternate_blocks(x)
-    counted = np.arange(x.size) >= skip
+    counted = (np.arange(x.size) >= skip) & ~np.isnan(y)
     squares = np.zeros(3)
     for fitted in (even & counted, ~even & counted):
         held_out = counted & ~fitted

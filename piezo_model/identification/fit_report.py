@@ -49,14 +49,18 @@ class Fit:
     """Constant and slope of the best line, unit amplitudes."""
     span: float
     """The output's full range without a transient, in its unit."""
+    missing: int
+    """Number of samples after the skipped ones without an output, which are not counted."""
 
     def headline(self, unit: str, where: str = "") -> str:
         """The errors in one sentence."""
-        every = f" of {self.samples + self.skipped}" if self.skipped else ""
+        total = self.samples + self.skipped + self.missing
+        every = f" of {total}" if total > self.samples else ""
+        without = f", as {self.missing} have no output" if self.missing else ""
         return (
             f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
             f"model{where and ' ' + where}: RMS error of the output as a share of its full range, "
-            f"over {self.samples}{every} samples; at most {percent(self.max_percent)} "
+            f"over {self.samples}{every} samples{without}; at most {percent(self.max_percent)} "
             f"({quantity(self.max, unit, 2)}"
             f"{'' if unit else ' in the unit of the output, which the file does not say'})."
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
-from piezo_model.identification.fitting import accumulate
+from piezo_model.identification.fitting import accumulate, filled
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
@@ -50,8 +50,8 @@ class Review:
 
     @property
     def error(self) -> Vector:
-        """Measured minus modelled, output unit, shape (N,)."""
-        return self.y - self.y_model
+        """Measured minus modelled, output unit, shape (N,); straight lines where the output is missing."""
+        return filled(self.y - self.y_model)
 
     def spectrum(self) -> tuple[Vector, Vector]:
         """Frequencies in Hz and amplitude density of the counted error, output unit per √Hz; by Welch's method."""

@@ -44,6 +44,12 @@ def skipping(recording: Recording, skip: int) -> Iterator[tuple[Vector, Vector, 
         skip -= min(skip, x.size)
 
 
+def filled(y: Vector) -> Vector:
+    """A signal (N,) with straight lines over missing samples, for what needs even sampling; 0 if all are missing."""
+    at, known = np.arange(y.size), ~np.isnan(y)
+    return np.interp(at, at[known], y[known]) if known.any() else np.zeros_like(y)
+
+
 def accumulate(
     recording: Recording,
     s: ModelStructure,
@@ -98,20 +104,22 @@ def forward_error(
     The offset is the mean error within the model's range, since extrapolation has errors of its own; 0 if the drive is
     hardly ever there.
     """
-    s, counted = model.structure, recording.length - skipped
-    skipped_worst, low, high = 0.0, math.inf, -math.inf
-    sums, stride, thinned = np.zeros(4), max(1, recording.length // BASELINE_SAMPLES), []
+    s, skipped_worst, low, high = model.structure, 0.0, math.inf, -math.inf
+    sums, stride, thinned = np.zeros(5), max(1, recording.length // BASELINE_SAMPLES), []
     for x, y, head in skipping(recording, skipped):
         y_model, state = model.advance(x, state)
-        error = y - y_model
+        known = ~np.isnan(y)
+        head = int(np.count_nonzero(known[:head]))
+        x, y, error = x[known], y[known], (y - y_model)[known]
         skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
         x, y, error = x[head:], y[head:], error[head:]
         low, high = float(np.min(error, initial=low)), float(np.max(error, initial=high))
         within = np.abs(s.unit_input(x)) <= WITHIN
-        sums += np.sum(error), np.sum(np.square(error)), np.count_nonzero(within), np.sum(error[within])
+        inside = error[within]
+        sums += np.array([error.size, error.sum(), np.square(error).sum(), inside.size, inside.sum()])
         thinned.append((s.unit_input(x[::stride]), s.unit_output(y[::stride])))
-    total, squares, inside, inside_total = sums.tolist()
-    shift = inside_total / inside if free_shift and inside > FEWEST_INSIDE * counted else 0.0
+    counted, total, squares, inside_count, inside_total = sums.tolist()
+    shift = inside_total / inside_count if free_shift and inside_count > FEWEST_INSIDE * counted else 0.0
     rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
     worst = max(high - shift, shift - low)
     u, v = (np.concatenate(parts) for parts in zip(*thinned, strict=True))
@@ -119,7 +127,7 @@ def forward_error(
     line, cubic = (models.rms(models.residual(models.polynomials(u, degree), v)) for degree in (1, 3))
     unit_percent = 100.0 * abs(s.y_scale) / span
     return Fit(
-        counted,
+        int(counted),
         skipped,
         100.0 * rms / span,
         100.0 * worst / span,
@@ -130,4 +138,5 @@ def forward_error(
         unit_percent * cubic,
         (constant, slope),
         span,
+        recording.length - skipped - int(counted),
     ), shift

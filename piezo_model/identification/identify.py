@@ -259,7 +259,7 @@ def check_direction(recording: Recording) -> Recording:
     RecordingError
         Input and output were guessed, and the fits do not distinguish them.
     """
-    if recording.reasons.get("input") not in REASONS or recording.reasons.get("output") not in REASONS:
+    if recording.missing or not {recording.reasons.get(role) for role in ("input", "output")} <= {*REASONS}:
         return recording
     part = recording.head(DIRECTION_SAMPLES)
     rates = candidate_rates(part.sample_time, part.duration_s, per_decade=1)  # of one frequency too: creep lags as well

@@ -180,7 +180,7 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
         return recording.y_range
     low, high = math.inf, -math.inf
     for _, y, head in skipping(recording, skip):
-        low, high = float(np.min(y[head:], initial=low)), float(np.max(y[head:], initial=high))
+        low, high = (float(f.reduce(y[head:], initial=end)) for f, end in ((np.fmin, low), (np.fmax, high)))
     return low, high
 
 

@@ -269,10 +269,11 @@ class _Grams:
         for fold, (begin, end) in enumerate(pairwise(edges)):
             gram = np.zeros((width, width))
             for at in range(begin, end, CHUNK):
-                part = columns(slice(at, min(at + CHUNK, end)))
+                samples = slice(at, min(at + CHUNK, end))
+                part = columns(samples)[~np.isnan(y[samples])]
                 gram += part.T @ part
             self.folds.append(gram)
-            self.counts.append(end - begin)
+            self.counts.append(int(np.count_nonzero(~np.isnan(y[begin:end]))))
             progress("running the operators", fold + 1, len(edges) - 1)
 
     def best(self) -> Candidate:

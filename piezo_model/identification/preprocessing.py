@@ -74,7 +74,7 @@ def preprocess(
     def errors(s: ModelStructure, skip: int, state: OperatorState) -> Vector:
         x, y = head.arrays()
         model = HysteresisCreepModel.from_weights(s, fitted(s, skip, state)[1])
-        return np.abs(model.simulate(x, state) - y) / (2.0 * abs(s.y_scale))
+        return np.abs(np.nan_to_num(model.simulate(x, state) - y)) / (2.0 * abs(s.y_scale))
 
     def transient(longest: int) -> int:
         """Number of first samples that the model of the rest does not describe; 0 if the model of the whole describes

@@ -48,7 +48,7 @@ def _without_transient(
         return None
     x, y = recording.head(2 * longest).arrays()
     known = (x >= x[longest:].min()) & (x <= x[longest:].max())
-    error = np.where(known, np.abs(model.simulate(x) - y), 0.0) / model.report["fit"]["span"]
+    error = np.where(known, np.abs(np.nan_to_num(model.simulate(x) - y)), 0.0) / model.report["fit"]["span"]
     fewest = transient_end(error, longest)
     if not fewest:
         return None

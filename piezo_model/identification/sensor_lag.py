@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.fit_report import Lag
-from piezo_model.identification.fitting import IdentificationError, error_percent, optimum
+from piezo_model.identification.fitting import IdentificationError, error_percent, filled, optimum
 from piezo_model.identification.initial_state import moving_from
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -73,7 +73,7 @@ def shift_output(y: Vector, lag: float) -> tuple[Vector, slice]:
     Returns
     -------
     values : array, shape (kept,)
-        The signal at ``k + lag`` for every sample ``k`` of ``kept``.
+        The signal at ``k + lag`` for every sample ``k`` of ``kept``; NaN where the nearest sample is missing.
     kept : slice
         Samples that are kept: those with :data:`HALF_WIDTH` neighbours on both sides.
 
@@ -88,8 +88,10 @@ def shift_output(y: Vector, lag: float) -> tuple[Vector, slice]:
     distance = np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1) - (lag - whole)
     window = np.i0(KAISER_BETA * np.sqrt(np.clip(1 - (distance / HALF_WIDTH) ** 2, 0, None)))
     kernel = np.sinc(distance) * window
-    around = y[start + whole - HALF_WIDTH + 1 : stop + whole + HALF_WIDTH]
-    return np.correlate(around, kernel / kernel.sum(), mode="valid"), slice(start, stop)
+    around = filled(y)[start + whole - HALF_WIDTH + 1 : stop + whole + HALF_WIDTH]
+    values = np.correlate(around, kernel / kernel.sum(), mode="valid")
+    values[np.isnan(y[start + round(lag) : stop + round(lag)])] = np.nan
+    return values, slice(start, stop)
 
 
 def estimate_lag(

@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.fit_report import Fit, percent
-from piezo_model.identification.fitting import forward_error
+from piezo_model.identification.fitting import filled, forward_error
 from piezo_model.identification.initial_state import (
     find_initial_state,
     head_of,
@@ -108,19 +108,20 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
         return unit_error
 
     def initial(skip: int) -> OperatorState:
-        return find_initial_state(head, s, lambda state: float(np.var(error(state, skip))))[0]
+        return find_initial_state(head, s, lambda state: float(np.nanvar(error(state, skip))))[0]
 
     def transient(state: OperatorState, skip: int) -> int:
-        centred = np.abs(error(state, 0) - np.median(error(state, skip)))
-        return transient_end(centred, longest) if longest else 0
+        centred = np.abs(error(state, 0) - np.nanmedian(error(state, skip)))
+        return transient_end(np.nan_to_num(centred), longest) if longest else 0
 
     fit = model.report.get("fit")
     if model.start is not None and fit is not None:
         own = error(model.start, fit["skipped"])
-        if own.size and 2.0 * abs(s.y_scale) * np.sqrt(np.mean(own**2)) <= SAME * fit["rms"]:
+        if own.size and 2.0 * abs(s.y_scale) * np.sqrt(np.nanmean(own**2)) <= SAME * fit["rms"]:
             return model.start, transient(model.start, fit["skipped"])
     state = initial(0)
-    if longest and np.max(np.abs(error(state, 0)[:longest])) > np.max(np.abs(error(state, longest))):
+    whole = np.abs(np.nan_to_num(error(state, 0)))
+    if longest and np.max(whole[:longest]) > np.max(whole[longest:]):
         settled = initial(longest)
         if skip := transient(settled, longest):
             return settled, skip
@@ -138,7 +139,7 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     if lag is not None and lag["removed"]:
         recording, skip, state = without_lag(recording, s, lag["samples"], skip, state)
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
-    y = recording.head(OUTLIER_SAMPLES).arrays()[1]
+    y = filled(recording.head(OUTLIER_SAMPLES).arrays()[1])
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
     return Validation(
         model,

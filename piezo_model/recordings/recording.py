@@ -89,6 +89,8 @@ class Recording(Source):
     """Unit of the output ("um"), or "" if unknown."""
     time_resolution: float = 0.0
     """Visible rounding of the times, in seconds."""
+    missing: int = 0
+    """Number of samples whose output is missing, NaN in ``arrays``: they move the operators and are not counted."""
     _signals: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False)
 
     @classmethod
@@ -153,6 +155,7 @@ class Recording(Source):
             input_unit=_unit(options.input_unit, x),
             output_unit=_unit(options.output_unit, y),
             time_resolution=samples.time_resolution,
+            missing=samples.missing,
             _signals=samples.signals,
         )
 
@@ -172,14 +175,15 @@ class Recording(Source):
         Parameters
         ----------
         x, y : array, shape (samples,)
-            Input and output.
+            Input and output; up to half of the outputs may be missing (NaN).
         sample_time : float
             Sampling period in seconds.
 
         Raises
         ------
         RecordingError
-            Unequal shapes, values that are not finite, a constant input or output, or an impossible sampling period.
+            Unequal shapes, other values that are not finite, a constant input or output, or an impossible sampling
+            period.
         """
         check_sample_time(f"{name}: ", sample_time)
         with checks.refusing(RecordingError, f"{name}: "):
@@ -192,9 +196,9 @@ class Recording(Source):
             )
         ranges = []
         for role, signal in signals.items():
-            check = ValueCheck(f"{name}: {role}", "sample {}".format)
+            check = ValueCheck(f"{name}: {role}", "sample {}".format, gaps=role == "output")
             check.update(signal)
-            check.finish()
+            check.finish(shorten=False)
             _refuse_constant(f"{name}: {role}", check.low, check.high, check.count)
             ranges.append((check.low, check.high))
         both = np.stack(list(signals.values()))
@@ -206,6 +210,7 @@ class Recording(Source):
             y_range=ranges[1],
             input_unit=input_unit,
             output_unit=output_unit,
+            missing=check.bad,
             _signals=partial(iter, (both,)),
         )
 
@@ -309,6 +314,8 @@ class Recording(Source):
             first += f" by {self.columns['time']!r}"
         if self.time_resolution > TIME_TOLERANCE * self.sample_time:
             first += f", rounded to {quantity(self.time_resolution, 's')}"
+        if self.missing:
+            first += f"; {self.missing} have no output and are not counted"
         input = self._describe_signal("input", self.input_unit, self.x_range)
         output = self._describe_signal("output", self.output_unit, self.y_range)
         return f"{first}\n{input}, {output}{self._describe_guesses()}"

@@ -28,12 +28,13 @@ MOST_SAMPLES = 1_000_000_000
 class ValueCheck:
     """Checks that values are finite and finds their range, over any number of chunks.
 
-    Error messages start with the label; ``where`` names a row counted from 0.
+    Error messages start with the label; ``where`` names a row counted from 0. With ``gaps`` up to half of the values
+    may be missing.
     """
 
-    def __init__(self, label: str, where: RowName) -> None:
-        self.label, self.where = label, where
-        self.count = self.bad = 0
+    def __init__(self, label: str, where: RowName, gaps: bool = False) -> None:
+        self.label, self.where, self.gaps = label, where, gaps
+        self.count = self.bad = self.end = 0
         self.low, self.high = math.inf, -math.inf
         self._first_bad, self._first_value, self._only_missing = 0, 0.0, True
 
@@ -46,16 +47,18 @@ class ValueCheck:
                 self._first_bad, self._first_value = self.count + at, float(values[at])
             self.bad += int(values.size - np.count_nonzero(finite))
             self._only_missing &= bool(np.isnan(values[~finite]).all())
+        if finite.any():
+            self.end = self.count + values.size - int(np.argmax(finite[::-1]))
         self.count += values.size
         self.low = float(np.min(values, where=finite, initial=self.low))
         self.high = float(np.max(values, where=finite, initial=self.high))
 
-    def finish(self) -> int:
-        """The number of complete rows: values may be missing at the end alone. RecordingError for other bad values."""
-        if not self.bad:
-            return self.count
-        if self._only_missing and self.bad == self.count - self._first_bad and self._first_bad >= 2:
-            return self._first_bad
+    def finish(self, shorten: bool = True) -> int:
+        """The number of complete rows, with ``shorten`` up to the last value that is not missing. RecordingError for
+        bad values."""
+        inside = self.bad - (self.count - self.end) * shorten
+        if not self.bad or (self._only_missing and self.end >= 2 and 2 * inside <= self.end * self.gaps):
+            return self.end
         value = self._first_value
         kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
         absurd = ", which is too large for a measured value" if math.isfinite(value) else ""
@@ -75,6 +78,8 @@ class Scan:
     ranges: tuple[tuple[float, float], ...]
     """Smallest and largest value of every signal."""
     signals: Callable[[], Iterable[Matrix]]
+    missing: int = 0
+    """Rows without an output."""
     remark: str = ""
     """Rows left out or interpolated, as a clause that begins with a comma."""
 
@@ -102,8 +107,9 @@ def scan(
     Raises
     ------
     RecordingError
-        Missing, NaN or infinite values, except missing ones in the last rows; times that run backwards, stand still,
-        leap or jitter; fewer than two rows; or a time column that contradicts the given sampling period.
+        Missing, NaN or infinite values, except up to half of the outputs and missing ones in the last rows; times that
+        run backwards, stand still, leap or jitter; fewer than two rows; or a time column that contradicts the given
+        sampling period.
     """
     if not 0 < tolerance < 0.5:
         raise RecordingError(f"the time tolerance is a share of the sampling period between 0 and 0.5, not {tolerance}")
@@ -117,15 +123,21 @@ def scan(
         raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
     else:
         clock, unit = None, options.sample_time or table.columns[signals[0]].sample_time or 1.0
-    values = [ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where) for k in at]
+    values = [
+        ValueCheck(f"{table.path}: column {table.columns[k].name!r}", table.where, gaps=role == "output")
+        for role, k in roles.at.items()
+    ]
     unread = [] if roles.unread is None else [roles.unread]
     hold = 0 if (table.columns[signals[0]].rows or 0) > hold else hold  # a longer table is not held at all
-    first, last, held = np.inf, -np.inf, list[Matrix]()
+    first, last, held, times = np.inf, -np.inf, list[Matrix](), np.empty(0)
     for chunk in rechunk(limited(table.chunks([*at, *unread]), length), CHUNK):
         for check, column in zip(values, chunk, strict=False):
             check.update(column)
-        if clock and not any(check.bad for check in values):
-            clock.update(chunk[0])
+        if clock and not any(check.bad for check in values if not check.gaps):
+            times = np.concatenate([times, chunk[0]])  # those after the last output may be no samples
+            sampled, times = np.split(times, [times.size - values[-1].count + values[-1].end])
+            if sampled.size:
+                clock.update(sampled)
         for column in chunk[len(at) :]:
             first, last = np.fmin.reduce(column, initial=first), np.fmax.reduce(column, initial=last)
         held = [*held, chunk[time is not None : len(at)]] if values[0].count <= hold else []
@@ -144,6 +156,7 @@ def scan(
         rows,
         tuple((check.low, check.high) for check in values[len(at) - len(signals) :]),
         partial(iter, (np.concatenate(held, axis=1),)) if held else partial(_streamed, table, signals, rows),
+        sum(check.bad for check in values),
     )
     if options.resample is None or clock is None:
         return samples

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from command_line import CommandLine
 from conftest import killed_and_resumed
 
 from bench.deploy.actuator_model import WORSE, model_for
+from bench.derived.table import ONESHOT
 from bench.problems.recorded import kept_back
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
@@ -276,3 +278,27 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
     explicit = piezobench("identify", names[0], "--rates", "1", "--out", tmp_path / "with.json")
     assert ONE_FREQUENCY not in explicit.stdout
     assert HysteresisCreepModel.load(tmp_path / "with.json").structure.creep_rates == (1.0,)
+
+
+def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_race(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    made = stage(tmp_path, "bouc_wen", 5000)
+    x, y = Recording.open(made.path).arrays()
+    y[[0, 1, 700, 2500, 2501, 4700]] = np.nan
+    for name in ("a", "b"):
+        columns = {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": y}
+        pd.DataFrame(columns).to_parquet(tmp_path / f"{name}.parquet")
+    one, words = tmp_path / "a.parquet", ("--n", 3, "--m", 1, "--rates", "10")
+    for verb in (("identify", one, *words, "--out", tmp_path / "m.json"), ("validate", tmp_path / "m.json", one)):
+        call = piezobench(*verb, "--page", tmp_path / f"{verb[0]}.html")
+        assert call.status == 0, call.stderr
+        assert "over 4994 of 5000 samples, as 6 have no output" in " ".join(call.stdout.split())
+        assert "NaN" not in (tmp_path / f"{verb[0]}-figures" / "error.csv").read_text()
+    call = piezobench("identify", one, tmp_path / "b.parquet", "--out-dir", tmp_path / "fleet", *words)
+    assert call.status == 0, call.stderr
+    assert piezobench("race", "--recording", one, *FEW, "--out", tmp_path, "--name", "run").status == 0
+    run = Run.open(tmp_path / "run")
+    assert 0.0 < run.settings["models"]["recorded"]["error_percent"] < 2.0
+    rows = run.rows(ONESHOT)
+    assert rows[rows.solver == "box_active_set"].model_error_percent.between(0.0, 2.0).all()

@@ -1,4 +1,5 @@
 import tracemalloc
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -52,6 +53,21 @@ def test_memory_does_not_grow_with_the_recording(offset: bool) -> None:
         tracemalloc.stop()
     assert peaks[1] - peaks[0] < 0.1 * 95 * 2 * x.nbytes  # a tenth of the additional samples
     assert basis.samples == 106 * 2000
+
+
+@pytest.mark.parametrize("missing", [[0], [5, 6, 7], [39], range(0, 40, 2)])
+def test_a_missing_output_moves_the_operators_and_counts_for_nothing(missing: Sequence[int]) -> None:
+    s = ModelStructure.equidistant(n=2, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,), sample_time=1e-2)
+    x, y = np.sin(np.arange(40) / 3), 0.9 * np.sin(np.arange(40) / 3 - 0.1)
+    y[[*missing]] = np.nan
+    whole, one_by_one = DataBasis(s), DataBasis(s)
+    whole.update(x, y)
+    for k in range(40):
+        one_by_one.update([x[k]], [np.nan_to_num(y[k])], count=k not in missing)
+    assert whole.samples == one_by_one.samples == 40 - len(missing)
+    np.testing.assert_array_equal(whole.P, one_by_one.P)
+    np.testing.assert_array_equal(whole.state.play, one_by_one.state.play)
+    assert (whole.excitation.y_min, whole.excitation.y_max) == (np.nanmin(y), np.nanmax(y))
 
 
 @pytest.mark.parametrize(

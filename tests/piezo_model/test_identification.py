@@ -1,4 +1,5 @@
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from piezo_model.identification.identify import identify
 from piezo_model.identification.sensor_lag import shift_output
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState, padded_thresholds
-from piezo_model.recordings import Recording
+from piezo_model.recordings import Recording, RecordingError
 
 
 def sentences(model: HysteresisCreepModel, words: str) -> list[str]:
@@ -174,6 +175,51 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
     rms, worst = errors_percent(simulated[half:], y[half:])
     assert rms < 1.2 * model.report["fit"]["rms_percent"]  # 0.300 % after 0.293 % on the half that it knows
     assert worst < 1.2 * model.report["fit"]["max_percent"]
+
+
+# Missing outputs.
+
+
+@pytest.mark.parametrize("lag", ["estimate", "remove"])
+@pytest.mark.parametrize(
+    "missing", [[0, 1, 2], [700, 1900, 1901], range(1000, 1200), range(2800, 3000), range(0, 3000, 3)]
+)
+def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(missing: Sequence[int], lag: str) -> None:
+    s, x = structure(creep_rates=(1.0,)), a_drive(3000)
+    y = true_model(s).simulate(x) + 0.02 * np.random.default_rng(0).normal(size=x.size)
+    whole = identify(x, y, s, lag=lag)
+    y[[*missing]] = np.nan
+    gaps = Recording.from_arrays(x, y, s.sample_time)
+    assert f"; {len(missing)} have no output and are not counted" in gaps.describe()
+    model = identify(gaps, structure=s, lag=lag)
+    fit = model.report["fit"]
+    assert fit["samples"] + fit["missing"] == whole.report["fit"]["samples"]
+    assert fit["missing"] == len(missing) or lag == "remove"
+    assert (f"as {fit['missing']} have no output" in model.report["headline"]) == (fit["missing"] > 0)
+    assert fit["rms"] == pytest.approx(whole.report["fit"]["rms"], rel=0.05)
+    assert np.abs(model.simulate(x) - whole.simulate(x)).max() < 0.05
+    found = model.validate(gaps)
+    assert ("have no output" in next(found.sentences())) == (found.fit.missing > 0)
+    assert found.fit.rms == pytest.approx(fit["rms"], rel=0.05)
+
+
+def test_missing_outputs_of_a_file_are_those_of_arrays_and_a_missing_drive_is_refused(tmp_path: Path) -> None:
+    x = a_drive(3000)
+    y = true_model(structure()).simulate(x)
+    y[[5, 900, 1500]] = np.nan
+    columns = np.column_stack([np.arange(x.size) * 5e-3, x, y])
+    np.savetxt(tmp_path / "gaps.csv", columns, "%.9g", ",", header="time_s,voltage_V,position_um", comments="")
+    read, made = Recording.open(tmp_path / "gaps.csv"), Recording.from_arrays(x, y, 5e-3)
+    np.testing.assert_array_equal(np.isnan(read.arrays()[1]), np.isnan(y))
+    assert (read.missing, read.y_range) == (made.missing, pytest.approx(made.y_range, rel=1e-6))
+    for missing in ([900], [2998, 2999]):
+        bad = x.copy()
+        bad[missing] = np.nan
+        with pytest.raises(RecordingError, match=rf"arrays: input is missing \(or NaN\) in sample {missing[0]}"):
+            Recording.from_arrays(bad, y, 5e-3)
+    y[: x.size // 2 + 1] = np.nan
+    with pytest.raises(RecordingError, match="in all 1501 of 3000 values are missing"):
+        Recording.from_arrays(x, y, 5e-3)
 
 
 # Refusals.
