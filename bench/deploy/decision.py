@@ -45,8 +45,8 @@ class Decision:
             f"{it.chosen.margin:g} times over; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} of "
             f"them its own; {name} of an answer {number(it.time(self.by))} µs "
             f"on the machine of the run ({machine.name(self.run.settings['machine'])}).",
-            "The compensator learns continuously, in C and in piezobench live with box_active_set, "
-            + ("and so in Python." if it.solver in EXACT_SOLVERS else f"in Python with {marked(it.solver)}."),
+            "The compensator learns continuously: in C and in piezobench live with box_active_set, in Python with "
+            f"{'it, too' if it.solver in EXACT_SOLVERS else marked(it.solver)}.",
         ]
         if self.by:
             least = next(each for each in (it, *self.runners_up) if each.tail[self.by - 1].value is None)

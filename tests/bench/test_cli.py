@@ -44,7 +44,6 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_table(folder / "path.csv", {"time_s": t, "reference_um": y.min() + np.ptp(y) * slow})
     header, *rows = (folder / "stage.csv").read_text().splitlines()
     rows[69] = f"{rows[69].split(',')[0]},high,1"
-    write_table(folder / "slow.csv", {"time_s": 2 * t, "reference_um": t})
     write_table(folder / "volts.csv", {"time_s": t, "reference_V": t})
     for name in ("empty", "foreign", "broken"):
         (folder / name).mkdir()
@@ -336,7 +335,6 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         ((*COMPENSATE, "--low", "nan"), ["nan"]),
         ((*COMPENSATE, "--rate-limit", "0"), ["--rate-limit", "positive"]),
         ((*COMPENSATE, "--rate-limit", "nan"), ["--rate-limit"]),
-        (("compensate", "model.json", "slow.csv", "--out", "drive.csv"), ["slow.csv", "every 0.002 s"]),
         (
             ("compensate", "model.json", "volts.csv", "--out", "drive.csv"),
             ["volts.csv: the reference is in V, which cannot be converted to µm"],

@@ -501,8 +501,8 @@ def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(
     ("fastest", "where"),
     [
         ("daqp", "in C and in piezobench live with box_active_set, in Python with daqp."),
-        ("box_active_set", "in C and in piezobench live with box_active_set, and so in Python."),
-        ("recursive_active_set", "in C and in piezobench live with box_active_set, and so in Python."),
+        ("box_active_set", "in C and in piezobench live with box_active_set, in Python with it, too."),
+        ("recursive_active_set", "in C and in piezobench live with box_active_set, in Python with it, too."),
     ],
 )
 def test_what_is_deployed_learns_continuously_and_a_sentence_says_with_which_solver_where(
@@ -510,7 +510,7 @@ def test_what_is_deployed_learns_continuously_and_a_sentence_says_with_which_sol
 ) -> None:
     gaps = ((1e-13,) * len(ladder_of(fastest)),) * 2
     decision = decide(run_of(tmp_path, nothing(), racer(fastest, gaps)), LENIENT)
-    assert f"The compensator learns continuously, {where}" in [text.replace("†", "") for text in decision.sentences()]
+    assert f"The compensator learns continuously: {where}" in [text.replace("†", "") for text in decision.sentences()]
     made = deployment(decision, model_for(decision.run, SelfLearningCompensator(STRUCTURE).model))
     made.save(tmp_path / "c.json")
     learner = SelfLearningCompensator.load(tmp_path / "c.json")
