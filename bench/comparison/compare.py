@@ -42,6 +42,8 @@ from solvers import Status, Tier
 
 SMALLEST = 1.2
 """Default of the smallest ratio of times that matters."""
+ROUNDING = 1e-9
+"""Smallest deviation of the lanes: logarithms of equal times differ by their rounding."""
 WIDER, SHARE = 5.0, 1.0 / 6.0
 """Widening of an interval at either end in deviations D, and largest D in log(smallest) for a finding."""
 FEWEST_LANES, FEWEST_PROBLEMS = 5, 3
@@ -213,7 +215,7 @@ def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) 
 
 def _deviation(theta: pd.Series) -> float:
     return (
-        float(median_abs_deviation(theta, scale="normal", nan_policy="omit"))
+        max(ROUNDING, float(median_abs_deviation(theta, scale="normal", nan_policy="omit")))
         if theta.count() >= FEWEST_LANES
         else math.inf
     )

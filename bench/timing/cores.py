@@ -14,6 +14,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 POLL_S = 0.5
+SHOWN = 200
+"""Characters of a command that are shown."""
 NAME = "\0piezobench-core{}"
 
 
@@ -82,5 +84,5 @@ def _holder(number: int) -> str:
         asking.connect(NAME.format(number))
         pid = int.from_bytes(asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 4), sys.byteorder)
         command = Path(f"/proc/{pid}/cmdline").read_bytes().rstrip(b"\0").replace(b"\0", b" ")
-        return f"process {pid} ({command.decode(errors='replace')!r})"
+        return f"process {pid} ({command.decode(errors='replace')[:SHOWN]!r})"
     return "another process"

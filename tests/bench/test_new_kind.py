@@ -68,7 +68,7 @@ def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
     )
     stopped = piezobench(root, *options)
     assert stopped.returncode == 2, stopped.stderr
-    assert "the coin rolled away; what is done is kept" in stopped.stderr
+    assert "the coin rolled away; finished tasks are kept" in stopped.stderr
     assert len(list((run / "tasks").glob("*.npz"))) == 1
     (root / "stop").unlink()
     resumed = piezobench(root, "resume", run)
