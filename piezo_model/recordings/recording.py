@@ -287,11 +287,14 @@ class Recording(Source):
             units=units,
             _signals=self._signals
             if gain_x == gain_y == 1.0
-            else partial(_combined, self._signals, np.diag((gain_x, gain_y))),
+            else partial(_scaled, self._signals, (0, 1), np.array([[gain_x], [gain_y]])),
         )
 
     def swapped(self) -> Recording:
-        """Return the recording with input and output swapped."""
+        """Return the recording with input and output swapped; RecordingError if outputs are missing, since a drive must
+        not have gaps."""
+        if self.missing:
+            raise RecordingError(f"{self.name}: {self.missing} samples have no output, which thus cannot be the input")
         other = {"input": "output", "output": "input"}
         return replace(
             self,
@@ -301,7 +304,7 @@ class Recording(Source):
             output_unit=self.input_unit,
             columns={other.get(role, role): name for role, name in self.columns.items()},
             reasons={other.get(role, role): why for role, why in self.reasons.items()},
-            _signals=partial(_combined, self._signals, np.array([[0.0, 1.0], [1.0, 0.0]])),
+            _signals=partial(_scaled, self._signals, (1, 0), np.ones((2, 1))),
         )
 
     def describe(self) -> str:
@@ -405,8 +408,8 @@ def _read(
     return source, samples, [column for role, column in columns.items() if role != "time"]
 
 
-def _combined(signals: Callable[[], Iterable[Matrix]], gains: Matrix) -> Iterator[Matrix]:
-    return (gains @ chunk for chunk in signals())
+def _scaled(signals: Callable[[], Iterable[Matrix]], rows: tuple[int, int], gains: Matrix) -> Iterator[Matrix]:
+    return (gains * chunk[list(rows)] for chunk in signals())
 
 
 def _unit(given: str | None, column: Column) -> str:

@@ -222,6 +222,17 @@ def test_missing_outputs_of_a_file_are_those_of_arrays_and_a_missing_drive_is_re
         Recording.from_arrays(x, y, 5e-3)
 
 
+def test_a_missing_output_leaves_the_drive_as_it_is_in_other_units_and_is_no_drive_itself() -> None:
+    x, y = a_drive(3000), a_drive(3000)
+    y[[5, 900]] = np.nan
+    recording = Recording.from_arrays(1e3 * x, y, 5e-3, input_unit="mV", output_unit="um")
+    volts, nanometres = recording.in_units("V", "nm").arrays()
+    np.testing.assert_allclose(volts, x, rtol=1e-12)
+    np.testing.assert_allclose(nanometres, 1e3 * y, rtol=1e-12)
+    with pytest.raises(RecordingError, match="2 samples have no output, which thus cannot be the input"):
+        recording.swapped()
+
+
 # Refusals.
 
 
