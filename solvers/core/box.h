@@ -77,13 +77,14 @@ CORE_API int box_sweep_free(const Box *s);
 
 /* The state of a solve. */
 typedef struct {
-    const real *linear; /* q, or q - delta c */
-    int count;          /* columns of U */
-    int exchanges;      /* since the start */
-    int precise;        /* whether g needs twice the precision */
-    real slack;         /* tolerance on the sign of a multiplier, if W may be large */
-    real broken, wrong; /* the largest gain of holding a free variable, and of freeing one whose multiplier is wrong */
-    real rounding;      /* eps max(|q|, |x|) */
+    const real *linear;         /* q, or q - delta c */
+    int count;                  /* columns of U */
+    int exchanges;              /* since the start */
+    int precise;                /* whether g needs twice the precision */
+    real slack;                 /* tolerance on the sign of a multiplier, if W may be large */
+    real most;                  /* the largest gain */
+    real broken, wrong;         /* that of holding a free variable, and of freeing one whose multiplier is wrong */
+    real rounding;              /* eps max(|q|, |x|) */
     real negligible, tolerated; /* gains to ignore: the square of `rounding`; the same, or 0 if W may be large */
 } Search;
 

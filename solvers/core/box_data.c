@@ -15,28 +15,23 @@ int64_t box_bytes(int d)
     return vector_bytes(ld) + ld * (2 * even(d) + 2 * ld) * (int64_t)sizeof(real);
 }
 
+/* clang-format off */
+/* The vectors of a state, in rows of ld entries. */
+#define BOX_PARTS(F)                                                                                                   \
+    F(answer, 1) F(scale, 1) F(q, 1) F(lo, 1) F(hi, 1) F(raw_q, 1) F(lb, 1) F(ub, 1) F(x, 1) F(g, 1) /* data */        \
+    F(basic, 1) F(low, 1) F(high, 1) F(held, 1) F(is_free, 1) F(unit, 1) F(diagonal, 1) F(weight, 1) F(gain, 1)        \
+    F(residual, 1) F(step, 1) F(inverse_diagonal, 1) F(multiplier, 1) F(linear, 1) F(centre, 1) F(zero, 1) F(v, 1)     \
+    F(w, 1) F(pair, 5) F(factor, 2) F(share, 2)
+#define PLACE(name, rows) s.name = at, at += (rows) * s.ld;
+/* clang-format on */
+
 Box box_at(void *memory)
 {
     const int d = VARIABLES((const BoxHead *)memory);
     Box s = {.head = memory, .d = d, .ld = padded(d)};
-    Arena arena = after_head(memory);
-    const Extent extents[] = {{&s.answer, s.ld},     {&s.scale, s.ld},
-                              {&s.q, s.ld},          {&s.lo, s.ld},
-                              {&s.hi, s.ld},         {&s.raw_q, s.ld},
-                              {&s.lb, s.ld},         {&s.ub, s.ld},
-                              {&s.x, s.ld},          {&s.g, s.ld},
-                              {&s.basic, s.ld},      {&s.low, s.ld},
-                              {&s.high, s.ld},       {&s.held, s.ld},
-                              {&s.is_free, s.ld},    {&s.unit, s.ld},
-                              {&s.diagonal, s.ld},   {&s.weight, s.ld},
-                              {&s.gain, s.ld},       {&s.residual, s.ld},
-                              {&s.step, s.ld},       {&s.inverse_diagonal, s.ld},
-                              {&s.multiplier, s.ld}, {&s.linear, s.ld},
-                              {&s.centre, s.ld},     {&s.zero, s.ld},
-                              {&s.v, s.ld},          {&s.w, s.ld},
-                              {&s.pair, 5 * s.ld},   {&s.factor, 2 * s.ld},
-                              {&s.share, 2 * s.ld}};
-    LAY_OUT(&arena, extents);
+    real *at = (real *)(void *)after_head(memory).at;
+    BOX_PARTS(PLACE)
+    Arena arena = {(char *)at};
     s.side = integers(&arena, d);
     s.P = reals(&arena, even(d), s.ld);
     s.M = reals(&arena, even(d), s.ld);

@@ -177,6 +177,15 @@ CORE_INLINE part root_scale_part(part v)
     return part_of((splat_bits(EXPONENT_BIAS) - (exponent >> 1)) << MANTISSA_BITS);
 }
 
+CORE_INLINE part magnitude_part(part a)
+{
+#if PARTS == 8
+    return MAGNITUDE(a);
+#else
+    return part_of(bits_of(a) & ~bits_of(splat_part((real)-0.0)));
+#endif
+}
+
 #define ONE_OF(p, i) load_part(source + (i) * PART_LANES)
 CORE_INLINE vec8 load(const real *source) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
@@ -187,6 +196,22 @@ CORE_INLINE vec8 splat(real s)
     return (vec8)ALL(ONE_OF);
 }
 #undef ONE_OF
+/* Lane k is source[min(k, last) stride]: a diagonal or a column, without a detour over memory. */
+#define AT(k) source[(size_t)((k) < last ? (k) : last) * stride]
+#if PARTS == 1
+#define FROM(i) {AT(i), AT(i + 1), AT(i + 2), AT(i + 3), AT(i + 4), AT(i + 5), AT(i + 6), AT(i + 7)}
+#elif PARTS == 2
+#define FROM(i) {AT(i), AT(i + 1), AT(i + 2), AT(i + 3)}
+#elif PARTS == 4
+#define FROM(i) {AT(i), AT(i + 1)}
+#else
+#define FROM(i) AT(i)
+#endif
+#define ONE_OF(p, i) (part) FROM((i) * PART_LANES)
+CORE_INLINE vec8 load_strided(const real *source, size_t stride, int last) { return (vec8)ALL(ONE_OF); }
+#undef ONE_OF
+#undef FROM
+#undef AT
 #define ONE_OF(p, i) a.p + b.p
 CORE_INLINE vec8 add(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
@@ -235,6 +260,10 @@ CORE_INLINE vec8 load_first(const real *source, int count)
 {
 #if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
     return (vec8){(part)_mm512_maskz_loadu_pd((__mmask8)((1U << count) - 1U), source)};
+#elif PARTS == 2 && defined(__AVX2__) && !defined(CORE_FLOAT)
+    const part_bits end = splat_bits(count);
+    return (vec8){(part)_mm256_maskload_pd(source, (__m256i)(numbers_from(0) < end)),
+                  (part)_mm256_maskload_pd(source + 4, (__m256i)(numbers_from(4) < end))};
 #else
     real l[LANES] = {0};
     for (int i = 0; i < count; ++i) {
@@ -248,7 +277,9 @@ CORE_INLINE vec8 zeros(void) { return splat((real)0); }
 /* c + a b and c - a b, the product rounded first. */
 CORE_INLINE vec8 plus_product(vec8 c, vec8 a, vec8 b) { return add(c, mul(a, b)); }
 CORE_INLINE vec8 sub_mul(vec8 c, vec8 a, vec8 b) { return sub(c, mul(a, b)); }
-CORE_INLINE vec8 magnitude(vec8 a) { return maximum(a, sub(zeros(), a)); }
+#define ONE_OF(p, i) magnitude_part(a.p)
+CORE_INLINE vec8 magnitude(vec8 a) { return (vec8)ALL(ONE_OF); }
+#undef ONE_OF
 CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return minimum(maximum(a, lower), upper); }
 
 /* Reduce eight lanes to two by the operation `onto`: even lanes to the first, odd lanes to the second. */
