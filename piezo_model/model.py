@@ -195,10 +195,11 @@ class HysteresisCreepModel(Immutable):
         [0.0, 0.75, 0.25]
         """
         if _is_recording(x):
-            from piezo_model.identification.validation import start_and_transient  # which simulates with this method
+            from piezo_model.identification.fitting import simulate  # which uses this class
+            from piezo_model.identification.validation import start_and_transient
 
             x, model = x.in_units(self.structure.input_unit, self.structure.output_unit), self.at(x.sample_time)
-            return model.simulate(x.arrays()[0], start_and_transient(model, x)[0] if state is None else state)
+            return simulate(model, x, start_and_transient(model, x)[0] if state is None else state)
         return self.advance(x, self.initial_state() if state is None else state)[0]  # type: ignore[arg-type]
 
     def advance(self, x: ArrayLike, state: OperatorState) -> tuple[Vector, OperatorState]:
@@ -341,4 +342,4 @@ class HysteresisCreepModel(Immutable):
 
 def _is_recording(x: object) -> TypeGuard[Recording]:
     """Whether it is a recording; its class is not imported, since that would import the readers of all formats."""
-    return hasattr(x, "arrays")
+    return hasattr(x, "counted_y")

@@ -18,7 +18,6 @@ from piezo_model.identification.identify import LagChoice, check_direction
 from piezo_model.identification.validation import Validation
 from piezo_model.model import StartChoice
 from piezo_model.recordings import RecordingError, read_reference, write_table
-from piezo_model.recordings.recording import HELD
 
 
 class Work(ABC):
@@ -79,7 +78,7 @@ class Identifying(Work):
 
     def opened(self, recording: Path) -> Recording:
         """Open the recording; a fit decides which column is the input if the names do not."""
-        return check_direction(Recording.open(recording, hold=HELD, **self.opening))
+        return check_direction(Recording.open(recording, **self.opening))
 
     def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
         """Identify the model of a recording."""
@@ -134,7 +133,7 @@ class Validating(WithModel):
     def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and its validation."""
         loaded, _ = open_model(model)
-        opened = check_direction(Recording.open(recording, hold=HELD, **self.opening))
+        opened = check_direction(Recording.open(recording, **self.opening))
         result = loaded.validate(opened)
         return opened, result.model, result
 

@@ -70,7 +70,7 @@ class Recorded(ProblemSet):
         reading: dict[str, Any] = {
             name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options
         }
-        return check_direction(Recording.open(self.options["recording"], time, input, output, **reading)).in_memory()
+        return check_direction(Recording.open(self.options["recording"], time, input, output, **reading))
 
     @cached_property
     def _parts(self) -> tuple[Recording, Recording]:
@@ -92,8 +92,8 @@ class Recorded(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Accumulate and certify each window at each order; windows that are too short are left out."""
         recording, unseen = self._parts
-        (x, y), (x_unseen, y_unseen), fitted = recording.arrays(), unseen.arrays(), recording.length
-        noise = sensor_noise(self._whole.arrays()[1])
+        x, y, fitted = recording.x, recording.counted_y, recording.length
+        noise = sensor_noise(self._whole.counted_y)
         for n, m in ORDERS:
             fitted_part = preprocessed(recording, n, m)
             s = fitted_part.structure
@@ -108,7 +108,7 @@ class Recorded(ProblemSet):
                 basis.update(x[start:middle], y[start:middle])
                 first_half = basis.problem(proximal=PROXIMAL)
                 basis.update(x[middle:], y[middle:])
-                validation = Validation(s, basis.state.copy(), x_unseen, y_unseen, noise)
+                validation = Validation(s, basis.state.copy(), unseen.x, unseen.counted_y, noise)
                 yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation, neighbours=[first_half])
 
 
@@ -144,10 +144,9 @@ def sensor_noise(y: NDArray[np.float64]) -> float:
 
 def part(whole: Recording, samples: slice) -> Recording:
     """A slice of a recording, as a recording of its own."""
-    x, y = whole.arrays()
     return Recording.from_arrays(
-        x[samples],
-        y[samples],
+        whole.x[samples],
+        whole.counted_y[samples],
         whole.sample_time,
         input_unit=whole.input_unit,
         output_unit=whole.output_unit,

@@ -29,11 +29,11 @@ UNSEEN = 1000
 
 def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     """Write the file of one recording."""
-    whole = in_micrometres(Recording.open(source).in_memory())
+    whole = in_micrometres(Recording.open(source))
     fitted = round((1.0 - KEPT_BACK) * whole.length)
     recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + UNSEEN))
     found = preprocessed(recording, *ORDERS)
-    (x, y), (x_unseen, y_unseen) = recording.arrays(), unseen.arrays()
+    x, y = recording.x, recording.counted_y
     ends = {found.skip + round(share * (x.size - found.skip)) for share in WINDOWS}
     programs: list[list[IdentificationProblem]] = []
     for first in range(PROGRAMS):
@@ -47,7 +47,7 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     write(
         folder / f"{name}.npz",
         programs,
-        Validation(found.structure, basis.state.copy(), x_unseen, y_unseen, sensor_noise(whole.arrays()[1])),
+        Validation(found.structure, basis.state.copy(), unseen.x, unseen.counted_y, sensor_noise(whole.counted_y)),
     )
 
 
@@ -77,11 +77,15 @@ def write(path: Path, programs: Sequence[Sequence[IdentificationProblem]], unsee
 
 def in_micrometres(recording: Recording) -> Recording:
     """The recording with signals below a millimetre, in metres, as micrometres."""
-    x, y = recording.arrays()
-    if max(np.ptp(x), np.ptp(y)) > 1e-3:
+    if max(map(np.ptp, (recording.x, recording.y))) > 1e-3:
         return recording
     return Recording.from_arrays(
-        1e6 * x, 1e6 * y, recording.sample_time, input_unit="um", output_unit="um", name=recording.name
+        1e6 * recording.x,
+        1e6 * recording.counted_y,
+        recording.sample_time,
+        input_unit="um",
+        output_unit="um",
+        name=recording.name,
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification import alternative_models as models
 from piezo_model.identification.fit_report import Baseline, Fit, percent
-from piezo_model.identification.fitting import filled, optimum
+from piezo_model.identification.fitting import optimum
 from piezo_model.identification.initial_state import HEAD, moving_from
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
@@ -94,8 +94,8 @@ def check_adequacy(
         cross_validate(recording, s, skip, state, solver, proximal, fit.span) if recording.length <= HEAD else None
     )
     baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent, held_out=False)
-    x, y = recording.head(HEAD + moving).arrays()
-    y = filled(y)
+    head = recording.head(HEAD + moving)
+    x, y = head.x, head.y
     own = ((y - model.simulate(x, state)) / fit.span)[skip:]
     x, y = x[skip:], y[skip:]
     first = max(0, min(moving - skip - 1, x.size - WINDOW))  # while the drive rests, explanations cannot differ
@@ -225,9 +225,9 @@ def cross_validate(
 ) -> Baseline | None:
     """Errors of line, cubic and model of a recording on every second block, fitted to the others, per cent of ``span``;
     None with too few samples."""
-    x, y = recording.arrays()
+    x, y = recording.x, recording.y
     even = alternate_blocks(x)
-    counted = (np.arange(x.size) >= skip) & ~np.isnan(y)
+    counted = (np.arange(x.size) >= skip) & ~recording.uncounted
     squares = np.zeros(3)
     for fitted in (even & counted, ~even & counted):
         held_out = counted & ~fitted

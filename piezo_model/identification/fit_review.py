@@ -93,7 +93,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
     if (lag := report.get("lag")) is not None and lag["removed"]:
         part, _, state = without_lag(part, s, lag["samples"], 0, state)
-    x, y = part.arrays()
+    x, y = part.x, part.counted_y
     y_model, y = model.simulate(x, state), y - shift
     problem = accumulate(Recording.from_arrays(x, y, part.sample_time), s, skip, state, 1e-10)
     return Review(

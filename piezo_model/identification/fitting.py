@@ -7,7 +7,7 @@ The errors are those of the output, for the model and for the best line and cubi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,13 +37,6 @@ class IdentificationError(ValueError):
     """The data do not give a model; the message is one sentence that says why."""
 
 
-def skipping(recording: Recording, skip: int) -> Iterator[tuple[Vector, Vector, int]]:
-    """Chunks of a recording, each with the number of its samples among the first ``skip``."""
-    for x, y in recording.chunks():
-        yield x, y, min(skip, x.size)
-        skip -= min(skip, x.size)
-
-
 def filled(y: Vector) -> Vector:
     """A signal (N,) with straight lines over missing samples, for what needs even sampling; 0 if all are missing."""
     at, known = np.arange(y.size), ~np.isnan(y)
@@ -57,12 +50,25 @@ def accumulate(
     state: OperatorState,
     proximal: float,
 ) -> IdentificationProblem:
-    """The program of a recording: the operators run from its start, and samples count after the first ``skip``."""
-    basis = DataBasis(s, state)
-    for x, y, head in skipping(recording, skip):
-        basis.update(x[:head], y[:head], count=False)
-        basis.update(x[head:], y[head:])
+    """The program of a recording: the operators run from the first sample of each part on, and samples count after the
+    first ``skip``."""
+    basis, y = DataBasis(s, state), recording.counted_y
+    y[:skip] = np.nan
+    for first, last in pairwise((*recording.starts, recording.length)):
+        if first:
+            settled = OperatorState.settled_at(s, float(recording.x[first]))
+            basis.state.play[:], basis.state.creep[:] = settled.play, settled.creep
+        basis.update(recording.x[first:last], y[first:last])
     return basis.problem(proximal=proximal)
+
+
+def simulate(model: HysteresisCreepModel, recording: Recording, state: OperatorState) -> Vector:
+    """Output (N,) of the model, from the given states at the first sample, and settled at each later start."""
+    y = np.empty(recording.length)
+    for first, last in pairwise((*recording.starts, recording.length)):
+        start = OperatorState.settled_at(model.structure, float(recording.x[first])) if first else state
+        y[first:last], _ = model.advance(recording.x[first:last], start)
+    return y
 
 
 def optimum(problem: IdentificationProblem, solver: str) -> Vector:
@@ -104,30 +110,23 @@ def forward_error(
     The offset is the mean error within the model's range, since extrapolation has errors of its own; 0 if the drive is
     hardly ever there.
     """
-    s, skipped_worst, low, high = model.structure, 0.0, math.inf, -math.inf
-    sums, stride, thinned = np.zeros(5), max(1, recording.length // BASELINE_SAMPLES), []
-    for x, y, head in skipping(recording, skipped):
-        y_model, state = model.advance(x, state)
-        known = ~np.isnan(y)
-        head = int(np.count_nonzero(known[:head]))
-        x, y, error = x[known], y[known], (y - y_model)[known]
-        skipped_worst = max(skipped_worst, float(np.max(np.abs(error[:head]), initial=0.0)))
-        x, y, error = x[head:], y[head:], error[head:]
-        low, high = float(np.min(error, initial=low)), float(np.max(error, initial=high))
-        within = np.abs(s.unit_input(x)) <= WITHIN
-        inside = error[within]
-        sums += np.array([error.size, error.sum(), np.square(error).sum(), inside.size, inside.sum()])
-        thinned.append((s.unit_input(x[::stride]), s.unit_output(y[::stride])))
-    counted, total, squares, inside_count, inside_total = sums.tolist()
-    shift = inside_total / inside_count if free_shift and inside_count > FEWEST_INSIDE * counted else 0.0
-    rms = math.sqrt(max(squares / counted - 2.0 * shift * total / counted + shift**2, 0.0))
-    worst = max(high - shift, shift - low)
-    u, v = (np.concatenate(parts) for parts in zip(*thinned, strict=True))
+    s, y = model.structure, recording.counted_y
+    error = y - simulate(model, recording, state)
+    skipped_worst = float(np.nanmax(np.abs(error[:skipped]), initial=0.0))
+    counted = ~np.isnan(error)
+    counted[:skipped] = False
+    x, y, error = recording.x[counted], y[counted], error[counted]
+    inside = error[np.abs(s.unit_input(x)) <= WITHIN]
+    shift = float(inside.mean()) if free_shift and inside.size > FEWEST_INSIDE * error.size else 0.0
+    error -= shift
+    rms, worst = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
+    stride = max(1, recording.length // BASELINE_SAMPLES)
+    u, v = s.unit_input(x[::stride]), s.unit_output(y[::stride])
     constant, slope = np.linalg.lstsq(models.polynomials(u, 1), v, rcond=None)[0].tolist()
     line, cubic = (models.rms(models.residual(models.polynomials(u, degree), v)) for degree in (1, 3))
     unit_percent = 100.0 * abs(s.y_scale) / span
     return Fit(
-        int(counted),
+        error.size,
         skipped,
         100.0 * rms / span,
         100.0 * worst / span,
@@ -138,5 +137,5 @@ def forward_error(
         unit_percent * cubic,
         (constant, slope),
         span,
-        recording.length - skipped - int(counted),
+        recording.length - skipped - error.size,
     ), shift

@@ -43,7 +43,6 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.profile import REASONS
-from piezo_model.recordings.recording import HELD
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -218,10 +217,10 @@ def _selected(
     report."""
     assert model.start is not None  # every fit sets it
     first = int(model.report["fit"]["skipped"])
-    s, (x, y) = model.structure, recording.head(moving_from(recording, first) + SAMPLES).arrays()
+    s, head = model.structure, recording.head(moving_from(recording, first) + SAMPLES)
     selection = select(
-        x,
-        y,
+        head.x,
+        head.counted_y,
         s,
         model.start,
         first,
@@ -259,7 +258,7 @@ def check_direction(recording: Recording) -> Recording:
     RecordingError
         Input and output were guessed, and the fits do not distinguish them.
     """
-    if recording.missing or not {recording.reasons.get(role) for role in ("input", "output")} <= {*REASONS}:
+    if recording.uncounted.any() or not {recording.reasons.get(role) for role in ("input", "output")} <= {*REASONS}:
         return recording
     part = recording.head(DIRECTION_SAMPLES)
     rates = candidate_rates(part.sample_time, part.duration_s, per_decade=1)  # of one frequency too: creep lags as well
@@ -352,7 +351,7 @@ def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: Mode
     if isinstance(x, Recording):
         if y is not None:
             raise IdentificationError("a recording holds its own output, so y must not be given")
-        return x.in_memory() if x.length <= HELD else x
+        return x
     if y is None or structure is None:
         raise IdentificationError("identification from arrays needs x, y and a structure")
     return Recording.from_arrays(

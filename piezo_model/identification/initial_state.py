@@ -15,14 +15,12 @@ Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, sect
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
-from piezo_model.identification.fitting import skipping
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -92,7 +90,7 @@ def find_initial_state(
     """
     low, high = s.unit_input(np.array(recording.x_range))
     centre, half = float(0.5 * (low + high)), float(0.5 * (high - low))
-    first = float(s.unit_input(next(recording.chunks(1))[0])[0])
+    first = float(s.unit_input(recording.x[:1])[0])
     trials = min(TRIALS, WORK // recording.length)
 
     @cache
@@ -163,25 +161,17 @@ def moving_from(recording: Recording, skip: int) -> int:
 def covered_from(recording: Recording, span: float, skip: int = 0) -> int:
     """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
     never does."""
-    low, high, count = math.inf, -math.inf, 0
-    for x, _, head in skipping(recording, skip):
-        lows = np.minimum.accumulate(np.minimum(x[head:], low))
-        highs = np.maximum.accumulate(np.maximum(x[head:], high))
-        covered = np.flatnonzero(highs - lows >= span)
-        if covered.size:
-            return count + head + int(covered[0])
-        low, high, count = np.min(lows, initial=low), np.max(highs, initial=high), count + x.size
-    return count
+    x = recording.x[skip:]
+    covered = np.flatnonzero(np.maximum.accumulate(x) - np.minimum.accumulate(x) >= span)
+    return skip + int(covered[0]) if covered.size else recording.length
 
 
 def y_range(recording: Recording, skip: int) -> tuple[float, float]:
     """Range of the output after the first ``skip`` samples."""
     if skip == 0:
         return recording.y_range
-    low, high = math.inf, -math.inf
-    for _, y, head in skipping(recording, skip):
-        low, high = (float(f.reduce(y[head:], initial=end)) for f, end in ((np.fmin, low), (np.fmax, high)))
-    return low, high
+    y = recording.y[skip:]
+    return float(y.min()), float(y.max())
 
 
 def longest_transient(head: Recording, s: ModelStructure) -> int:

@@ -12,7 +12,6 @@ import numpy as np
 
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
-from piezo_model.recordings.recording import HELD
 
 ONE_FREQUENCY = "One frequency: creep cannot be determined; record a step held for a minute."
 
@@ -34,8 +33,7 @@ HELD_SHARE = 0.1
 
 
 def has_one_frequency(recording: Recording) -> bool:
-    """Whether the drive of a recording has one frequency and one amplitude and is not held; its first HELD samples
-    decide.
+    """Whether the drive of a recording has one frequency and one amplitude and is not held.
 
     Examples
     --------
@@ -43,7 +41,7 @@ def has_one_frequency(recording: Recording) -> bool:
     >>> [has_one_frequency(Recording.from_arrays(x, x, 1e-3)) for x in (np.sin(6 * t), np.sin(t * t), t > 1)]
     [True, False, False]
     """
-    x = recording.head(HELD).arrays()[0]
+    x = recording.x
     low, high = np.quantile(x, (OUTERMOST, 1.0 - OUTERMOST))
     if low == high:
         return False

@@ -72,7 +72,7 @@ def preprocess(
         return find_initial_state(head, s, lambda state: cost(s, skip, state), refine)
 
     def errors(s: ModelStructure, skip: int, state: OperatorState) -> Vector:
-        x, y = head.arrays()
+        x, y = head.x, head.counted_y
         model = HysteresisCreepModel.from_weights(s, fitted(s, skip, state)[1])
         return np.abs(np.nan_to_num(model.simulate(x, state) - y)) / (2.0 * abs(s.y_scale))
 
@@ -89,7 +89,7 @@ def preprocess(
         return transient_end(errors(settled, longest, initial(settled, longest)[0]), longest)
 
     s = ranged(s, skip or 0)
-    rest = OperatorState.settled_at(s, float(next(head.chunks(1))[0][0]))
+    rest = OperatorState.settled_at(s, float(head.x[0]))
     s = min((s, s.reversed_output()), key=lambda signed: cost(signed, skip or 0, rest))
     if skip is None:
         longest = longest_transient(head, s)

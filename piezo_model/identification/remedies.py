@@ -46,7 +46,8 @@ def _without_transient(
     model = tried(skip=longest) if longest > skip else None
     if model is None or model.start is None:
         return None
-    x, y = recording.head(2 * longest).arrays()
+    head = recording.head(2 * longest)
+    x, y = head.x, head.counted_y
     known = (x >= x[longest:].min()) & (x <= x[longest:].max())
     error = np.where(known, np.abs(np.nan_to_num(model.simulate(x) - y)), 0.0) / model.report["fit"]["span"]
     fewest = transient_end(error, longest)

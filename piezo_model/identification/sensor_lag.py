@@ -101,7 +101,8 @@ def estimate_lag(
 
     None if the recording is too short, or the drive moves at its ends alone.
     """
-    x, y = next(recording.chunks(moving_from(recording, skip) + LAG_SAMPLES))
+    head = recording.head(moving_from(recording, skip) + LAG_SAMPLES)
+    x, y = head.x, head.counted_y
     longest = min(LONGEST_LAG, (x.size - skip) // 20)
     start, stop = max(skip, HALF_WIDTH), x.size - HALF_WIDTH - longest  # the fraction's interpolation needs neighbours
     too_few = stop - start <= s.d
@@ -132,7 +133,7 @@ def without_lag(
     state: OperatorState,
 ) -> tuple[Recording, int, OperatorState]:
     """Return the recording without the lag, with ``skip`` and the states at its new start."""
-    x, y = recording.arrays()
+    x, y = recording.x, recording.counted_y
     values, kept = shift_output(y, lag)
     start = DataBasis(s, state)
     start.update(x[: kept.start], y[: kept.start], count=False)

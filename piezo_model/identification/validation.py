@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.fit_report import Fit, percent
-from piezo_model.identification.fitting import filled, forward_error
+from piezo_model.identification.fitting import forward_error
 from piezo_model.identification.initial_state import (
     find_initial_state,
     head_of,
@@ -101,7 +101,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
     """
     s = model.structure
     head = head_of(recording, s)
-    (x, y), longest = head.arrays(), longest_transient(head, s)
+    x, y, longest = head.x, head.counted_y, longest_transient(head, s)
 
     def error(state: OperatorState, skip: int) -> Vector:
         unit_error: Vector = ((model.simulate(x, state) - y) / (2.0 * s.y_scale))[skip:]
@@ -139,7 +139,7 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     if lag is not None and lag["removed"]:
         recording, skip, state = without_lag(recording, s, lag["samples"], skip, state)
     fit, shift = forward_error(model, recording, skip, state, span, free_shift=True)
-    y = filled(recording.head(OUTLIER_SAMPLES).arrays()[1])
+    y = recording.y[:OUTLIER_SAMPLES]
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
     return Validation(
         model,

@@ -1,19 +1,18 @@
-"""A recording: input and output of an actuator, sampled uniformly.
+"""A recording: input and output of an actuator, sampled uniformly, as two arrays.
 
 The file, in any format of :mod:`piezo_model.recordings.formats`, has columns for the input x_k and the output y_k, and
-for the time t_k = t_0 + k T unless T is known. It is checked once, when it is opened, and then streamed: a recording
-of hours is no problem, since only its ranges are kept. Columns that the user does not name are guessed
-(:mod:`piezo_model.recordings.roles`), and ``describe()`` reports the guesses; the checks are in
-:mod:`piezo_model.recordings.scan` and :mod:`piezo_model.recordings.sampling`.
+for the time t_k = t_0 + k T unless T is known. It is read and checked once, when it is opened. Columns that the user
+does not name are guessed (:mod:`piezo_model.recordings.roles`), and ``describe()`` reports the guesses; the checks are
+in :mod:`piezo_model.recordings.scan` and :mod:`piezo_model.recordings.sampling`.
 """
 
 from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
-from piezo_model.recordings.chunks import RecordingError, check_sample_time, rechunk
+from piezo_model.recordings.chunks import RecordingError, check_sample_time
 from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.roles import choose_roles
-from piezo_model.recordings.sampling import CHUNK, TIME_TOLERANCE
+from piezo_model.recordings.sampling import TIME_TOLERANCE
 from piezo_model.recordings.scan import Scan, ValueCheck, scan
 from piezo_model.recordings.tables import Column, ReadOptions
 from piezo_model.structure import SMALLEST
 from piezo_model.units import canonical, conversion, quantity, shown
-from solvers.arrays import Matrix, Vector, reals
-
-HELD = 5_000_000
-"""Largest number of samples that an identification keeps in memory."""
+from solvers.arrays import Mask, Vector, read_only, reals
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +73,14 @@ class Source:
 class Recording(Source):
     """Input and output of an actuator; made by :meth:`open` or :meth:`from_arrays`, which check it."""
 
-    length: int
-    """Number of samples."""
+    x: Vector = field(repr=False, compare=False)
+    """Input, shape (samples,), in ``input_unit``; read-only."""
+    y: Vector = field(repr=False, compare=False)
+    """Output, shape (samples,), in ``output_unit``, interpolated where it is missing; read-only."""
+    uncounted: Mask = field(repr=False, compare=False)
+    """Whether a sample moves the operators and is not counted, shape (samples,): its output is missing; read-only."""
+    starts: tuple[int, ...] = (0,)
+    """First sample of each part. The states of the operators are unknown there, and begin anew."""
     x_range: tuple[float, float]
     """Smallest and largest input, in ``input_unit``."""
     y_range: tuple[float, float]
@@ -89,9 +91,6 @@ class Recording(Source):
     """Unit of the output ("um"), or "" if unknown."""
     time_resolution: float = 0.0
     """Visible rounding of the times, in seconds."""
-    missing: int = 0
-    """Number of samples whose output is missing, NaN in ``arrays``: they move the operators and are not counted."""
-    _signals: Callable[[], Iterable[Matrix]] = field(repr=False, compare=False)
 
     @classmethod
     def open(
@@ -109,9 +108,8 @@ class Recording(Source):
         resample: float | None = None,
         input_unit: str | None = None,
         output_unit: str | None = None,
-        hold: int = 0,
     ) -> Recording:
-        """Open a file and check all of it, in one pass and in bounded memory.
+        """Read a file and check all of it.
 
         Parameters
         ----------
@@ -124,8 +122,6 @@ class Recording(Source):
             times.
         sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
             As in :class:`piezo_model.recordings.tables.ReadOptions`.
-        hold : int
-            Largest number of samples that stay in memory; a longer recording is read again at every use.
 
         Raises
         ------
@@ -144,19 +140,18 @@ class Recording(Source):
         """
         options = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
         named = {"time": time, "input": input, "output": output}
-        source, samples, (x, y) = _read(path, named, options, time_tolerance, hold)
+        source, samples, (x, y) = _read(path, named, options, time_tolerance)
         for role, column, (low, high) in zip(("input", "output"), (x, y), samples.ranges, strict=True):
             _refuse_constant(f"{path}: {role} column {column.name!r}", low, high, samples.length)
+        signals = np.concatenate([*samples.signals()], axis=1)
         return cls(
             **source,
-            length=samples.length,
+            **_filled(*signals),
             x_range=samples.ranges[0],
             y_range=samples.ranges[1],
             input_unit=_unit(options.input_unit, x),
             output_unit=_unit(options.output_unit, y),
             time_resolution=samples.time_resolution,
-            missing=samples.missing,
-            _signals=samples.signals,
         )
 
     @classmethod
@@ -201,40 +196,30 @@ class Recording(Source):
             check.finish(shorten=False)
             _refuse_constant(f"{name}: {role}", check.low, check.high, check.count)
             ranges.append((check.low, check.high))
-        both = np.stack(list(signals.values()))
         return cls(
             name=name,
             sample_time=float(sample_time),
-            length=both.shape[1],
+            **_filled(*map(np.copy, signals.values())),
             x_range=ranges[0],
             y_range=ranges[1],
             input_unit=input_unit,
             output_unit=output_unit,
-            missing=check.bad,
-            _signals=partial(iter, (both,)),
         )
+
+    @property
+    def length(self) -> int:
+        """Number of samples."""
+        return self.x.size
+
+    @property
+    def counted_y(self) -> Vector:
+        """Output, shape (samples,), with NaN where it is not counted, as :class:`piezo_model.DataBasis` takes it."""
+        return np.where(self.uncounted, np.nan, self.y)
 
     @property
     def duration_s(self) -> float:
         """Time from the first sample to the last, in seconds."""
         return (self.length - 1) * self.sample_time
-
-    def chunks(self, size: int = CHUNK) -> Iterator[tuple[Vector, Vector]]:
-        """Stream input and output as float64 arrays of ``size`` samples, the last ones shorter.
-
-        Each call starts again at the first sample. The arrays are the caller's own.
-        """
-        count = 0
-        for x, y in rechunk(self._signals(), size):
-            count += x.size
-            yield x, y
-        if count != self.length:
-            raise RecordingError(f"{self.name}: has {count} data rows now and had {self.length} when it was opened")
-
-    def arrays(self) -> tuple[Vector, Vector]:
-        """Input and output, each of shape (length,)."""
-        (both,) = self.chunks(self.length)
-        return both
 
     def digest(self) -> str:
         """SHA-256 of the samples, each as input and output in float64 (little-endian) in their units; it does not
@@ -245,20 +230,35 @@ class Recording(Source):
         >>> Recording.from_arrays([0.0, 1.0], [0.0, 2.0], 1e-3).digest()[:8]
         '2cdf4361'
         """
-        found = hashlib.sha256()
-        for samples in self.chunks():
-            found.update(np.column_stack(samples).astype("<f8").tobytes())
-        return found.hexdigest()
+        samples = np.column_stack([self.x, self.counted_y]).astype("<f8")
+        return hashlib.sha256(samples.data).hexdigest()
 
-    def in_memory(self) -> Recording:
-        """Return the same recording, held in memory."""
-        return replace(self, _signals=partial(iter, (np.stack(self.arrays()),)))
+    def part(self, samples: slice) -> Recording:
+        """Return consecutive samples, with the ranges and units of the whole recording.
+
+        Examples
+        --------
+        >>> recording = Recording.from_arrays([0.0, 1.0, 2.0], [0.0, 2.0, 5.0], 1e-3)
+        >>> recording.part(slice(1, None)).x.tolist()
+        [1.0, 2.0]
+        """
+        first, last, _ = samples.indices(self.length)
+        return replace(
+            self,
+            x=self.x[first:last],
+            y=self.y[first:last],
+            uncounted=self.uncounted[first:last],
+            starts=(0, *(start - first for start in self.starts if first < start < last)),
+        )
 
     def head(self, samples: int) -> Recording:
-        """Return the first samples, held in memory, with the ranges and units of the whole recording."""
-        if self.length <= samples:
-            return self.in_memory()
-        return replace(self, length=samples, _signals=partial(iter, (np.stack(next(self.chunks(samples))),)))
+        """Return the first samples, with the ranges and units of the whole recording."""
+        return self.part(slice(samples))
+
+    def sweeps(self) -> Iterator[Recording]:
+        """The parts of the recording, one by one, each with the ranges of the whole."""
+        for first, last in pairwise((*self.starts, self.length)):
+            yield self.part(slice(first, last))
 
     def in_units(self, input_unit: str, output_unit: str) -> Recording:
         """Return the recording in other units; where one of two units is unknown, the values are kept.
@@ -285,26 +285,26 @@ class Recording(Source):
             input_unit=input_unit or self.input_unit,
             output_unit=output_unit or self.output_unit,
             units=units,
-            _signals=self._signals
-            if gain_x == gain_y == 1.0
-            else partial(_scaled, self._signals, (0, 1), np.array([[gain_x], [gain_y]])),
+            x=self.x if gain_x == 1.0 else read_only(gain_x * self.x),
+            y=self.y if gain_y == 1.0 else read_only(gain_y * self.y),
         )
 
     def swapped(self) -> Recording:
         """Return the recording with input and output swapped; RecordingError if outputs are missing, since a drive must
         not have gaps."""
-        if self.missing:
-            raise RecordingError(f"{self.name}: {self.missing} samples have no output, which thus cannot be the input")
+        if gaps := int(np.count_nonzero(self.uncounted)):
+            raise RecordingError(f"{self.name}: {gaps} samples have no output, which thus cannot be the input")
         other = {"input": "output", "output": "input"}
         return replace(
             self,
+            x=self.y,
+            y=self.x,
             x_range=self.y_range,
             y_range=self.x_range,
             input_unit=self.output_unit,
             output_unit=self.input_unit,
             columns={other.get(role, role): name for role, name in self.columns.items()},
             reasons={other.get(role, role): why for role, why in self.reasons.items()},
-            _signals=partial(_scaled, self._signals, (1, 0), np.ones((2, 1))),
         )
 
     def describe(self) -> str:
@@ -317,8 +317,8 @@ class Recording(Source):
             first += f" by {self.columns['time']!r}"
         if self.time_resolution > TIME_TOLERANCE * self.sample_time:
             first += f", rounded to {quantity(self.time_resolution, 's')}"
-        if self.missing:
-            first += f"; {self.missing} have no output and are not counted"
+        if gaps := int(np.count_nonzero(self.uncounted)):
+            first += f"; {gaps} have no output and are not counted"
         input = self._describe_signal("input", self.input_unit, self.x_range)
         output = self._describe_signal("output", self.output_unit, self.y_range)
         return f"{first}\n{input}, {output}{self._describe_guesses()}"
@@ -385,18 +385,18 @@ def read_reference(
         With one sentence that names file, column and row.
     """
     options = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
-    source, samples, (signal,) = _read(path, {"time": time, role: column}, options, time_tolerance, sys.maxsize)
+    source, samples, (signal,) = _read(path, {"time": time, role: column}, options, time_tolerance)
     unit = _unit(options.input_unit if role == "input" else options.output_unit, signal)
-    return Reference(**source, values=next(rechunk(samples.signals(), samples.length))[0], unit=unit)
+    return Reference(**source, values=np.concatenate([*samples.signals()], axis=1)[0], unit=unit)
 
 
 def _read(
-    path: str | Path, named: Mapping[str, str | None], options: ReadOptions, tolerance: float, hold: int
+    path: str | Path, named: Mapping[str, str | None], options: ReadOptions, tolerance: float
 ) -> tuple[dict[str, Any], Scan, list[Column]]:
     """Fields of a `Source`, the samples of a file and the columns of its signals."""
     table = open_table(path, options)
     roles = choose_roles(table, named, options.sample_time is not None)
-    samples = scan(table, roles, options, tolerance, hold)
+    samples = scan(table, roles, options, tolerance, sys.maxsize)
     columns = {role: table.columns[k] for role, k in roles.at.items()}
     source = {
         "name": str(path),
@@ -408,8 +408,16 @@ def _read(
     return source, samples, [column for role, column in columns.items() if role != "time"]
 
 
-def _scaled(signals: Callable[[], Iterable[Matrix]], rows: tuple[int, int], gains: Matrix) -> Iterator[Matrix]:
-    return (gains * chunk[list(rows)] for chunk in signals())
+def _filled(x: Vector, y: Vector) -> dict[str, Any]:
+    """Fields of the signals (samples,), with straight lines over missing outputs."""
+    missing = np.isnan(y)
+    if missing.any():
+        at = np.arange(y.size)
+        y = np.interp(at, at[~missing], y[~missing])
+    fields = {"x": x, "y": y, "uncounted": missing}
+    for array in fields.values():
+        array.flags.writeable = False
+    return fields
 
 
 def _unit(given: str | None, column: Column) -> str:

@@ -162,7 +162,8 @@ class Reader:
 
 
 def read_recording(path: Path) -> object:
-    return Recording.open(path).arrays()
+    recording = Recording.open(path)
+    return recording.x, recording.y
 
 
 (FOLDER / "run").mkdir()

@@ -64,7 +64,8 @@ def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_tha
     recorded: tuple[Stage, Run],
 ) -> None:
     made, run = recorded
-    x, y = Recording.open(made.path).arrays()
+    recording = Recording.open(made.path)
+    x, y = recording.x, recording.y
     fitted = round(0.8 * x.size)
     parts = [
         Recording.from_arrays(x[:stop], y[:stop], 1e-3, input_unit="V", output_unit="um") for stop in (fitted, x.size)
@@ -162,10 +163,10 @@ def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_
 ) -> None:
     made, run = recorded
     recording = Recording.open(made.path)
-    (x, y), orders = recording.arrays(), ("--n", 5, "--m", 3, "--rates", "100,10,1,0.1")
+    x, y, orders = recording.x, recording.counted_y, ("--n", 5, "--m", 3, "--rates", "100,10,1,0.1")
     stop = {"four fifths": round(0.8 * x.size), "half": x.size // 2}.get(how, x.size)
     if how == "later":
-        x, y = made.later.arrays()
+        x, y = made.later.x, made.later.counted_y
     t = np.arange(stop) * 1e-3
     write_table(tmp_path / "part.csv", {"time_s": t, "voltage_V": x[:stop], "displacement_um": y[:stop]})
     words: tuple[object, ...] = ("--problem", "recorded/n5-m3-whole")
@@ -284,7 +285,8 @@ def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_r
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     made = stage(tmp_path, "bouc_wen", 5000)
-    x, y = Recording.open(made.path).arrays()
+    recording = Recording.open(made.path)
+    x, y = recording.x, recording.y.copy()
     y[[0, 1, 700, 2500, 2501, 4700]] = np.nan
     for name in ("a", "b"):
         columns = {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": y}

@@ -97,12 +97,14 @@ def test_no_argument_is_written_to(what: str) -> None:
         np.testing.assert_array_equal(array, kept)
 
 
-def test_what_is_handed_out_is_the_callers_own() -> None:
+def test_what_is_handed_out_is_read_only_or_the_callers_own() -> None:
     recording = Recording.from_arrays(DRIVE, OUTPUT, T)
-    for arrays in (recording.arrays, lambda: next(recording.chunks()), lambda: recording.head(9).arrays()):
-        x, y = arrays()
-        x[:], y[:] = 0.0, 0.0
-    np.testing.assert_array_equal(recording.arrays(), [DRIVE, OUTPUT])
+    recording.counted_y[:] = 0.0
+    for part in (recording, recording.head(9), recording.swapped(), recording.in_units("mV", "um")):
+        for array in (part.x, part.y, part.uncounted):
+            with pytest.raises(ValueError, match="read-only"):
+                array[:] = 0
+    np.testing.assert_array_equal([recording.x, recording.counted_y], [DRIVE, OUTPUT])
     basis = basis_of(DRIVE, OUTPUT, states())
     P, q, excitation = basis.P, basis.q, basis.excitation
     basis.P[:], basis.q[:], basis.problem().P[:] = 0.0, 0.0, 0.0
@@ -148,7 +150,7 @@ TAKE_VECTORS: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], Any], str]
     "a learner runs": (lambda: learner_for(PLANT), lambda one, y: one.run(y, lambda x: x)[1], "y_ref"),
     "a plant": (lambda: plants.get("bouc_wen", sample_time=T), lambda plant, x: plant.run(x), "x"),
     "identification": (lambda: None, lambda _, x: identify(x, OUTPUT[:N], STRUCTURE, force=True).weights, "input"),
-    "a recording": (lambda: None, lambda _, x: Recording.from_arrays(x, OUTPUT[:N], T).arrays(), "input"),
+    "a recording": (lambda: None, lambda _, x: Recording.from_arrays(x, OUTPUT[:N], T).x, "input"),
     "play": (lambda: None, lambda _, x: play(x, [1.0], [0.0])[0], "x"),
 }
 

@@ -124,7 +124,7 @@ CASES = {
     "a batch of programs": used(partial(solvers.BoxBatch, 4, threads=2), solve_batch),
     "a recording": Case(
         lambda: Recording.from_arrays(volts(signal(0, 200)), micrometres(signal(0, 200)), T, name="here"),
-        lambda recording, seed: (recording.arrays(), recording.describe()),
+        lambda recording, seed: (recording.digest(), recording.describe()),
     ),
     "a model": Case(lambda: MODEL, lambda model, seed: (model.simulate(volts(signal(seed, 200))), model.to_dict())),
 }

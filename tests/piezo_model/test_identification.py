@@ -159,7 +159,7 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
     # The same error from the saved file, by plain NumPy.
     model.save(tmp_path / "stage.json")
     saved = json.loads((tmp_path / "stage.json").read_text(encoding="utf-8"))
-    x, y = recording.arrays()
+    x, y = recording.x, recording.counted_y
     simulated = simulate_file(saved, x)
     found = errors_percent(simulated[fit["skipped"] :], y[fit["skipped"] :])
     np.testing.assert_allclose(found, (fit["rms_percent"], fit["max_percent"]), rtol=1e-9)
@@ -167,7 +167,7 @@ def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named
 
 def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -> None:
     whole = Recording.open(real_recording())
-    x, y = whole.arrays()
+    x, y = whole.x, whole.counted_y
     half = whole.length // 2
     first = Recording.from_arrays(x[:half], y[:half], whole.sample_time, name="first half")
     model = identify(first, n=5, m=3, creep_rates=(10.0, 1.0, 0.1))
@@ -210,8 +210,8 @@ def test_missing_outputs_of_a_file_are_those_of_arrays_and_a_missing_drive_is_re
     columns = np.column_stack([np.arange(x.size) * 5e-3, x, y])
     np.savetxt(tmp_path / "gaps.csv", columns, "%.9g", ",", header="time_s,voltage_V,position_um", comments="")
     read, made = Recording.open(tmp_path / "gaps.csv"), Recording.from_arrays(x, y, 5e-3)
-    np.testing.assert_array_equal(np.isnan(read.arrays()[1]), np.isnan(y))
-    assert (read.missing, read.y_range) == (made.missing, pytest.approx(made.y_range, rel=1e-6))
+    np.testing.assert_array_equal([read.uncounted, made.uncounted], [np.isnan(y)] * 2)
+    assert (read.y_range) == (pytest.approx(made.y_range, rel=1e-6))
     for missing in ([900], [2998, 2999]):
         bad = x.copy()
         bad[missing] = np.nan
@@ -226,9 +226,9 @@ def test_a_missing_output_leaves_the_drive_as_it_is_in_other_units_and_is_no_dri
     x, y = a_drive(3000), a_drive(3000)
     y[[5, 900]] = np.nan
     recording = Recording.from_arrays(1e3 * x, y, 5e-3, input_unit="mV", output_unit="um")
-    volts, nanometres = recording.in_units("V", "nm").arrays()
-    np.testing.assert_allclose(volts, x, rtol=1e-12)
-    np.testing.assert_allclose(nanometres, 1e3 * y, rtol=1e-12)
+    converted = recording.in_units("V", "nm")
+    np.testing.assert_allclose(converted.x, x, rtol=1e-12)
+    np.testing.assert_allclose(converted.counted_y, 1e3 * y, rtol=1e-12)
     with pytest.raises(RecordingError, match="2 samples have no output, which thus cannot be the input"):
         recording.swapped()
 

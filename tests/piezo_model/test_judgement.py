@@ -176,7 +176,7 @@ def test_two_public_lines_give_the_reported_figure(tmp_path: object) -> None:
     made = recording(DESCRIBABLE["hysteresis and creep"], 3)
     identify(made).save(f"{tmp_path}/model.json")
     model = HysteresisCreepModel.load(f"{tmp_path}/model.json")
-    error = model.simulate(made) - made.arrays()[1]
+    error = model.simulate(made) - made.counted_y
     assert np.sqrt(np.mean(error**2)) == pytest.approx(model.report["fit"]["rms"], rel=1e-12)
     assert np.max(np.abs(error)) == pytest.approx(model.report["fit"]["max"], rel=1e-12)
 
@@ -207,7 +207,7 @@ def test_errors_of_the_fit_and_on_held_out_data_are_shares_of_one_range(wider: f
         SAMPLE_TIME,
         offset=True,
     )
-    x, y = made.arrays()
+    x, y = made.x, made.counted_y
     report = identify(x, y, s).report
     for name in ("line_percent", "cubic_percent"):
         assert report["baseline"][name] == pytest.approx(report["fit"][name], rel=0.05)
@@ -230,7 +230,7 @@ def test_errors_on_another_recording_are_compared_in_units_and_not_as_shares_of_
 
 def test_a_recording_in_units_of_something_else_than_the_models_is_refused() -> None:
     made = recording(DESCRIBABLE["hysteresis"], 0)
-    x, y = made.arrays()
+    x, y = made.x, made.counted_y
     with pytest.raises(UnitError, match=r"the input is in nm, .* to V;"):
         identify(made).validate(Recording.from_arrays(x, y, SAMPLE_TIME, input_unit="nm"))
 
@@ -238,7 +238,7 @@ def test_a_recording_in_units_of_something_else_than_the_models_is_refused() -> 
 def test_a_recording_at_another_rate_is_validated_and_simulated_by_the_model_at_that_rate() -> None:
     made = recording(DESCRIBABLE["hysteresis and creep"], 3)
     model = identify(made, structure=structure_of(made, 3, 1))
-    x, y = made.arrays()
+    x, y = made.x, made.counted_y
     slow = Recording.from_arrays(x[::2], y[::2], 2.0 * SAMPLE_TIME)
     found = model.validate(slow)
     assert found.model.structure.sample_time == 2.0 * SAMPLE_TIME
@@ -248,7 +248,7 @@ def test_a_recording_at_another_rate_is_validated_and_simulated_by_the_model_at_
 
 def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_that_in_V_and_um() -> None:
     made = recording(DESCRIBABLE["hysteresis and creep"], 3)
-    x, y = made.arrays()
+    x, y = made.x, made.counted_y
     small = Recording.from_arrays(1e3 * x, 1e3 * y, SAMPLE_TIME, input_unit="mV", output_unit="nm", name="small.csv")
     said = "small.csv: the input is converted from mV to V and the output is converted from nm to µm."
     structure = structure_of(made, 3, 1)
@@ -269,7 +269,7 @@ def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_tha
 def test_a_recording_without_units_is_taken_in_those_of_the_model_with_a_sentence() -> None:
     made = recording(DESCRIBABLE["hysteresis"], 3)
     model = identify(made)
-    found = model.validate(Recording.from_arrays(*made.arrays(), SAMPLE_TIME, name="bare.csv"))
+    found = model.validate(Recording.from_arrays(made.x, made.y, SAMPLE_TIME, name="bare.csv"))
     assert found.fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-9)
     assert (
         "bare.csv: the input is taken as it is, since only one unit is known (V) and the output is taken as it is, "
@@ -442,7 +442,8 @@ def test_an_extrapolation_is_not_taken_for_an_offset_of_the_sensor() -> None:
 
 
 def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
-    x, y = recording(DESCRIBABLE["hysteresis"], 3).arrays()
+    made = recording(DESCRIBABLE["hysteresis"], 3)
+    x, y = made.x, made.y.copy()
     model = identify(Recording.from_arrays(x, y, SAMPLE_TIME, output_unit="um"), n=3, m=1)
     y[4711] = 1e6
     spoiled = Recording.from_arrays(x, y, SAMPLE_TIME, output_unit="um")

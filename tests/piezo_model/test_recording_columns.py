@@ -83,7 +83,7 @@ def test_names_beyond_ascii_are_read_and_written(tmp_path: Path, suffix: str) ->
     recording = Recording.open(path, input=names[1], output="変位_μm")  # the other of the two letters for micro
     assert list(recording.columns.values()) == names
     assert (recording.input_unit, recording.output_unit) == ("V", "um")
-    np.testing.assert_array_equal(recording.arrays()[1], signals()["displacement_um"])
+    np.testing.assert_array_equal(recording.counted_y, signals()["displacement_um"])
 
 
 @pytest.mark.parametrize(

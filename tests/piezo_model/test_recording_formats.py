@@ -251,7 +251,7 @@ def made(folder: Path, name: str) -> Path:
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_gives_the_clean_arrays(tmp_path: Path, name: str) -> None:
     recording = pickle.loads(pickle.dumps(Recording.open(made(tmp_path, name))))
-    x, y = recording.arrays()
+    x, y = recording.x, recording.counted_y
     if name == "Excel":  # whose files keep sixteen digits
         x, y = np.round(x, 9), np.round(y, 9)
     np.testing.assert_array_equal((x, y), [X, Y])
@@ -279,14 +279,14 @@ def test_a_damaged_file_of_any_format_is_refused(tmp_path: Path, name: str) -> N
         refusal(path)
     else:  # the remaining part may be a valid file, e.g. of whole TDMS segments
         assert recording.length < N
-        np.testing.assert_array_equal(recording.arrays()[0], X[: recording.length])
+        np.testing.assert_array_equal(recording.x, X[: recording.length])
     gc.collect()
 
 
 def test_channels_are_named_by_path_by_name_or_by_number(tmp_path: Path) -> None:
     path = made(tmp_path, "NeXus")
     for x in ("entry/data/voltage", "voltage", "3"):
-        np.testing.assert_array_equal(Recording.open(path, input=x).arrays()[0], X)
+        np.testing.assert_array_equal(Recording.open(path, input=x).x, X)
     assert "has no column 'volts' for the input; its columns are 'entry/data/displacement'" in refusal(
         path, input="volts"
     )
@@ -416,7 +416,7 @@ def test_times_are_read_to_the_nanosecond(tmp_path: Path, name: str) -> None:
     recording = Recording.open(tmp_path / "stage.rec")
     assert (recording.sample_time, recording.columns["time"]) == (5e-7, "t")
     assert recording.time_resolution < 1e-12
-    np.testing.assert_array_equal(recording.arrays(), [X, Y])
+    np.testing.assert_array_equal([recording.x, recording.y], [X, Y])
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def test_of_two_unnamed_signals_the_one_that_lags_is_the_output(
         *(f"{at!r},{a!r},{b!r}" for at, a, b in zip(t.tolist(), x.tolist(), y.tolist(), strict=True)),
         name="clean.csv",
     )
-    np.testing.assert_array_equal(recording.arrays(), Recording.open(clean).arrays())
+    assert recording.digest() == Recording.open(clean).digest()
     assert recording.sample_time == Recording.open(clean).sample_time == 1e-3
     assert (
         "time as the only one that never falls; input, output because the output lags the input" in recording.describe()
@@ -95,7 +95,7 @@ def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: 
     lines = zip(*(cells[name].tolist() for name in header.split(",")), strict=True)
     recording = Recording.open(text_file(tmp_path, header, *(",".join(map(str, line)) for line in lines)))
     assert tuple(recording.columns[role] for role in ("time", "input", "output")) == columns
-    np.testing.assert_array_equal(recording.arrays(), [x, y])
+    np.testing.assert_array_equal([recording.x, recording.y], [x, y])
 
 
 # Guesses by values, checked by a fit both ways round.
@@ -119,7 +119,7 @@ def test_a_guess_by_the_loops_is_reversed_if_the_fit_contradicts_it(
     assert guessed.columns["output"] == drive  # the wrong way round
     checked = check_direction(guessed)
     assert checked.columns["input"] == drive
-    np.testing.assert_allclose(checked.arrays()[0], x, rtol=1e-8)
+    np.testing.assert_allclose(checked.x, x, rtol=1e-8)
     assert checked.x_range == guessed.y_range
     assert "guessed: input, output because a model leaves" in checked.describe()
     assert check_direction(checked) is checked

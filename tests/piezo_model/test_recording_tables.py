@@ -28,7 +28,7 @@ def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix:
     text_file(tmp_path, HEADER, *(",".join(map(repr, row)) for row in np.column_stack([*signals().values()]).tolist()))
     for name in ("stage.parquet", "stage.csv"):
         path = (tmp_path / name).rename(tmp_path / f"other{suffix}")
-        np.testing.assert_array_equal(Recording.open(path).arrays()[1], signals()["displacement_um"])
+        np.testing.assert_array_equal(Recording.open(path).counted_y, signals()["displacement_um"])
 
 
 def test_a_binary_file_of_no_known_format_is_refused(tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ def test_parquet_numbers_of_any_type_are_read(tmp_path: Path, kind: str) -> None
         else pa.array(np.array([1, 2, 3], kind))
     )
     pq.write_table(pa.table({"t": [0, 1, 2], "u.v": values, "y": [1.0, 2.0, 4.0]}), tmp_path / "s.parquet")
-    np.testing.assert_array_equal(Recording.open(tmp_path / "s.parquet", input="u.v").arrays()[0], [1, 2, 3])
+    np.testing.assert_array_equal(Recording.open(tmp_path / "s.parquet", input="u.v").x, [1, 2, 3])
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

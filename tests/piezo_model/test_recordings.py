@@ -1,15 +1,11 @@
 import re
-import tracemalloc
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from programs import real_recording
-from recording_files import ROWS, signals, text_file, with_times
+from recording_files import ROWS, signals, text_file
 
 from piezo_model.recordings import Recording, RecordingError, read_reference, write_table
 from piezo_model.units import UnitError
@@ -35,66 +31,16 @@ def test_a_file_and_arrays_have_the_same_period_length_ranges_and_units(stage: P
         assert recording.duration_s == pytest.approx((ROWS - 1) * 0.005)
         assert (recording.x_range, recording.y_range) == ((x.min(), x.max()), (y.min(), y.max()))
         assert (recording.input_unit, recording.output_unit) == ("V", "um")
-        np.testing.assert_array_equal(recording.arrays(), [x, y])
+        np.testing.assert_array_equal([recording.x, recording.y], [x, y])
 
 
-@pytest.mark.parametrize("size", [1, 7, 999, ROWS, 10 * ROWS])
-def test_chunks_of_any_size_hold_the_same_samples(stage: Path, size: int) -> None:
-    recording = Recording.open(stage)
-    with pytest.raises(ValueError, match="at least 1, not 0"):
-        next(recording.chunks(0))
-    next(recording.chunks(size))  # they start again at every call
-    chunks = list(recording.chunks(size))
-    assert all(x.size == y.size == size for x, y in chunks[:-1])
-    assert all(
-        array.dtype == np.float64 and array.flags.c_contiguous and array.flags.writeable
-        for pair in chunks
-        for array in pair
-    )
-    for joined, whole in zip(
-        (np.concatenate(parts) for parts in zip(*chunks, strict=True)), recording.arrays(), strict=True
-    ):
-        np.testing.assert_array_equal(joined, whole)
-
-
-def test_a_file_cut_short_after_it_was_opened_is_noticed(tmp_path: Path) -> None:
-    path = with_times(tmp_path, [f"{0.005 * k:.3f}" for k in range(50)])
-    recording = Recording.open(path)
-    path.write_text("\n".join(path.read_text().splitlines()[:20]) + "\n")
-    with pytest.raises(RecordingError, match="has 19 data rows now and had 50"):
-        recording.arrays()
-
-
-@pytest.fixture
-def arrow_pool() -> Iterator[pa.MemoryPool]:
-    """A memory pool that counts all further allocations of Arrow."""
-    usual = pa.default_memory_pool()
-    pool = pa.proxy_memory_pool(usual)
-    pa.set_memory_pool(pool)
-    yield pool
-    pa.set_memory_pool(usual)
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_memory_does_not_grow_with_the_length_of_the_file(
-    tmp_path: Path, suffix: str, arrow_pool: pa.MemoryPool
-) -> None:
-    peaks = []
-    for rows in (300_000, 1_500_000):
-        path = tmp_path / f"stage{rows}{suffix}"
-        if suffix == ".csv":
-            write_table(path, signals(rows))
-        else:  # one row group over the whole file, the worst case of a writer
-            pq.write_table(pa.table(signals(rows)), path, row_group_size=rows, use_dictionary=False)
-        pa.set_memory_pool(pool := pa.proxy_memory_pool(arrow_pool))
-        tracemalloc.start()
-        try:
-            assert sum(x.size for x, _ in Recording.open(path).chunks()) == rows
-            peaks.append(tracemalloc.get_traced_memory()[1] + pool.max_memory())
-        finally:
-            tracemalloc.stop()
-    assert peaks[1] < 1.25 * peaks[0]
-    assert peaks[1] < 3 * 8 * 1_500_000  # the size of the three columns
+def test_a_part_has_its_samples_and_starts_and_the_ranges_of_the_whole(stage: Path) -> None:
+    whole = replace(Recording.open(stage), starts=(0, 100, 250))
+    part = whole.part(slice(50, 250))
+    np.testing.assert_array_equal([part.x, part.y], [whole.x[50:250], whole.y[50:250]])
+    assert (part.starts, part.length, part.x_range) == ((0, 50), 200, whole.x_range)
+    assert [sweep.length for sweep in whole.sweeps()] == [100, 150, ROWS - 250]
+    assert whole.head(10 * ROWS).starts == whole.starts
 
 
 def test_the_real_recording_is_read_as_its_authors_describe_it() -> None:
@@ -120,17 +66,15 @@ def test_the_real_recording_is_read_as_its_authors_describe_it() -> None:
         (("", "um"), ("V", "um"), (1.0, 1.0)),
     ],
 )
-def test_a_recording_is_converted_to_other_units_chunk_by_chunk(
+def test_a_recording_is_converted_to_other_units(
     stage: Path, units: tuple[str, str], wanted: tuple[str, str], gains: tuple[float, float]
 ) -> None:
     given = {f"{role}_unit": unit for role, unit in zip(("input", "output"), units, strict=True) if unit}
     opened = replace(Recording.open(stage, **given), **({} if units[0] else {"input_unit": ""}))
     converted = opened.in_units(*wanted)
-    for signal, expected, gain in zip(
-        map(np.concatenate, zip(*converted.chunks(7), strict=True)), opened.arrays(), gains, strict=True
-    ):
-        np.testing.assert_allclose(signal, gain * expected, rtol=1e-14)
-    for role, signal in zip("xy", converted.arrays(), strict=True):
+    for role, gain in zip("xy", gains, strict=True):
+        signal = getattr(converted, role)
+        np.testing.assert_allclose(signal, gain * getattr(opened, role), rtol=1e-14)
         assert getattr(converted, f"{role}_range") == (signal.min(), signal.max())
     assert (converted.input_unit, converted.output_unit) == (wanted[0], wanted[1])
     again = converted.in_units(*wanted)
@@ -150,13 +94,11 @@ def test_units_of_different_kinds_are_refused_by_name_and_the_recording_stays(un
     assert recording.units == ""
 
 
-def test_arrays_are_copied_in_and_out() -> None:
+def test_arrays_are_copied() -> None:
     x = np.arange(5.0)
     recording = Recording.from_arrays(x, x, 1e-3)
     x[:] = -1
-    recording.arrays()[0][:] = -1
-    next(recording.chunks())[0][:] = -1
-    np.testing.assert_array_equal(recording.arrays()[0], np.arange(5.0))
+    np.testing.assert_array_equal(recording.x, np.arange(5.0))
 
 
 @pytest.mark.parametrize(

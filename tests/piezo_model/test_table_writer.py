@@ -24,7 +24,8 @@ def test_a_written_table_comes_back_to_the_last_bit(old: Path) -> None:
         "y_um": np.arange(500),
     }
     write_table(old, columns)
-    x, y = Recording.open(old).arrays()
+    recording = Recording.open(old)
+    x, y = recording.x, recording.y
     np.testing.assert_array_equal(x, columns["u_V"])
     np.testing.assert_array_equal(y, columns["y_um"])
 
