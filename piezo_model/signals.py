@@ -17,6 +17,13 @@ import numpy as np
 from piezo_model import checks
 from solvers.arrays import Vector
 
+TRIANGLES = (0.3, 0.06, 0.012)
+"""Durations of the triangles of an excitation, as shares of all."""
+SLOWEST, FEWEST = 2.0, 2000
+"""First frequency of the swept sine in cycles over its duration; fewest samples of an excitation."""
+SWEPT = 20
+"""Samples in the last period of the swept sine."""
+
 
 def times(duration_s: float, sample_time: float, low: float, high: float) -> Vector:
     """Check the arguments that all signals share and return the sample times, s, shape (N,)."""
@@ -206,6 +213,48 @@ def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
 
     smooth: Vector = oaconvolve(held, window / window.sum(), "valid")
     return np.clip(smooth, steps.min(), steps.max())
+
+
+def excitation(*, duration_s: float, sample_time: float, low: float, high: float, step_s: float = 5e-3) -> Vector:
+    """Drive that determines hysteresis, creep, a drift of the sensor and dynamics; it starts and ends at low.
+
+    Decaying triangles of three speeds, each five times as fast as the one before, move every play at every amplitude.
+    Two holds, each a sixth of the duration, show creep. A sine swept up to a twentieth of the sampling rate, of an
+    amplitude that falls as 1/f so that its speed stays bounded, shows dynamics. In between the drive rests at low,
+    which shows a drift.
+
+    Parameters
+    ----------
+    step_s : float
+        Duration of each step, a raised cosine, s.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 2000 samples.
+
+    Examples
+    --------
+    >>> drive = excitation(duration_s=60.0, sample_time=1e-3, low=0.0, high=100.0)
+    >>> drive.size, float(drive[0]), round(float(drive.max())), float(drive[-1])
+    (60000, 0.0, 100, 0.0)
+    """
+    count = times(duration_s, sample_time, low, high).size
+    if count < FEWEST:
+        raise ValueError(f"duration_s = {duration_s} gives {count} samples, and an excitation needs {FEWEST}")
+    rest, hold = np.full(count // 50, low), count // 6
+    triangles = [
+        decaying_triangle(duration_s=share * duration_s, sample_time=sample_time, low=low, high=high, final_share=0.1)
+        for share in TRIANGLES
+    ]
+    swept = np.linspace(0.0, 1.0, count // 10)
+    growth = math.log(swept.size / SWEPT / SLOWEST)
+    cycles, amplitude = SLOWEST * np.expm1(growth * swept) / growth, np.minimum(1.0, 10.0 * np.exp(-growth * swept))
+    sine = scaled(0.5 * amplitude * (1.0 - np.cos(2.0 * np.pi * cycles)), low, high)
+    held = [np.full(hold, low + share * (high - low)) for share in (0.8, 0.2)]
+    sections = (rest, triangles[0], rest, held[0], rest, triangles[1], rest, held[1], rest, sine, rest, triangles[2])
+    drive = np.concatenate(sections)
+    return smoothed(np.concatenate([drive, np.full(count - drive.size, low)]), step_s, sample_time)
 
 
 SIGNALS: dict[str, Callable[..., Vector]] = {
