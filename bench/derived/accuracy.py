@@ -1,7 +1,7 @@
 """Error of a measured answer relative to the tolerance of a tier, from its row of the table alone.
 
     error = max(cost gap, violation, worst of the timed answers) / tolerance
-    error = max(stage excess / 0.01, violation / 1e-3)                         for the tier `stage`, first answer only
+    error = max(stage excess / 0.1, violation / 1e-3)                          for the tier `stage`, first answer only
 
 An answer is right if error ≤ 1, and right with margin m if m · error ≤ 1. A library's defaults have the tolerance of
 `low`.
@@ -17,8 +17,8 @@ from solvers import Status, Tier
 
 TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9, Tier.EXACT: 1e-12}
 """Largest relative cost gap and violation."""
-UNNOTICED = 0.01
-"""Largest stage excess that does not count as a difference."""
+UNNOTICED = 0.1
+"""Largest difference of two RMS errors on unseen data, over the sensor's noise, that does not count."""
 CHEATS = (Status.LAZY, Status.STALE, Status.CACHED, Status.MISTIMED, Status.PEEKED, Status.TAMPERED)
 """Statuses that apply to all settings of a solver on a problem, because only one setting is checked for them."""
 MEASURED = ["problem_set", "problem", "scaling", "solver", "lane"]

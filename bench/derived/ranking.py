@@ -56,6 +56,8 @@ class Line:
     results: dict[Tier, Result]
     default_gap: float
     """Largest cost gap of its defaults; NaN if an answer is missing."""
+    partial: int = 0
+    """Number of problems that it was raced on if it was not raced on all of them, else 0."""
 
     @property
     def place(self) -> tuple[float, ...]:
@@ -64,7 +66,7 @@ class Line:
             (i for i, tier in enumerate(ORDER) if tier in self.results and self.results[tier].reached), len(ORDER)
         )
         at = self.results[ORDER[best]].us if best < len(ORDER) else math.inf
-        return self.name != PACE, best, at
+        return self.name != PACE, self.partial > 0, best, at
 
 
 def ranking(measurements: Measurements) -> list[Line]:
@@ -77,15 +79,17 @@ def ranking(measurements: Measurements) -> list[Line]:
     us = with_pace(rows).groupby(["name", "lane", "tier"]).total_us.median()
     gaps = rows[rows.is_default].drop_duplicates("task").groupby(["solver", "lane"]).cost_gap.agg(worst)
     lines = []
-    names = with_pace(field[field.start == "cold"])[["name", "solver", "lane"]].drop_duplicates()
-    for name, solver, lane in names.itertuples(index=False):
+    raced = with_pace(field[field.start == "cold"]).groupby(["name", "solver", "lane"], sort=False)
+    problems = raced.apply(lambda part: part.groupby(["problem_set", "problem"]).ngroups)
+    for (name, solver, lane), count in problems.items():
         results = {
             Tier(one.tier): Result(
                 float(us.get((name, lane, one.tier), math.nan)), one.right, one.problems, one.setting, one.left_out
             )
             for one in settings[(settings.solver == solver) & (settings.lane == lane)].itertuples()
         }
-        lines.append(Line(name, solver, lane, results, float(gaps.get((solver, lane), math.nan))))
+        partial = int(count) if count < problems.max() else 0
+        lines.append(Line(name, solver, lane, results, float(gaps.get((solver, lane), math.nan)), partial))
     return sorted(lines, key=lambda line: line.place)
 
 
@@ -118,7 +122,12 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
     if terminal:
         lines = [line for line in lines if line.lane not in FAMILIES] or lines
     rows = [
-        [line.name, line.lane, *_cells([line.results.get(tier) for tier in targets], terminal), gap(line.default_gap)]
+        [
+            f"{line.name} ({line.partial} problems)" if line.partial else line.name,
+            line.lane,
+            *_cells([line.results.get(tier) for tier in targets], terminal),
+            gap(line.default_gap),
+        ]
         for line in lines
     ]
     headings = [
@@ -136,7 +145,8 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         ("lane",),
         f"{note} Times: µs of update and solve, then sampling periods of "
         f"{PERIOD_US:g} µs, at the loosest setting that is right on every problem. {missed}: there is none; "
-        f"the best is right on 2 of 3. = is the same setting as to its left. {OURS_NOTE}",
+        f"the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. "
+        f"= is the same setting as to its left. {OURS_NOTE}",
     )
 
 

@@ -49,6 +49,7 @@ def verdict(measurements: Measurements, core: str = "", drift: float = 0.0) -> l
 
 
 def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift: float) -> Iterator[str]:
+    partial, lines = [line for line in lines if line.partial], [line for line in lines if not line.partial]
     at = next(
         (tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None
     )
@@ -65,8 +66,10 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
     lanes = [lane for lane in LANE_NAMES if any(line.lane == lane for line in reach)]
     fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in lanes)
     more = f"; fastest {fastest}" if fastest else ""
+    fewer = f"; {solver_lanes(len(partial))} raced on fewer problems and not counted" if partial else ""
     machine = f" ({core}; drift {100.0 * drift:.0f} %)" if core else ""
-    yield f"{solver_lanes(len(reach), len(judged), 'reach')} {TIER_NAMES[at]} on {problems}{chosen}{more}{machine}."
+    reached = f"{solver_lanes(len(reach), len(judged), 'reach')} {TIER_NAMES[at]} on {problems}"
+    yield f"{reached}{chosen}{more}{fewer}{machine}."
 
 
 def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:
@@ -115,17 +118,19 @@ def _ends(part: pd.DataFrame) -> str:
 
 
 def _stage(measurements: Measurements) -> Iterator[str]:
-    """Whether the tier `stage` distinguishes the paper's model from the optimal one."""
+    """On how many problems the tier `stage` finds the paper's model worse or better than the optimal one."""
     part = _steps(measurements.field[measurements.field.scaling == measurements.scaling])
     part = part[part.stage_excess.notna()]
     if part.empty:
         return
-    noticed, most = int((part.stage_excess > UNNOTICED).sum()), part.sort_values("stage_excess").iloc[-1]
-    steps, best = format_distinct(most.model_error_um, most.optimum_error_um)
+    worse, better = (int((sign * part.stage_excess > UNNOTICED).sum()) for sign in (1.0, -1.0))
+    largest = part.loc[part.stage_excess.abs().idxmax()]
+    steps, best = format_distinct(largest.model_error_um, largest.optimum_error_um)
     yield (
-        f"On {noticed or 'none'} of {len(part)} problems the stage is measurably worse with the paper's method than at "
-        f"the optimum: on {most.problem} {steps} against {best} µm RMS on unseen data (sensor noise "
-        f"{number(most.noise_um)} µm, of which {percent(UNNOTICED)} counts as a difference)."
+        f"The prediction error of the paper's model on unseen data is larger than that of the optimum on {worse} of "
+        f"{len(part)} problems, smaller on {better} and the same on {len(part) - worse - better}, where "
+        f"{percent(UNNOTICED)} of the sensor's noise counts as a difference; it differs most on {largest.problem}: "
+        f"{steps} against {best} µm RMS, with a noise of {number(largest.noise_um)} µm."
     )
 
 
