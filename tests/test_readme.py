@@ -15,7 +15,6 @@ from command_line import CommandLine
 from bench.cli.app import command_line
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
-from bench.derived.table import ONESHOT
 from bench.report.words import number
 from bench.store import Run
 from solvers import Lane
@@ -100,7 +99,7 @@ def test_make_compare_compares_two_runs_and_refuses_a_missing_one(tmp_path: Path
 
 def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
     run = Run.open(ROOT / "results" / "reference")
-    found = like_with_like(Measurements(run.rows(ONESHOT), run.times()))
+    found = like_with_like(Measurements.of(run))
     for lane, word in ((Lane.KERNEL, "compiled"), (Lane.DIRECT, "from Python")):
         of_size = found[(found.lane == lane) & (found.d == 18)].set_index("timed")
         hot, turns = of_size.loc[["hot"]].iloc[0], of_size.loc[["in turns"]].iloc[0]  # the best of the others

@@ -91,7 +91,9 @@ def deploy_verb(
     accuracy: Annotated[
         float, typer.Option(min=0.0, help="Largest relative cost gap and constraint violation on any problem.")
     ] = 1e-9,
-    deadline: Annotated[float, typer.Option(min=0.0, help="Deadline in µs.")] = 125.0,
+    deadline: Annotated[
+        float | None, typer.Option(min=0.0, help="Deadline in µs; the model's sampling period by default.")
+    ] = None,
     misses: Annotated[
         int,
         typer.Option(
@@ -127,14 +129,16 @@ def deploy_verb(
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target, others=filter(None, [model]))
-    rule = Rule(accuracy, deadline, tuple(lane or (Lane.KERNEL, Lane.DIRECT)), misses)
     with progress_bar() as progress:
-        progress("weighing the solvers", 0, 2)
-        decision = decide(opened, rule)
-        progress("judging the model", 1, 2)
+        progress("judging the model", 0, 2)
         actuator = model_for(
             opened, None if model is None else HysteresisCreepModel.load(model), problem, simulated, source=str(model)
         )
+        progress("weighing the solvers", 1, 2)
+        period_us = 1e6 * actuator.model.structure.sample_time
+        lanes = tuple(lane or (Lane.KERNEL, Lane.DIRECT))
+        rule = Rule(accuracy, period_us if deadline is None else deadline, lanes, misses)
+        decision = decide(opened, rule)
     made = deployment(decision, actuator)
     made.save(target)
     elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.settings["machine"])

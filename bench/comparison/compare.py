@@ -34,7 +34,6 @@ from scipy.stats import median_abs_deviation
 
 from bench.derived.accuracy import CHEATS, MEASURED, right
 from bench.derived.measurements import WAYS, Measurements, by_task
-from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.store import Run, RunError
 from bench.timing.clock import Effort
@@ -107,7 +106,7 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
     for run in (a, b):
         if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
             raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
-    first, second = (Measurements(run.rows(ONESHOT), run.times()) for run in (a, b))
+    first, second = (Measurements.of(run) for run in (a, b))
     times, field = compare_times(
         levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest
     )

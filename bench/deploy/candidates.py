@@ -9,7 +9,6 @@ from bench.deploy.floor import Floor
 from bench.deploy.rule import Candidate, Choice, Rule
 from bench.derived.accuracy import CHEATS, distance, tainted
 from bench.derived.measurements import FLOOR, WAYS, Measurements, by_task, pooled
-from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import PROBLEM, by_problem
 from bench.races.stream.race import STREAM
 from bench.races.stream.summary import floor_bound, raw
@@ -22,7 +21,7 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
     Accuracy comes from the rows of all hosts, times from one of them. Deadlines count hot and interleaved calls;
     percentiles hot calls only, since only one setting is interleaved.
     """
-    found = Measurements(run.rows(ONESHOT), run.times())
+    found = Measurements.of(run)
     hot, raw = by_task(found.times), by_task(found.times, WAYS)
     null_tasks = found.rows[found.rows.solver == FLOOR].task.unique()
     floor = Floor([series for task in null_tasks for series in raw.get(task, [])])

@@ -41,9 +41,9 @@ class Decision:
         problems = "1 problem" if it.chosen.problems == 1 else f"{it.chosen.problems} problems"
         found = [
             f"Rule: {self.rule.sentence}",
-            f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, so right "
-            f"{it.chosen.margin:g} times over; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} of "
-            f"them its own; {name} of an answer {number(it.time(self.by))} µs "
+            f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, a "
+            f"margin of {it.chosen.margin:g}; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} above "
+            f"the machine's floor; {name} of an answer {number(it.time(self.by))} µs "
             f"on the machine of the run ({machine.name(self.run.settings['machine'])}).",
             "The compensator learns continuously: in C and in piezobench live with box_active_set, in Python with "
             f"{'it, too' if it.solver in EXACT_SOLVERS else marked(it.solver)}.",

@@ -34,6 +34,7 @@ class Rule:
     accuracy: float = 1e-9
     """Largest relative cost gap and violation."""
     deadline_us: float = PERIOD_US
+    """Sampling period of the controller."""
     lanes: tuple[Lane, ...] = (Lane.KERNEL, Lane.DIRECT)
     """Lanes that the controller can run."""
     misses: int = 0
@@ -196,6 +197,5 @@ class Candidate:
             "missed": self.missed,
             "missed_beyond_floor": self.beyond_floor,
             "median_us": None if math.isnan(self.time_us) else self.time_us,
-            "median_periods": None if math.isnan(self.time_us) else self.time_us / PERIOD_US,
             **{f"{each.name}_us": each.value for each in self.tail[:-1]},
         }

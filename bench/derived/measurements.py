@@ -14,16 +14,22 @@ taken over all its calls on all the problems in question. *Hot* calls follow eac
 other solvers, each call finds the caches that they left.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import applies, measured, right, tainted
+from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import LANE, tier_settings
+from bench.store import Run, RunError
+from bench.timing.schedule import PERIOD_US
 from solvers import Status, Tier
 
 FLOOR = "null"
@@ -51,6 +57,17 @@ class Measurements:
 
     every: pd.DataFrame
     every_time: pd.DataFrame
+    periods_us: Mapping[tuple[str, str], float] = dataclass_field(default_factory=dict)
+    """Sampling periods of the problems in µs, by set and name; the paper's for any other."""
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Read those of a one-shot race; the paper's period counts where a problem's file is missing or damaged."""
+        rows, periods = run.rows(ONESHOT), {}
+        for name in dict.fromkeys(zip(rows.problem_set, rows.problem, strict=True)):
+            with suppress(RunError):
+                periods[name] = run.problem(*name).period_us
+        return cls(rows, run.times(), periods)
 
     @cached_property
     def host(self) -> str:
@@ -59,9 +76,19 @@ class Measurements:
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The rows of that host, one for all repeats, with ``total_us``, update plus solve."""
+        """The rows of that host, one for all repeats, with ``total_us``, update plus solve, ``period_us``, the sampling
+        period of the problem, and ``periods``, the time in such periods, or the steps of a method that takes one in
+        each."""
         rows = over_repeats(tainted(self.every)[self.every.host == self.host])
-        return rows.assign(total_us=rows.update_us + rows.solve_us_p50)
+        total, names = rows.update_us + rows.solve_us_p50, zip(rows.problem_set, rows.problem, strict=True)
+        period = np.array([self.periods_us.get(name, PERIOD_US) for name in names])
+        steps = rows.settings.str.contains('"steps"')
+        return rows.assign(total_us=total, period_us=period, periods=rows.periods.where(steps, total / period))
+
+    @property
+    def shortest_period_us(self) -> float:
+        """The shortest sampling period of the problems."""
+        return float(self.rows.period_us.min()) if len(self.rows) else PERIOD_US
 
     @cached_property
     def times(self) -> pd.DataFrame:

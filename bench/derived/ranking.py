@@ -2,8 +2,8 @@
 
 A row is a solver lane in the first scaling, from a cold start. For each tier it has the median time of update plus
 solve over the problems at the tier's setting. Rows are ordered by the most accurate tier reached among 1e-9, 1e-6 and
-1e-3, then by the time for it. The paper's method comes first, at its own pace of one step per sampling period, whatever
-a step costs.
+1e-3, then by the time for it. The paper's method comes first, at its own pace of one step per sampling period of the
+problem, whatever a step costs.
 """
 
 import math
@@ -14,10 +14,9 @@ import pandas as pd
 
 from bench.derived.accuracy import worst
 from bench.derived.measurements import Measurements
-from bench.derived.tier_settings import TARGETS
+from bench.derived.tier_settings import PROBLEM, TARGETS
 from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number
-from bench.timing.schedule import PERIOD_US
 from solvers import Lane, Status, Tier
 from solvers.registry import FAMILIES
 
@@ -79,16 +78,17 @@ def ranking(measurements: Measurements) -> list[Line]:
     us = with_pace(rows).groupby(["name", "lane", "tier"]).total_us.median()
     gaps = rows[rows.is_default].drop_duplicates("task").groupby(["solver", "lane"]).cost_gap.agg(worst)
     lines = []
-    raced = with_pace(field[field.start == "cold"]).groupby(["name", "solver", "lane"], sort=False)
-    problems = raced.apply(lambda part: part.groupby(["problem_set", "problem"]).ngroups)
-    for (name, solver, lane), count in problems.items():
+    cold = with_pace(field[field.start == "cold"])
+    raced = cold.drop_duplicates(["name", "solver", "lane", *PROBLEM])
+    lanes = raced.groupby(["name", "solver", "lane"], sort=False).size().reset_index(name="problems")
+    for name, solver, lane, problems in lanes.itertuples(index=False):
         results = {
             Tier(one.tier): Result(
                 float(us.get((name, lane, one.tier), math.nan)), one.right, one.problems, one.setting, one.left_out
             )
             for one in settings[(settings.solver == solver) & (settings.lane == lane)].itertuples()
         }
-        partial = int(count) if count < problems.max() else 0
+        partial = problems if problems < lanes.problems.max() else 0
         lines.append(Line(name, solver, lane, results, float(gaps.get((solver, lane), math.nan)), partial))
     return sorted(lines, key=lambda line: line.place)
 
@@ -100,7 +100,7 @@ def with_pace(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(
         [
             rows.assign(name=rows.solver.map(marked)),
-            pace.assign(name=PACE, total_us=pace.periods * PERIOD_US),
+            pace.assign(name=PACE, total_us=pace.periods * pace.period_us),
         ],
         ignore_index=True,
     )
@@ -123,7 +123,7 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         lines = [line for line in lines if line.lane not in FAMILIES] or lines
     rows = [
         [
-            f"{line.name} ({line.partial} problems)" if line.partial else line.name,
+            f"{line.name} ({line.partial} problem{'s' if line.partial > 1 else ''})" if line.partial else line.name,
             line.lane,
             *_cells([line.results.get(tier) for tier in targets], terminal),
             gap(line.default_gap),
@@ -143,10 +143,9 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         rows,
         2,
         ("lane",),
-        f"{note} Times: µs of update and solve, then sampling periods of "
-        f"{PERIOD_US:g} µs, at the loosest setting that is right on every problem. {missed}: there is none; "
-        f"the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. "
-        f"= is the same setting as to its left. {OURS_NOTE}",
+        f"{note} Times: µs of update and solve at the loosest setting that is right on every problem. {missed}: "
+        f"there is none; the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with "
+        f"their number. = is the same setting as to its left. {OURS_NOTE}",
     )
 
 
@@ -163,24 +162,16 @@ def _cells(results: Sequence[Result | None], terminal: bool) -> list[str]:
 
 def _wide(cell: Result) -> str:
     us = number(cell.us) if cell.us < 1e6 else f"{cell.us:.1e}".replace("e+0", "e")
-    return f"{us} ({_periods(cell.us)})" if cell.reached else f"not reached ({cell.right}/{cell.problems})"
+    return us if cell.reached else f"not reached ({cell.right}/{cell.problems})"
 
 
 def _narrow(cell: Result) -> str:
     if not cell.reached:
         return f"✗{cell.right}/{cell.problems}"
     us = cell.us
-    time = number(us) if us >= 1.0 else f"{us:.2f}"
-    if us >= 1e4:
-        time = f"{us / 1e6:.2g}s" if us >= 1e6 else f"{us / 1e3:.0f}ms"
-    return f"{time} {_periods(us):>5}"
-
-
-def _periods(us: float) -> str:
-    """Sampling periods in at most five characters, below 100 000 periods."""
-    count = us / PERIOD_US
-    digits = 3 if count < 0.01 else 2 if count < 1.0 else 1 if count < 10.0 else 0
-    return f"{count:.{digits}f}"
+    if us < 1e4:
+        return number(us) if us >= 1.0 else f"{us:.2f}"
+    return f"{us / 1e6:.2g} s" if us >= 1e6 else f"{us / 1e3:.0f} ms"
 
 
 def yardstick(foreign: bool, own: bool) -> str:

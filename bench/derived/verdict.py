@@ -18,7 +18,6 @@ from bench.derived.ranking import PACE, TIER_NAMES, Line, of_paper, ranking
 from bench.derived.tier_settings import FEWEST
 from bench.derived.wrapper_share import REPORTING, in_lane_direct
 from bench.report.words import format_distinct, joined, marked, number, percent, rounded, settings_label, solver_lanes
-from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from solvers import Lane, Tier
 from solvers.registry import FAMILIES, OURS
@@ -78,10 +77,7 @@ def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:
     best = ranked[0]
     other = next((line for line in ranked if (line.solver in OURS) != (best.solver in OURS)), None)
     beside = "" if other is None else f" beside {other.name} {rounded(other.results[at].us, drift)} µs"
-    us = best.results[at].us
-    return (
-        f"{LANE_NAMES[lane]} {best.name} {rounded(us, drift)} µs ({rounded(us / PERIOD_US, drift)} of a period){beside}"
-    )
+    return f"{LANE_NAMES[lane]} {best.name} {rounded(best.results[at].us, drift)} µs{beside}"
 
 
 def _steps(rows: pd.DataFrame) -> pd.DataFrame:
@@ -102,11 +98,17 @@ def _paper(measurements: Measurements, lines: Sequence[Line], drift: float) -> I
         if tier in line.results
     ]
     yield (
-        f"The paper's method, one projected step a sample, {_ends(part)} after its 15 200 steps (1.9 s)"
+        f"The paper's method, one projected step a sample, {_ends(part)} after its 15 200 steps ({_duration(part)})"
         + (f" and reaches {joined(reach)} of {len(part)} problems" if reach else "")
         + "; without waiting for samples these steps take "
         f"{rounded(part.total_us.median(), drift)} µs."
     )
+
+
+def _duration(part: pd.DataFrame) -> str:
+    """Time that the steps take at one a sample."""
+    seconds = [f"{steps * 1e-6:.3g}" for steps in sorted({*(part.periods * part.period_us)})]
+    return f"{seconds[0]} s" if len(seconds) == 1 else f"{seconds[0]} to {seconds[-1]} s, by the rate of the recording"
 
 
 def _ends(part: pd.DataFrame) -> str:
@@ -124,7 +126,7 @@ def _stage(measurements: Measurements) -> Iterator[str]:
     if part.empty:
         return
     worse, better = (int((sign * part.stage_excess > UNNOTICED).sum()) for sign in (1.0, -1.0))
-    largest = part.loc[part.stage_excess.abs().idxmax()]
+    largest = part.iloc[int(part.stage_excess.abs().argmax())]
     steps, best = format_distinct(largest.model_error_um, largest.optimum_error_um)
     yield (
         f"The prediction error of the paper's model on unseen data is larger than that of the optimum on {worse} of "

@@ -16,6 +16,7 @@ from qpsolvers import Problem
 
 from bench.problem_files.npz import opened, packed, packed_program, unpacked, unpacked_program
 from bench.problem_files.program import ProblemFileError, doubles
+from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
@@ -133,6 +134,11 @@ class RaceProblem:
     def d(self) -> int:
         """Number of variables."""
         return int(next(iter(self.forms.values())).qp.q.shape[0])
+
+    @property
+    def period_us(self) -> float:
+        """Sampling period of its data, µs; the paper's for a program without an actuator."""
+        return 1e6 * self.validation.structure.sample_time if self.validation else PERIOD_US
 
     @cached_property
     def optimal_weights(self) -> Vector:

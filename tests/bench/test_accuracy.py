@@ -42,8 +42,8 @@ NOTICED = {"cost_gap": 0.5, "timed_gap": 0.5, "noise_um": 0.01}
         (Tier.HIGH, {"cost_gap": NAN}, math.inf),
         # by the first answer alone
         (Tier.STAGE, {**NOTICED, "stage_excess": -3.0}, 0.0),
-        (Tier.STAGE, {**NOTICED, "stage_excess": 0.005}, 0.5),
-        (Tier.STAGE, {**NOTICED, "stage_excess": 0.02}, 2.0),
+        (Tier.STAGE, {**NOTICED, "stage_excess": 0.05}, 0.5),
+        (Tier.STAGE, {**NOTICED, "stage_excess": 0.2}, 2.0),
         (Tier.STAGE, {**NOTICED, "stage_excess": NAN}, math.inf),
         (Tier.STAGE, {**NOTICED, "stage_excess": 0.0, "violation": 2e-3}, 2.0),
     ],

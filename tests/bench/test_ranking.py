@@ -18,8 +18,8 @@ def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
 
 def test_a_tier_that_is_not_reached_has_no_time_but_the_number_of_problems_that_are_right() -> None:
     rows = ladder({"p1": [1e-12, 1e-12], "p2": [1e-12, 1e-12], "p3": [NAN, 1e-5]})
-    assert cells(rows)["daqp"] == ["1 (0.008)", "not reached (2/3)", "not reached (2/3)", "not reached (2/3)", "–"]
-    assert cells(rows, terminal=True)["daqp"] == ["1 0.008", "✗2/3", "✗2/3", "✗2/3", "–"]
+    assert cells(rows)["daqp"] == ["1", "not reached (2/3)", "not reached (2/3)", "not reached (2/3)", "–"]
+    assert cells(rows, terminal=True)["daqp"] == ["1", "✗2/3", "✗2/3", "✗2/3", "–"]
 
 
 def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_result_has_a_dash() -> None:
@@ -68,17 +68,14 @@ def test_the_papers_method_has_no_pace_if_it_supports_none_of_the_problems() -> 
 @pytest.mark.parametrize(
     ("us", "wide", "narrow"),
     [
-        (0.934, "0.934 (0.007)", "0.93 0.007"),
-        (6.57, "6.57 (0.05)", "6.57  0.05"),
-        (1900.0, "1900 (15)", "1900    15"),
-        (1.9e6, "1.9e6 (15200)", "1.9s 15200"),
-        (25_000.0, "25000 (200)", "25ms   200"),
+        (0.934, "0.934", "0.93"),
+        (6.57, "6.57", "6.57"),
+        (1900.0, "1900", "1900"),
+        (1.9e6, "1.9e6", "1.9 s"),
+        (25_000.0, "25000", "25 ms"),
     ],
 )
-def test_a_time_is_in_microseconds_and_sampling_periods_in_eleven_letters_of_a_terminal(
-    us: float, wide: str, narrow: str
-) -> None:
+def test_a_time_is_in_microseconds_and_short_on_a_terminal(us: float, wide: str, narrow: str) -> None:
     line = Line("daqp", "daqp", "direct", {Tier.HIGH: Result(us, 3, 3, "s0")}, NAN)
     assert short_table([line], "").rows[0][2] == wide
     assert short_table([line], "", terminal=True).rows[0][2] == narrow
-    assert len(narrow) <= 11

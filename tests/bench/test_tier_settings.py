@@ -51,7 +51,7 @@ def test_without_a_setting_right_on_every_problem_a_tier_is_not_reached_and_the_
 DEFAULT = row(setting="d", rung=-1, is_default=True)
 CAUGHT = {"setting": "s2", "rung": 2, "status": "cached"}
 NOT_RUN = {"setting": "s1", "rung": 1, "status": "not_run", "cost_gap": NAN}
-NOISY = ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.02, 0.001])
+NOISY = ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.2, 0.01])
 SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
 
 

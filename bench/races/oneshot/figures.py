@@ -6,7 +6,6 @@ from bench.derived import anytime, pictures
 from bench.derived.measurements import Measurements
 from bench.report.plot import INK, LEAST_GAP, ROW, Axis, Mark, Plot, best_lines
 from bench.report.report import Figure
-from bench.timing.schedule import PERIOD_US
 from solvers import Lane
 
 TARGETS = (1e3, 1e0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
@@ -31,10 +30,10 @@ def work_precision(measurements: Measurements) -> Figure:
         "work_precision",
         "Work and precision",
         "A line is a solver over its settings from loose to tight: the worst relative cost gap over all problems, "
-        "against the median time. Lower is more exact, left is faster; left of the dashed line, the sampling period, "
-        "an answer is there before the next sample. In colour: the paper's method at a step a sample and those that "
-        "are at a gap of 1e-9 first. In a ring: what the library does by default. Gaps below 1e-17 and above 1e3 are "
-        "drawn at these.",
+        "against the median time. Lower is more exact, left is faster; left of the dashed line, the shortest sampling "
+        "period, an answer is there before the next sample. In colour: the paper's method at a step a sample and those "
+        "that are at a gap of 1e-9 first. In a ring: what the library does by default. Gaps below 1e-17 and above 1e3 "
+        "are drawn at these.",
         pictures.work_precision(measurements),
         [
             Plot(
@@ -42,7 +41,7 @@ def work_precision(measurements: Measurements) -> Figure:
                 Axis("drawn", "worst relative cost gap", log=True, powers_of_ten=True, values=TARGETS),
                 (*best_lines(points=True, along="rung"), defaults),
                 ("name", "lane", "settings", "worst_cost_gap", "total_us", "problems"),
-                rules={"x": PERIOD_US},
+                rules={"x": measurements.shortest_period_us},
                 height=460,
             )
         ],
@@ -76,8 +75,8 @@ def sizes(measurements: Measurements) -> Figure:
         "sizes",
         "Time by size",
         "Median time of update and solve by number of unknowns, where every answer of that size was right to 1e-9. "
-        "The dashed line is the sampling period. In colour: those that are right at all sizes and the fastest in the "
-        "geometric mean.",
+        "The dashed line is the shortest sampling period. In colour: those that are right at all sizes and the "
+        "fastest in the geometric mean.",
         table,
         [
             Plot(
@@ -85,7 +84,7 @@ def sizes(measurements: Measurements) -> Figure:
                 Axis("time_us", "time for one answer, µs (update and solve)", log=True),
                 best_lines(points=True, along="d"),
                 ("name", "d", "time_us", "problems"),
-                rules={"y": PERIOD_US},
+                rules={"y": measurements.shortest_period_us},
             )
         ],
     )
@@ -129,7 +128,7 @@ def within_periods(measurements: Measurements) -> Figure:
         anytime.drawn(anytime.anytime(measurements)),
         [
             Plot(
-                Axis("budget", f"sampling periods of {PERIOD_US:g} µs", log=True),
+                Axis("budget", "sampling periods", log=True),
                 Axis("drawn", "relative cost gap within them, median over the problems", log=True, powers_of_ten=True),
                 best_lines("step"),
             )

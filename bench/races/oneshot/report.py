@@ -11,7 +11,6 @@ from bench.derived import summary as summaries
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import ranking, short_table, yardstick
-from bench.derived.table import ONESHOT
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.derived.wrapper_share import wrapper_share
 from bench.races.oneshot.figures import figures
@@ -75,7 +74,8 @@ DEFINITIONS = (
     "its period lies between the two.",
     "p99 of an answer: of update and solve together, over all hot calls on all problems; – where there are fewer than "
     "the 299 it takes.",
-    "periods: update and solve in sampling periods of 125 µs, or the steps of a method that takes one step a period.",
+    "periods: update and solve in sampling periods of the problem's data, or the steps of a method that takes one step "
+    "a period.",
     "warm: started from the optimum of the problem before, where problems follow each other; cold: from nothing.",
     "floor: a solver that does nothing, which is what clock, call and machine cost.",
     "drift: a fixed piece of work is timed every few seconds; this is how far the median of any fifth of these times "
@@ -87,7 +87,7 @@ DEFINITIONS = (
 
 def report(run: Run) -> Report:
     """The report of a finished run."""
-    measurements, settings = Measurements(run.rows(ONESHOT), run.times()), run.settings
+    measurements, settings = Measurements.of(run), run.settings
     summary, table, costs = summaries.summary(measurements), ranking(measurements), optima(run, measurements.rows)
     drift = settings.get("conditions", {}).get("sentinel_drift", 0.0)
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
@@ -159,7 +159,7 @@ def report(run: Run) -> Report:
 
 def anytime_report(run: Run) -> Report:
     """The same report, beginning with the accuracy within sampling periods."""
-    whole, gaps = report(run), anytime.anytime(Measurements(run.rows(ONESHOT), run.times()))
+    whole, gaps = report(run), anytime.anytime(Measurements.of(run))
     *others, first = whole.figures
     return replace(
         whole,

@@ -12,14 +12,13 @@ from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
 from bench.races.oneshot.blocks import Measurement
 from bench.timing.percentiles import percentile
-from bench.timing.schedule import PERIOD_US
 
 
 def row_of(problem: RaceProblem, task: Task, measured: Measurement) -> Row:
     """The row of a task.
 
-    ``periods`` is the duration of an answer in sampling periods: the number of steps of a method that does one step a
-    sample, else the median of update and solve over 125 µs. A percentile is NaN if the sample is too small for it.
+    ``periods`` is the number of steps of a method that does one step a sample, else NaN. A percentile is NaN if the
+    sample is too small for it.
     """
     outcome = measured.outcome
     judgement = replace(judge(problem, task.scaling, outcome), timed_gap=measured.timed_gap)
@@ -48,7 +47,7 @@ def row_of(problem: RaceProblem, task: Task, measured: Measurement) -> Row:
         "samples": int(solve.size),
         "interleaved_us_p50": np.nan,
         "interleaved_us_p99": np.nan,
-        "periods": float(steps) if steps else (median(update) + median(solve)) / PERIOD_US,
+        "periods": float(steps) if steps else np.nan,
         "reported_us": outcome.reported_us,
         "iterations": outcome.iterations,
         "mutates_input": outcome.mutated,
