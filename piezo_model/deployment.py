@@ -16,9 +16,10 @@ from piezo_model.atomic_file import write_text
 from piezo_model.json_file import Number, packed
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
-from solvers import Lane, Tier
+from solvers import Lane
 from solvers.protocol import setting_text
 
+TIERS = ("default", "low", "mid", "high", "exact")
 Model = TypeVar("Model", HysteresisCreepModel, ModelFile)
 
 
@@ -34,8 +35,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     solver: str
     lane: Lane
     """Name of the solver for ``solvers.get``."""
-    tier: Tier
-    """Accuracy that its answers reached."""
+    tier: str
+    """Accuracy that its answers reached, one of TIERS."""
     settings: dict[str, Any]
     """A rung of the solver's ladder for a problem with the constant c = 1; other problems scale it by their own c."""
     mode: Mode
@@ -47,7 +48,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     def __post_init__(self) -> None:
         if self.solver == "recursive_active_set":  # in stored races and files; both are exact and have no settings
             self.solver = "box_active_set"
-        self.lane, self.tier = Lane(self.lane), Tier(self.tier)
+        self.lane = Lane(self.lane)
+        checks.one_of(TIERS, tier=self.tier)
         self.x_limits = LearningSettings(  # type: ignore[assignment]
             solver=self.solver, x_limits=self.x_limits, mode=self.mode, solver_options=self.options
         ).x_limits

@@ -1,13 +1,13 @@
 from .batch import BoxBatch
-from .protocol import Lane, Solver, Status, Tier, Unsupported
+from .least_squares import BoxLeastSquares
+from .protocol import Lane, Solver, Unsupported
 from .registry import add_file, available, describe, entries, find, from_file, get
 
 __all__ = [
     "BoxBatch",
+    "BoxLeastSquares",
     "Lane",
     "Solver",
-    "Status",
-    "Tier",
     "Unsupported",
     "add_file",
     "available",

@@ -10,7 +10,7 @@ The file of an adapter declares the properties of its library and has up to four
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, NoReturn
 
 import numpy as np
 from qpsolvers import Problem, Solution
@@ -66,9 +66,13 @@ class LibrarySolver(Solver):
     """Beginnings of the status after a solve that the iteration limit ended."""
     why_refused: ClassVar[str] = ""
     """Possible reasons of a refusal by ``refuse``, beginning with a colon."""
+    takes_data: ClassVar[bool] = False
+    """Whether ``pass_data`` is all that the library needs of new data; then it gets the caller's arrays without a copy,
+    and only ``solution`` refers to them later."""
     program: Program
     rows: Any
     found: bool = False
+    _ready: bool = False
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -90,14 +94,17 @@ class LibrarySolver(Solver):
         if self.bounds_only:
             only_box(problem, self.name)
         self.program = p = Program(problem)
+        if np.isnan(p.lb).any() or np.isnan(p.ub).any():
+            raise ValueError(f"{self.name}: a bound must not be NaN")
         if self.refuses_crossing and np.any(p.lb > p.ub):
             raise Unsupported(
                 f"{self.name} refuses bounds that cross, and a lower bound of the problem is above its upper one"
             )
         if self.refuses_fixed and np.any(p.lb == p.ub):
             raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
-        self.rows = self.form(p)
+        self.rows, self.found, self._ready = self.form(p), False, False
         self.build(p, self.rows)
+        self._ready = True
 
     @abstractmethod
     def build(self, p: Program, rows: Any) -> None:
@@ -111,11 +118,21 @@ class LibrarySolver(Solver):
         """Call the library, from a contiguous ``warm_start`` (d,) or cold; x (d,), or None if it found no answer."""
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Copy P (d, d) and q (d,) into the program and pass them on."""
-        self.pass_data(*self.program.take(P, q))
+        """Pass P (d, d) and q (d,) on, of any strides; a refusal of their numbers holds until the next good update."""
+        if not self._ready and not hasattr(self, "rows"):
+            self._refuse_to_work()
+        data = self.program.take(P, q, copy=not self.takes_data)
+        self.found = self._ready = False
+        self.pass_data(*data)
+        self._ready = True
+
+    def _refuse_to_work(self) -> NoReturn:
+        raise ValueError(f"{self.name} is not ready until the next good update or setup")
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the library's answer, NaN if it found none."""
+        """Return the library's answer, NaN if it found none; ValueError without data that the library took."""
+        if not self._ready:
+            self._refuse_to_work()
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
         x = self.run(start)
         self.found = x is not None

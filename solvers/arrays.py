@@ -25,6 +25,17 @@ def reals(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(array, dtype=np.float64, order="C")
 
 
+def shaped(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """An argument of this shape as doubles in C order, itself if it is that; ValueError if it is not."""
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous:
+        array = values
+    else:
+        array = reals(name, values)
+    if array.shape != shape:
+        raise ValueError(f"{name} must be of shape {shape}, and not {array.shape}")
+    return array
+
+
 def read_only(values: ArrayLike) -> NDArray[np.float64]:
     """A copy, as an array of doubles that cannot be written to."""
     array = np.array(values, dtype=np.float64)

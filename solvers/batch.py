@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.arrays import Matrix, reals
+from solvers.arrays import Matrix, shaped
 from solvers.core import OK, REASONS, bindings, block, padded
 
 MOST_VARIABLES = 1000
@@ -76,7 +76,7 @@ class BoxBatch:
 
         Parameters
         ----------
-        P : array, shape (B, d, d)
+        P : array, shape (B, d, d), or (d, d) for one that all programs share
             Symmetric and positive semidefinite; arrays other than float64 in C order are copied.
         q, lb, ub : array, shape (B, d)
             Bounds may be infinite on their open side.
@@ -92,11 +92,10 @@ class BoxBatch:
         ValueError
             An array has a wrong shape or is not of real numbers.
         """
-        count = len(q)
-        matrices = _shaped("P", P, (count, self.d, self.d)).reshape(count, self.d * self.d)
-        linear, *bounds = (
-            _shaped(name, values, (count, self.d)) for name, values in (("q", q), ("lb", lb), ("ub", ub))
-        )
+        count, *_ = np.shape(q) or (0,)
+        linear, *bounds = (shaped(name, values, (count, self.d)) for name, values in (("q", q), ("lb", lb), ("ub", ub)))
+        shape = (self.d, self.d) if np.ndim(P) == 2 else (count, self.d, self.d)
+        matrices = shaped("P", P, shape).reshape(-1, self.d * self.d)
         x, self.statuses = np.empty((count, self.d)), np.empty(count, np.int32)
 
         def solve_chunk(first: int, last: int) -> None:
@@ -123,17 +122,9 @@ class BoxBatch:
 
     def reason(self, b: int) -> str:
         """Why program b of the last batch has no answer, in a sentence; "" if it has one."""
-        return REASONS.get(int(self.statuses[b]), "")
+        return "" if self.statuses[b] == OK else REASONS[int(self.statuses[b])]
 
 
 def usable_cores() -> int:
     """Number of cores that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _shaped(name: str, values: Matrix, shape: tuple[int, ...]) -> Matrix:
-    """Values as doubles; ValueError if they have another shape or are not real."""
-    taken = reals(name, values)
-    if taken.shape != shape:
-        raise ValueError(f"{name} must be of shape {shape}, one program a row as in q, and not {taken.shape}")
-    return taken

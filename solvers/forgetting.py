@@ -3,7 +3,7 @@
     P ← λ P + (1 − λ) ξ ξᵀ,    q ← λ q + (1 − λ) ξ x,    c ← λ c + (1 − λ) ½ x²      for each row (ξ, x)
 
 is the mean of the squared errors ½ (vᵀξ + x)² with exponentially decaying weights; the weight of a row decays to 1/e
-after 1/(1 − λ) rows. On a stream of data, solvers get P and q from this update, except those that take rows themselves.
+after 1/(1 − λ) rows. On a stream of data, solvers get P and q from this update.
 
 Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
 """

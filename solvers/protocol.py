@@ -24,6 +24,7 @@ from qpsolvers import Problem, Solution
 from solvers.arrays import Matrix as Matrix
 from solvers.arrays import Nanoseconds as Nanoseconds
 from solvers.arrays import Vector as Vector
+from solvers.arrays import shaped
 from solvers.timed_calls import Timings as Timings
 
 
@@ -41,63 +42,6 @@ class Lane(StrEnum):
     CODEGEN = "codegen"
     """C that a library generates for embedded systems, all compiled alike, no Python call per solve; raced on
     request."""
-
-
-class Tier(StrEnum):
-    """The accuracy that an answer must reach, the same for all solvers."""
-
-    DEFAULT = "default"
-    """The library's own settings."""
-    LOW = "low"
-    """Relative cost gap 1e-3."""
-    MID = "mid"
-    """Relative cost gap 1e-6."""
-    HIGH = "high"
-    """Relative cost gap 1e-9."""
-    EXACT = "exact"
-    """Relative cost gap 1e-12."""
-    STAGE = "stage"
-    """The stage does not notice: on unseen data the error of the model exceeds that of the exact optimum by at most 1 %
-    of the sensor noise."""
-
-
-class Status(StrEnum):
-    """How a task ended. A faulty adapter is never reported as a failing solver."""
-
-    OK = "ok"
-    """The answer has the required accuracy."""
-    MISSED = "missed"
-    """The solver reports success, but the answer misses the required accuracy."""
-    SOLVER_FAILED = "solver_failed"
-    """The solver itself reports that it found no answer."""
-    ADAPTER_FAILED = "adapter_failed"
-    """The adapter or the library's interface raised an exception."""
-    UNSUPPORTED = "unsupported"
-    """The solver cannot take a problem of this form."""
-    CRASHED = "crashed"
-    """The process died."""
-    TIMED_OUT = "timed_out"
-    """The process was stopped at its time limit."""
-    OUT_OF_MEMORY = "out_of_memory"
-    """The process was stopped at its memory limit."""
-    LAZY = "lazy"
-    """The solver returned an object that is evaluated later, not an array."""
-    STALE = "stale"
-    """A timed answer belongs to other data."""
-    ERRATIC = "erratic"
-    """The first answer is right, but most timed answers are wrong."""
-    CACHED = "cached"
-    """The solver answers repeated data much faster."""
-    MISTIMED = "mistimed"
-    """Its reported times are impossible: zero, or inconsistent with the clocks of the parent process."""
-    PEEKED = "peeked"
-    """Its process read files of the race."""
-    TAMPERED = "tampered"
-    """Its process replaced functions that time it or transfer its answers."""
-    NOT_RUN = "not_run"
-    """A looser setting of the same solver crashed, was stopped or took too long on this problem."""
-    LATE = "late"
-    """The answer is right, but came after its deadline."""
 
 
 class Unsupported(Exception):
@@ -186,8 +130,6 @@ class Solver(Entrant):
 
     name: ClassVar[str]
     lane: ClassVar[Lane]
-    takes_rows: ClassVar[bool] = False
-    """Whether ``append`` takes data row by row; the solver then has the setting ``forgetting``."""
     iteration_setting: ClassVar[str | None] = None
     """Name of the setting that limits the iterations of one solve, if ``iterate`` returns the iterate at the limit."""
 
@@ -207,15 +149,12 @@ class Solver(Entrant):
 
     @abstractmethod
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new data of the same structure; None for data that stay."""
+        """Take new data of the same structure; None for data that stay. ``solve`` does not depend on later changes of
+        the arrays, though ``solution`` of a library's adapter may."""
 
     @abstractmethod
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), valid until the next call."""
-
-    def append(self, row: Vector, target: float) -> None:
-        """Add the squared error ½ (vᵀξ + x)² of a row ξ (d,) and a number x to the cost, in place of ``update``."""
-        raise Unsupported(f"{self.name} takes no rows")
 
     def iterate(self) -> Vector | None:
         """Return the last iterate, shape (d,), if the iteration limit ended the last solve; None after any other end.
@@ -231,7 +170,7 @@ class Solver(Entrant):
         -------
         answers : array (N, d)
         nanoseconds : array (N,)
-            Time of each row, without :func:`solvers.forgetting.absorb` unless that is part of the solver.
+            Time of each row, without :func:`solvers.forgetting.absorb`.
         """
         raise Unsupported(f"{self.name} has no compiled loop over rows")
 
@@ -256,18 +195,21 @@ class Solver(Entrant):
 
 
 def dense(problem: Problem) -> tuple[Matrix, Vector]:
-    """P (d, d) and q (d,) of a problem as new C-contiguous float64 arrays; :class:`Unsupported` if d = 0."""
-    if problem.q.size == 0:
+    """P (d, d) and q (d,) of a problem as new C-contiguous float64 arrays; :class:`Unsupported` if d = 0, ValueError
+    for another shape or type."""
+    d = problem.q.size
+    if d == 0:
         raise Unsupported("a problem without variables has nothing to solve")
     P = problem.P if isinstance(problem.P, np.ndarray) else problem.P.toarray()
-    return np.array(P, dtype=np.float64, order="C"), np.array(problem.q, dtype=np.float64)
+    return shaped("P", P, (d, d)).copy(), shaped("q", problem.q, (d,)).copy()
 
 
 def box(problem: Problem) -> tuple[Vector, Vector]:
-    """Bounds lb, ub of a problem, shape (d,), infinite for a variable without one."""
-    d = problem.q.shape[0]
-    lb = np.full(d, -np.inf) if problem.lb is None else np.array(problem.lb, dtype=np.float64)
-    ub = np.full(d, np.inf) if problem.ub is None else np.array(problem.ub, dtype=np.float64)
+    """Bounds lb, ub of a problem, shape (d,), infinite for a variable without one; ValueError for another shape or
+    type."""
+    d = problem.q.size
+    given = (("lb", problem.lb, -np.inf), ("ub", problem.ub, np.inf))
+    lb, ub = (np.full(d, none) if side is None else shaped(name, side, (d,)).copy() for name, side, none in given)
     return lb, ub
 
 

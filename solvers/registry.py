@@ -2,9 +2,8 @@
 
 A new file is enough to race a solver; one written for this project is also named in ``OURS``. A module is imported only
 when its solver is used, since some libraries cannot share a process; a solver whose library is not installed is
-reported as absent with the reason. A file for many solvers has the function ``make(name)``: ``solvers/<lane>_lane.py``
-for a whole lane (qpsolvers, cvxpy), with the table ``BACKENDS``, or ``<family>.py`` in a folder, for each of the
-``<family>_<solver>.c`` beside it.
+reported as absent with the reason. ``solvers/<lane>_lane.py`` is the file of a whole lane (qpsolvers, cvxpy), with the
+table ``BACKENDS`` and the function ``make(name)``.
 
 Other packages add solvers by entry points of the group ``piezobench.solvers``. The name of an entry point is lane and
 name of the solver (lane direct by default), its value is the class:
@@ -41,7 +40,7 @@ OURS = frozenset(
         "recursive_active_set",
     }
 )
-"""Solvers that were written for this project, those of batches included."""
+"""Solvers that were written for this project, those of batches and of older runs (recursive_active_set) included."""
 _added: list[Entry] = []
 
 
@@ -190,8 +189,7 @@ def _own_entries() -> Iterator[Entry]:
     for lane in Lane:
         if lane in FOLDERS:
             for file in sorted((here / lane).glob("[a-z]*.py")):
-                family = sorted((here / lane).glob(f"{file.stem}_*.c"))
-                yield from (Entry(each.stem, lane, f"solvers.{lane}.{file.stem}") for each in family or [file])
+                yield Entry(file.stem, lane, f"solvers.{lane}.{file.stem}")
                 # ours can be called from Python as well
                 if lane is Lane.KERNEL and file.stem in OURS:
                     yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")

@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.arrays import Mask
+from solvers.arrays import Mask, shaped
+from solvers.core import bindings
 from solvers.protocol import Matrix, Vector, box, dense
 
 Index = NDArray[np.int32]
 
 
 class Program:
-    """Copies of the arrays of a problem, contiguous and never moved, so that a library may keep pointers to them.
+    """The arrays of a problem, contiguous: at first copies, so that a library may keep pointers to them.
 
     Parameters
     ----------
@@ -69,14 +70,28 @@ class Program:
         """The sparsity pattern of the upper triangle of P."""
         return Triangle(self.d)
 
-    def take(self, P: Matrix | None, q: Vector | None) -> tuple[Matrix | None, Vector | None]:
-        """Copy new P (d, d) and q (d,) of any strides; returns this program's arrays, None for data that stay."""
+    def take(self, P: Matrix | None, q: Vector | None, copy: bool) -> tuple[Matrix | None, Vector | None]:
+        """Take new P (d, d) and q (d,), by copying them into this program's arrays, which stay in place, or by keeping
+        arrays that are contiguous doubles themselves; returns this program's arrays, None for data that stay.
+
+        Raises
+        ------
+        ValueError
+            An array has another shape or is not of real numbers; then nothing is taken.
+        """
+        try:
+            if copy:
+                bindings.copy_data(self.P, self.q, P, q)
+            else:
+                bindings.check_data(self.q, P, q)
+        except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
+            P = None if P is None else shaped("P", P, self.P.shape)
+            q = None if q is None else shaped("q", q, self.q.shape)
+            return self.take(P, q, copy)
         if P is not None:
-            self.P[:] = P
-            P = self.P
+            P = self.P = self.P if copy else P
         if q is not None:
-            self.q[:] = q
-            q = self.q
+            q = self.q = self.q if copy else q
         return P, q
 
     def no_answer(self) -> Vector:
@@ -188,6 +203,10 @@ class Triangle:
     def values(self, P: Matrix) -> Vector:
         """The stored values of a symmetric matrix P (d, d), column by column, as a new array."""
         return P.take(self._flat)
+
+    def fill(self, matrix: csc_matrix, P: Matrix) -> None:
+        """Write the values of P into a matrix made by :meth:`matrix`."""
+        P.take(self._flat, out=matrix.data)
 
     def matrix(self, P: Matrix) -> csc_matrix:
         """This triangle of P as a sparse matrix with arrays of its own, since osqp overwrites its input."""

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
+from bench.messages.verdict import Status, Tier
 from bench.races.oneshot.report import HEADINGS
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
-from solvers import Lane, Status, Tier
+from solvers import Lane
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))

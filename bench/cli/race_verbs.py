@@ -25,6 +25,7 @@ from bench.cli.options import (
     refuse,
 )
 from bench.messages.race_error import RaceError
+from bench.messages.verdict import Tier
 from bench.problems import ProblemSetError
 from bench.processes.engine import Backend, Workers
 from bench.processes.forked_child import warm_up
@@ -44,7 +45,7 @@ from bench.report.console import (
 from bench.report.report import Report
 from bench.store import Run, RunError
 from bench.timing import machine
-from solvers import Lane, Tier, entries
+from solvers import Lane, entries
 from solvers.registry import OURS
 
 RESULTS = Path("results")

@@ -35,9 +35,9 @@ from scipy.stats import median_abs_deviation
 from bench.derived.accuracy import CHEATS, MEASURED, right
 from bench.derived.measurements import WAYS, Measurements, by_task
 from bench.derived.tier_settings import LANE, tier_settings
+from bench.messages.verdict import Status, Tier
 from bench.store import Run, RunError
 from bench.timing.clock import Effort
-from solvers import Status, Tier
 
 SMALLEST = 1.2
 """Default of the smallest ratio of times that matters."""

@@ -10,6 +10,7 @@ import pandas as pd
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
 from bench.derived.ranking import TIER_NAMES
+from bench.messages.verdict import Tier
 from bench.report.console import plain_json
 from bench.report.plot import ROW, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
@@ -17,7 +18,6 @@ from bench.report.words import OURS_NOTE, joined, marked, solver_lanes
 from bench.report.writing import write_report
 from bench.store import RunFile
 from piezo_model.atomic_file import write_text
-from solvers import Tier
 
 FORMAT, VERSION = "piezobench-comparison", 4
 HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "problems", "tiers")

@@ -16,12 +16,13 @@ from bench.derived.accuracy import TOLERANCE
 from bench.derived.measurements import Microseconds
 from bench.derived.tier_settings import choice
 from bench.derived.tier_settings import margin as margin_of
+from bench.messages.verdict import Tier
 from bench.report.words import marked, settings_label
 from bench.timing.percentiles import Percentile, percentile
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from piezo_model.learning.solving import require_setting
-from solvers import Lane, Tier, find
+from solvers import Lane, find
 
 QUANTILES = (0.999, 0.99, 0.5)
 """The first one for which every qualified candidate has enough calls decides."""
@@ -168,8 +169,8 @@ class Candidate:
             find(self.solver, self.lane)
         except KeyError:
             return (
-                "comes from a solver file of your own, and a compensator can start only solvers that are installed "
-                "with piezobench"
+                "comes from a solver file of your own or an older version, and a compensator can start only solvers "
+                "that are installed with piezobench"
             )
         try:
             require_setting(it.setting, self.solver, self.lane)

@@ -13,7 +13,7 @@ import math
 
 import pandas as pd
 
-from solvers import Status, Tier
+from bench.messages.verdict import Status, Tier
 
 TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9, Tier.EXACT: 1e-12}
 """Largest relative cost gap and violation."""

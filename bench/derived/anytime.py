@@ -20,10 +20,10 @@ from bench.derived.measurements import FLOOR, Measurements
 from bench.derived.pictures import ranked
 from bench.derived.ranking import PACE, PAPER, with_pace
 from bench.derived.tier_settings import PROBLEM
+from bench.messages.verdict import Status, Tier
 from bench.report.plot import LEAST_GAP
 from bench.report.report import Table
 from bench.report.words import OURS_NOTE, gap, solver_lanes
-from solvers import Status, Tier
 
 BUDGETS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000, 15_200)
 """Sampling periods; the last one is the paper's 1.9 s."""

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.measurements import WAYS, Measurements, by_task
+from bench.messages.verdict import Tier
 from bench.report.words import marked
-from solvers import Tier
 from solvers.registry import OURS
 
 COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from bench.derived.accuracy import applies, measured, right, tainted
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import LANE, tier_settings
+from bench.messages.verdict import Status, Tier
 from bench.store import Run, RunError
 from bench.timing.schedule import PERIOD_US
-from solvers import Status, Tier
 
 FLOOR = "null"
 """Name of the solver that does nothing."""

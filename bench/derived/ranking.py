@@ -15,9 +15,10 @@ import pandas as pd
 from bench.derived.accuracy import worst
 from bench.derived.measurements import Measurements
 from bench.derived.tier_settings import PROBLEM, TARGETS
+from bench.messages.verdict import Status, Tier
 from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number
-from solvers import Lane, Status, Tier
+from solvers import Lane
 from solvers.registry import FAMILIES
 
 PAPER = "projected_difference"

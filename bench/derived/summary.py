@@ -12,9 +12,9 @@ from bench.derived.accuracy import worst
 from bench.derived.measurements import FLOOR as NULL
 from bench.derived.measurements import Measurements, by_task, pooled
 from bench.derived.tier_settings import LANE
+from bench.messages.verdict import Status, Tier
 from bench.report.words import settings_label
 from bench.timing.percentiles import percentile
-from solvers import Status, Tier
 from solvers.registry import OURS
 
 GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "setting", "start"]

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import applies, error, measured, tainted
-from solvers import Tier
+from bench.messages.verdict import Tier
 
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
 MARGINS = (10.0, 3.0, 1.0)

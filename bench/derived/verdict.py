@@ -17,9 +17,10 @@ from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, TIER_NAMES, Line, of_paper, ranking
 from bench.derived.tier_settings import FEWEST
 from bench.derived.wrapper_share import REPORTING, in_lane_direct
+from bench.messages.verdict import Tier
 from bench.report.words import format_distinct, joined, marked, number, percent, rounded, settings_label, solver_lanes
 from piezo_model.json_file import decoded
-from solvers import Lane, Tier
+from solvers import Lane
 from solvers.registry import FAMILIES, OURS
 
 GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)

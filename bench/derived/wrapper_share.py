@@ -9,8 +9,9 @@ import pandas as pd
 
 from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
+from bench.messages.verdict import Tier
 from piezo_model.json_file import decoded
-from solvers import Lane, Tier
+from solvers import Lane
 from solvers.registry import FAMILIES
 
 OTHER_NAMES = {"highs": "highspy", "proxqp": "proxsuite"}

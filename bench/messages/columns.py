@@ -13,8 +13,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import parquet
 
+from bench.messages.verdict import Tier
 from piezo_model.json_file import decoded
-from solvers.protocol import Lane, Tier
+from solvers.protocol import Lane
 
 TEXT, COUNT, FLAG = pa.large_string(), pa.int64(), pa.bool_()
 SHARED = {

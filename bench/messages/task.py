@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from bench.messages.verdict import Tier
 from solvers.arrays import Vector
-from solvers.protocol import Lane, Nanoseconds, Solver, Tier, Unsupported, setting_text
+from solvers.protocol import Lane, Nanoseconds, Solver, Unsupported, setting_text
 from solvers.registry import Described
 
 if TYPE_CHECKING:  # a child needs tasks and no model

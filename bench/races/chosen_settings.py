@@ -19,9 +19,9 @@ from bench.derived.tier_settings import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError
 from bench.messages.task import Setting, settings_of, tightest
+from bench.messages.verdict import Tier
 from bench.store import Run
 from piezo_model.atomic_file import replacing
-from solvers import Tier
 from solvers.registry import Described
 
 SCALING = "scaled"

@@ -19,9 +19,9 @@ from qpsolvers import Solution
 
 from bench.messages.solver_info import amount
 from bench.messages.task import Outcome
+from bench.messages.verdict import Status
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
-from solvers import Status
 from solvers.certificate import exact_cost_gap
 from solvers.protocol import Vector
 

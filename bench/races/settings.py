@@ -5,12 +5,13 @@ from typing import Annotated, Any, TypeVar
 
 from msgspec import Meta
 
+from bench.messages.verdict import Tier
 from bench.problems.protocol import SCALINGS
 from bench.store import Run, RunError
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import brief, convert
-from solvers import Lane, Tier
+from solvers import Lane
 
 LANES = tuple(lane for lane in Lane if lane is not Lane.CODEGEN)
 """Default lanes: those whose solvers need not be built first."""

@@ -27,7 +27,7 @@ CYCLES = 5
 WAYS: dict[str, tuple[Mode, str]] = {
     "cyclic, projected": ("cyclic", "projected_difference"),
     "cyclic, exact": ("cyclic", "box_active_set"),
-    "continuous": ("continuous", "recursive_active_set"),
+    "continuous": ("continuous", "box_active_set"),
 }
 """Mode and solver."""
 
@@ -39,7 +39,7 @@ def learner_of(situation: Situation, way: str, n: int = 5, m: int = 3, **options
     state = OperatorState.settled_at(structure, situation.x_limits[0], came_from="above")
     return SelfLearningCompensator(
         structure,
-        solver="box_active_set" if mode == "continuous" else solver,
+        solver=solver,
         mode=mode,
         x_limits=situation.x_limits,
         state=state,

@@ -15,7 +15,7 @@ LONGEST_S = 1e9
 MOST_SAMPLES = 2**53
 """Largest number of samples for a solve."""
 Mode = Literal["cyclic", "continuous"]
-EXACT_SOLVERS = ("projected_difference", "box_active_set", "recursive_active_set")
+EXACT_SOLVERS = ("projected_difference", "box_active_set")
 """Solvers that continuous operation replaces by the core's exact solver: the default, and the exact ones."""
 
 MIN_SLOPE = 0.1

@@ -70,35 +70,14 @@ def library(key: Iterable[bytes], generate: Callable[[Path], Sources]) -> ctypes
         return ctypes.CDLL(copy.name)
 
 
-def run(command: Iterable[str | Path], folder: Path) -> None:
-    """Run a compiler or build tool; BuildError has its first error."""
-    words = [str(word) for word in command]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        output = done.stderr.strip() or done.stdout.strip()
-        first = next((line for line in output.splitlines() if "error" in line.lower()), output[:200])
-        raise BuildError(f"{Path(words[0]).name} does not build the embedded solver: {first}")
-
-
 def _compile(sources: Sources, folder: Path, target: Path) -> None:
-    run(
-        [
-            COMPILER,
-            *FLAGS,
-            *_LINK,
-            f"-I{folder}",
-            f"-I{HERE}",
-            *sources.options,
-            f"-I{KERNEL}",
-            f"-I{CORE}",
-            *sources.files,
-            HERE / "timed_functions.c",
-            "-o",
-            target,
-            "-lm",
-        ],
-        folder,
-    )
+    includes = [*(f"-I{each}" for each in (folder, HERE)), *sources.options, f"-I{KERNEL}", f"-I{CORE}"]
+    files = [*sources.files, HERE / "timed_functions.c"]
+    command = [COMPILER, *FLAGS, *_LINK, *includes, *map(str, files), "-o", str(target), "-lm"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        first = next((line for line in done.stderr.splitlines() if "error" in line.lower()), done.stderr[:200])
+        raise BuildError(f"{Path(COMPILER).name} does not build the embedded solver: {first}")
 
 
 def _cache() -> Path:

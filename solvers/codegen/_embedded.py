@@ -76,8 +76,6 @@ class Embedded(CompiledLibrary):
     default."""
     compiled_in: ClassVar[tuple[str, ...]] = ()
     """The settings that ``generate`` writes into the C."""
-    glue: ClassVar[tuple[str, ...]] = ()
-    """Further C files of this folder that it needs; <name>.c implements ``embedded.h`` by the generated C."""
 
     @abstractmethod
     def generate(self, shape: Shape, folder: Path) -> Sources:
@@ -95,7 +93,8 @@ class Embedded(CompiledLibrary):
         self._library = library(self._key(shape), lambda folder: self.sources(shape, folder))
         self._library.embedded_status.restype = ctypes.c_char_p
         values = np.array([float({**self.parameters, **self.settings}[name]) for name in self.parameters])
-        self._library.embedded_setup(address(p.lb), address(p.ub), address(values))
+        if self._library.embedded_setup(address(p.lb), address(p.ub), address(values)):
+            raise ValueError(f"{self.name} refuses the bounds")
         self.bind(loop=Loop.in_dll(self._library, "library_embedded"))
         self.pass_data(p.P, p.q)
 
@@ -121,8 +120,7 @@ class Embedded(CompiledLibrary):
         """All C of this solver for problems of this shape; generated files are written to ``folder``."""
         (folder / "problem.h").write_text(shape.header(), encoding="utf-8")
         written = self.generate(shape, folder)
-        files = (HERE / name for name in (f"{self.name}.c", *self.glue))
-        return Sources((*written.files, *files), written.options)
+        return Sources((*written.files, HERE / f"{self.name}.c"), written.options)  # which implements ``embedded.h``
 
 
 class OurOwn(Embedded):

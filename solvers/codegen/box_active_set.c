@@ -7,23 +7,27 @@ static union {
     char bytes[MEMORY_BYTES];
 } memory __attribute__((aligned(64)));
 static Box solver;
-static int status;
+static int refused = NOT_FINITE, taken = NOT_FINITE, status; /* of set-up, update and solve; at first without data */
 
-void embedded_setup(const double *lb, const double *ub, const double *settings)
+int embedded_setup(const double *lb, const double *ub, const double *settings)
 {
     (void)settings;
-    status = box_setup(&memory, D, lb, ub);
+    taken = NOT_FINITE;
+    refused = box_setup(&memory, D, lb, ub);
     solver = box_at(&memory);
+    return refused;
 }
 
-void embedded_update(const double *P, const double *q) { status = box_set_data(&solver, P, q); }
+void embedded_update(const double *P, const double *q)
+{
+    taken = refused != OK ? refused : box_set_data(&solver, P, q);
+}
 
 int embedded_solve(const double *start)
 {
-    if (start != NULL) {
-        status = box_start(&solver, start);
-    }
-    return status == OK || status == UNBOUNDED ? (status = box_solve(&solver, start != NULL)) : status;
+    status = taken == OK && start != NULL ? box_start(&solver, start) : taken;
+    status = status == OK ? box_solve(&solver, start != NULL) : status;
+    return status;
 }
 
 void embedded_answer(double *x) { memcpy(x, solver.answer, D * sizeof(double)); }

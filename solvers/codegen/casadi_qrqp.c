@@ -11,10 +11,11 @@ static double *results[qp_SZ_RES], reals[qp_SZ_W];
 static casadi_int integers[qp_SZ_IW];
 static int status;
 
-void embedded_setup(const double *lb, const double *ub, const double *settings)
+int embedded_setup(const double *lb, const double *ub, const double *settings)
 {
     memcpy(low, lb, sizeof low);
     memcpy(high, ub, sizeof high);
+    return 0;
 }
 
 void embedded_update(const double *P, const double *q)

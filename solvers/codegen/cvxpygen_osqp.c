@@ -1,15 +1,81 @@
-/* OSQP behind CVXPYgen. */
-#include "cvxpygen.h"
+/* The functions of embedded.h by the C that CVXPYgen writes around OSQP. */
+#include "cpg_solve.h"
+#include "embedded.h"
 
-int found(void) { return solver.info->status_val == OSQP_SOLVED; }
+#include <float.h>
+#include <math.h>
+#include <string.h>
 
-void choose_tolerance(double tolerance)
+/* S with S'S = P, upper triangular; its row is zero if the pivot of P is zero to rounding. */
+static void square_root(const double *P, double S[D][D])
 {
-    cpg_set_solver_eps_abs(tolerance);
-    cpg_set_solver_eps_rel(tolerance);
-    cpg_set_solver_max_iter(200000);
+    for (int i = 0; i < D; ++i) {
+        double row[D];
+        for (int j = i; j < D; ++j) {
+            row[j] = P[i * D + j];
+        }
+        for (int k = 0; k < i; ++k) {
+            for (int j = i; j < D; ++j) {
+                row[j] -= S[k][i] * S[k][j];
+            }
+        }
+        const double pivot = row[i] > D * DBL_EPSILON * P[i * D + i] ? 1 / sqrt(row[i]) : 0;
+        for (int j = i; j < D; ++j) {
+            S[i][j] = row[j] * pivot;
+        }
+    }
 }
 
-void forget(void) { osqp_cold_start(&solver); }
+int embedded_setup(const double *lb, const double *ub, const double *settings)
+{
+    if (settings[0] > 0) {
+        cpg_set_solver_eps_abs(settings[0]);
+        cpg_set_solver_eps_rel(settings[0]);
+        cpg_set_solver_max_iter(200000);
+    }
+    for (int k = 0; k < BELOW; ++k) {
+        UPDATE_LOWER(k, lb[below[k]]);
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        UPDATE_UPPER(k, ub[above[k]]);
+    }
+    return 0;
+}
+
+void embedded_update(const double *P, const double *q)
+{
+    static double S[D][D];
+    square_root(P, S);
+    for (int i = 0, k = 0; i < D; ++i) {
+        for (int j = i; j < D; ++j) {
+            cpg_update_S(k++, S[i][j]);
+        }
+    }
+    for (int i = 0; i < D; ++i) {
+        cpg_update_q(i, q[i]);
+    }
+}
+
+int embedded_solve(const double *start)
+{
+    osqp_cold_start(&solver);
+    cpg_solve();
+    return solver.info->status_val != OSQP_SOLVED;
+}
+
+void embedded_answer(double *x) { memcpy(x, CPG_Result.prim->x, D * sizeof *x); }
+
+void embedded_multipliers(double *z)
+{
+    memset(z, 0, D * sizeof *z);
+    for (int k = 0; k < BELOW; ++k) {
+        z[below[k]] -= CPG_Result.dual->DUAL_LOWER[k];
+    }
+    for (int k = 0; k < ABOVE; ++k) {
+        z[above[k]] += CPG_Result.dual->DUAL_UPPER[k];
+    }
+}
 
 const char *embedded_status(void) { return solver.info->status; }
+
+int embedded_iterations(void) { return (int)CPG_Result.info->iter; }

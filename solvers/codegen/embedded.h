@@ -10,8 +10,9 @@
 
 #include "problem.h"
 
-/* Take the bounds lb, ub (D) and the settings of the solver, in the order of its Python class. */
-void embedded_setup(const double *lb, const double *ub, const double *settings);
+/* Take the bounds lb, ub (D), none of them NaN, and the settings of the solver, in the order of its Python class; 0
+ * unless they are refused, after which nothing is solved. */
+int embedded_setup(const double *lb, const double *ub, const double *settings);
 /* Take P (D x D, row by row, symmetric) and q (D). */
 void embedded_update(const double *P, const double *q);
 /* Solve, from `start` (D) or cold if that is NULL; 0 if the solver reports success. */

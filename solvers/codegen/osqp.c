@@ -7,7 +7,7 @@
 
 static OSQPFloat triangle[D * (D + 1) / 2], low[BOUNDED], high[BOUNDED], zero_x[D], zero_y[BOUNDED];
 
-void embedded_setup(const double *lb, const double *ub, const double *settings)
+int embedded_setup(const double *lb, const double *ub, const double *settings)
 {
     if (settings[0] > 0) {
         OSQPSettings wanted = *solver.settings;
@@ -21,6 +21,7 @@ void embedded_setup(const double *lb, const double *ub, const double *settings)
         high[k] = fmin(ub[bounded[k]], OSQP_INFTY);
     }
     osqp_update_data_vec(&solver, OSQP_NULL, low, high);
+    return 0;
 }
 
 void embedded_update(const double *P, const double *q)

@@ -10,17 +10,22 @@ static union {
 static ProjectedGradient solver;
 static double ratio;
 static long steps;
-static int status;
+static int refused = NOT_FINITE, status = NOT_FINITE; /* of set-up and update; at first without data */
 
-void embedded_setup(const double *lb, const double *ub, const double *settings)
+int embedded_setup(const double *lb, const double *ub, const double *settings)
 {
     steps = (long)settings[0];
     ratio = settings[1];
-    status = descent_setup(&memory, D, lb, ub);
+    status = NOT_FINITE;
+    refused = descent_setup(&memory, D, lb, ub);
     solver = descent_at(&memory);
+    return refused;
 }
 
-void embedded_update(const double *P, const double *q) { status = descent_set_data(&solver, P, q, ratio, 0); }
+void embedded_update(const double *P, const double *q)
+{
+    status = refused != OK ? refused : descent_set_data(&solver, P, q, ratio, 0);
+}
 
 int embedded_solve(const double *start)
 {

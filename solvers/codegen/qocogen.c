@@ -5,7 +5,7 @@
 
 static Workspace work;
 
-void embedded_setup(const double *lb, const double *ub, const double *settings)
+int embedded_setup(const double *lb, const double *ub, const double *settings)
 {
     double right[BELOW + ABOVE];
     set_default_settings(&work);
@@ -21,6 +21,7 @@ void embedded_setup(const double *lb, const double *ub, const double *settings)
         right[BELOW + k] = ub[above[k]];
     }
     update_h(&work, right);
+    return 0;
 }
 
 void embedded_update(const double *P, const double *q)

@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from solvers.core.compile_core import digest, instruction_sets, library
 
 (OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED) = range(9)
+UNSOLVED = -1
 REASONS = {
+    UNSOLVED: "not solved yet",
+    OK: "solved",
     UNBOUNDED: "the problem is unbounded below: q points down a direction in which P has no curvature above its "
     "rounding, and no bound stops",
     INDEFINITE: "P is indefinite beyond rounding, so the problem is not convex",
@@ -27,9 +30,9 @@ REASONS = {
     CROSSED: "a lower bound lies above its upper bound or at +inf, or an upper bound at -inf",
     ASYMMETRIC: "P is not symmetric",
     BREAKDOWN: "P is too close to indefinite even with the proximal term",
-    CAPPED: "the limit of exchanges was met before the optimum",
+    CAPPED: "the limit of exchanges or steps was met before the optimum",
 }
-"""Sentences for the statuses of status.h other than OK."""
+"""Sentences for the statuses of status.h, and for data without a solve."""
 
 
 def load(package: Path, level: int | None = None) -> ModuleType:

@@ -42,6 +42,7 @@ static int solve_warm(void *solver, const double *start, double *x) { return sol
 /* B programs of d variables, their minimisers and statuses. */
 typedef struct {
     int d;
+    int64_t matrices; /* one for each program, or one for all */
     const double *P, *q, *lb, *ub;
     double *x;
     int *statuses;
@@ -50,13 +51,13 @@ typedef struct {
 /* The programs from `first` up to `last`, one after the other. */
 static void solve_batch(const Batch *batch, void *memory, int first, int last)
 {
-    const size_t d = (size_t)batch->d;
+    const size_t d = (size_t)batch->d, stride = batch->matrices == 1 ? 0 : d;
     if (first < last) {
         box_setup(memory, batch->d, batch->lb + (size_t)first * d, batch->ub + (size_t)first * d);
         Box s = box_at(memory);
         for (size_t at = (size_t)first * d; at < (size_t)last * d; at += d) {
             batch->statuses[at / d] =
-                box_solve_anew(&s, batch->P + at * d, batch->q + at, batch->lb + at, batch->ub + at);
+                box_solve_anew(&s, batch->P + at * stride, batch->q + at, batch->lb + at, batch->ub + at);
             memcpy(batch->x + at, s.answer, d * sizeof(double));
         }
     }
@@ -66,17 +67,6 @@ static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, c
 {
     for (int64_t k = 0; k < count; ++k) {
         absorb(P, q, c, d, rows + k * (d + 1), forgetting);
-    }
-}
-
-/* Steps that wait for the clock; their excess over `lasting` is due to the machine. */
-static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
-{
-    for (int64_t k = 0; k < steps; ++k) {
-        const int64_t start = monotonic_ns();
-        do {
-            nanoseconds[k] = monotonic_ns() - start;
-        } while (nanoseconds[k] < lasting);
     }
 }
 
@@ -90,16 +80,15 @@ static void time_nothing(int64_t lasting, int64_t steps, int64_t *nanoseconds)
     F(box_start, "state@BOX1, x[d]", "begin a warm solve at x; a status.", 0, WHOLE_RESULT = box_start(BOX, REALS(1))) \
     F(box_solve, "state@BOX1, warm#0:1", "solve; a status.", SIZE(d) >= LONG_FROM,                                     \
       WHOLE_RESULT = box_solve(BOX, INT(1)))                                                                           \
-    F(box_batch, "q[n,d], P[n,dd], lb[n,d], ub[n,d], x[n,d]=, statuses[n]i=, workspace@, first#0:n, last#0:n",         \
-      "minimisers x of programs from first up to last, one after the other.", NEED_BYTES(6, box_bytes(SIZE(d))) + 1,   \
-      solve_batch(&(Batch){SIZE(d), REALS(1), REALS(0), REALS(2), REALS(3), REALS(4), (int *)MEMORY(5)}, MEMORY(6),    \
-                  INT(7), INT(8)))                                                                                     \
+    F(box_batch, "q[n,d], P[m,dd], lb[n,d], ub[n,d], x[n,d]=, statuses[n]i=, workspace@, first#0:n, last#0:n",         \
+      "minimisers x of programs from first up to last, one after the other; one P for all if m = 1.",                  \
+      NEED_BYTES(6, box_bytes(SIZE(d))) + (LENGTH(m) == 1 || !NEED_SIZE(n, LENGTH(m))),                                \
+      solve_batch(&(Batch){SIZE(d), LENGTH(m), REALS(1), REALS(0), REALS(2), REALS(3), REALS(4), (int *)MEMORY(5)},    \
+                  MEMORY(6), INT(7), INT(8)))                                                                                     \
     F(time_box, "state@BOX1, warm#0:1, " TIMED, "time updates and solves; a status.", 1,                               \
       WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))          \
     F(box_follow, "state@BOX1, " FOLLOWED, "time a solve after each row, warm from the last sides; a status.", 1,      \
       WHOLE_RESULT = FOLLOWED_BY(1, (&(TimedSolver){BOX, SIZE(d), update, solve_warm}), NULL))                         \
     F(absorb, "P[d,d]=, q[d]=, c[1]=, rows[n,d+1], forgetting", "take rows into P, q and c.", LENGTH(n) > 10,          \
-      absorb_rows(REALS(0), REALS(1), REALS(2), SIZE(d), LENGTH(n), REALS(3), NUMBER(4)))                              \
-    F(time_nothing, "lasting#0:, nanoseconds[n]q=", "time steps that wait the given time and do nothing else.", 1,     \
-      time_nothing(WHOLE(0), LENGTH(n), WHOLES(1)))
+      absorb_rows(REALS(0), REALS(1), REALS(2), SIZE(d), LENGTH(n), REALS(3), NUMBER(4)))
 MAKE_BINDINGS(box)

@@ -1,7 +1,8 @@
 /* Projected gradient steps on   minimise 1/2 x'Px + q'x   subject to   lb <= x <= ub,   plain and accelerated.
  *
  * The steps are taken in the variables w = x / D, with D_j = P_jj^(-1/2) or 1, so that a box stays a box. One rule
- * determines the step size: eta = 2 ratio / lambda_max(D P D), where `ratio` = 1 is the limit of stability.
+ * determines the step size: eta = 2 ratio / lambda_max(D P D), where `ratio` = 1 is the limit of stability
+ * and lambda_max an upper bound of it, closer than a thousandth.
  */
 #ifndef CORE_DESCENT_H
 #define CORE_DESCENT_H

@@ -7,7 +7,8 @@
  *     t_1 = a_1 - x,    t_i = a_i - x - b_i^2 / t_(i-1),
  *
  * include as many negatives as T has eigenvalues below x. Bisection from Gershgorin's bound halves the interval until
- * its ends are neighbouring numbers: the same bits everywhere, and certain convergence.
+ * its ends are `apart` from each other, relative to the upper one, which no eigenvalue exceeds: a step length needs no
+ * more.
  *
  * Sources: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., sections 8.3.1 and 8.4.1.
  */
@@ -92,6 +93,7 @@ static real normalise(real *A, int ld, int d)
 
 real largest_eigenvalue(real *A, int ld, int d, real *diagonal, real *beside, real share, int *below)
 {
+    const real apart = (real)1e-3;
     real low = -REAL_INFINITY, high = -REAL_INFINITY, size = 0, tiny, power;
     *below = 0;
     if (d == 0) {
@@ -111,7 +113,7 @@ real largest_eigenvalue(real *A, int ld, int d, real *diagonal, real *beside, re
     }
     for (;;) {
         const real middle = low + (high - low) / 2;
-        if (!(low < middle && middle < high)) {
+        if (high - low <= apart * MAGNITUDE(high) || !(low < middle && middle < high)) {
             break;
         }
         if (count_below(diagonal, beside, d, middle, tiny) == d) {

@@ -3,8 +3,7 @@
  *     P <- lambda P + (1 - lambda) xi xi',   q <- lambda q + (1 - lambda) xi x,   c <- lambda c + (1 - lambda) x^2 / 2
  *
  * is the mean of the squared errors (v'xi + x)^2 / 2 with exponentially decaying weights; the weight of a row decays to
- * 1/e after 1/(1 - lambda) rows. On a stream of data, solvers get P and q from this update, except those that take rows
- * themselves. P stays exactly symmetric.
+ * 1/e after 1/(1 - lambda) rows. On a stream of data, solvers get P and q from this update. P stays exactly symmetric.
  *
  * Source: L. Ljung, System Identification, 1999, section 11.2 (forgetting factor).
  */

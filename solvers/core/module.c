@@ -34,11 +34,10 @@ MAKE_BINDINGS(processor)
 
 void measure_state(Arguments *a, const void *state) { SIZE_OF(a, d) = ((const StateHead *)state)->d; }
 
-extern PyMethodDef box_bindings[], descent_bindings[], recursive_bindings[], library_bindings[], daqp_bindings[];
+extern PyMethodDef box_bindings[], descent_bindings[], library_bindings[], daqp_bindings[];
 
 PyObject *PyInit__core(void)
 {
-    PyMethodDef *const tables[] = {
-        processor_bindings, box_bindings, descent_bindings, recursive_bindings, library_bindings, daqp_bindings, NULL};
+    PyMethodDef *const tables[] = {processor_bindings, box_bindings, descent_bindings, library_bindings, daqp_bindings, NULL};
     return make_module(tables);
 }

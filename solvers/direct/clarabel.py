@@ -24,6 +24,7 @@ class Clarabel(LibrarySolver):
 
     name = "clarabel"
     library = CLARABEL
+    takes_data = True
     form = Cones
     iteration_setting = "max_iter"
     at_limit = ("MaxIterations", "AlmostSolved")

@@ -21,6 +21,7 @@ class Cvxopt(LibrarySolver):
 
     name = "cvxopt"
     library = CVXOPT
+    takes_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:

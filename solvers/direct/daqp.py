@@ -27,6 +27,7 @@ class Daqp(LibrarySolver):
 
     name = "daqp"
     library = DAQP
+    takes_data = True
     warm_startable = True
     why_refused = ": P is not positive semidefinite, or bounds cross"
 

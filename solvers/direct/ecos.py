@@ -25,6 +25,7 @@ class Ecos(LibrarySolver):
 
     name = "ecos"
     library = ECOS
+    takes_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:
@@ -33,21 +34,25 @@ class Ecos(LibrarySolver):
         self._h = np.concatenate([rows.r[n:], [1.0], np.zeros(d), [-1.0]])
         self._dims = {"l": m, "q": [d + 2]}
         self._equalities = (csc_matrix(np.pad(rows.R[:n], ((0, 0), (0, 1)))), rows.r[:n]) if n else (None, None)
-        self._G = np.zeros((m + d + 2, d + 1))
-        self._G[:m, :d] = rows.R[n:]
-        self._G[[m, -1], d] = -1.0
+        G = np.zeros((m + d + 2, d + 1))
+        G[:m, :d] = rows.R[n:]
+        G[[m, -1], d] = -1.0
+        G[m + 1 : -1, :d][np.triu_indices(d)] = 1.0
+        self._G = G = csc_matrix(G)
+        column = np.repeat(np.arange(d + 1), np.diff(G.indptr))
+        self._factor = np.flatnonzero((G.indices > m) & (column < d))  # places of the factor of P
         self.pass_data(p.P, p.q)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if q is not None:
             self._cost[:-1] = q
         if P is not None:
-            self._G[self.rows.unequal + 1 : -1, :-1] = -np.sqrt(2.0) * cholesky(P, self.name).T
-            self._sparse = csc_matrix(self._G)
+            # Lᵀ column by column is L row by row
+            self._G.data[self._factor] = -np.sqrt(2.0) * self.program.triangle.values(cholesky(P, self.name))
 
     def run(self, warm_start: Vector | None) -> Vector | None:
         self._result = ecos.solve(
-            self._cost, self._sparse, self._h, self._dims, *self._equalities, verbose=False, **self.settings
+            self._cost, self._G, self._h, self._dims, *self._equalities, verbose=False, **self.settings
         )
         return self._result["x"][:-1] if self._result["info"]["exitFlag"] == 0 else None
 

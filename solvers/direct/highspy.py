@@ -27,6 +27,7 @@ class Highspy(LibrarySolver):
 
     name = "highspy"
     library = HIGHS
+    takes_data = True
 
     def build(self, p: Program, rows: Stack) -> None:
         self._triangle = Triangle(p.d, upper=False)

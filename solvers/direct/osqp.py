@@ -27,6 +27,7 @@ class Osqp(LibrarySolver):
 
     name = "osqp"
     library = OSQP
+    takes_data = True
     form = Intervals
     refuses_crossing = True
     warm_startable = True

@@ -21,6 +21,7 @@ class Piqp(LibrarySolver):
 
     name = "piqp"
     library = PIQP
+    takes_data = True
     iteration_setting = "max_iter"
     at_limit = ("PIQP_MAX_ITER_REACHED",)
 

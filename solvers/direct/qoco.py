@@ -41,6 +41,7 @@ class Qoco(LibrarySolver):
         tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
         exponents=(4, 6, 8, 10, 12, 13, 14, 15),
     )
+    takes_data = True
     form = Cones
     iteration_setting = "max_iters"
     at_limit = ("QOCO_MAX_ITER", "QOCO_SOLVED_INACCURATE")

@@ -22,6 +22,7 @@ class Qpalm(LibrarySolver):
 
     name = "qpalm"
     library = QPALM
+    takes_data = True
     form = Intervals
     refuses_crossing = True
     warm_startable = True

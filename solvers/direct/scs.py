@@ -35,12 +35,14 @@ class Scs(LibrarySolver):
         self._constraints = {"A": csc_matrix(R), "b": r}
         self._cone = {"z": rows.equal, "l": r.size - rows.equal}
         self._dual: dict[str, Vector] = {}
+        self._P = p.triangle.matrix(p.P)
         self.pass_data(p.P, p.q)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
+            self.program.triangle.fill(self._P, P)
             self._solver = scs.SCS(
-                {"P": self.program.triangle.matrix(P), "c": self.program.q, **self._constraints},
+                {"P": self._P, "c": self.program.q, **self._constraints},
                 self._cone,
                 **{"verbose": False, **self.settings},
             )

@@ -56,10 +56,10 @@ class Sip(LibrarySolver):
         for log in ("logs", "line_search_logs", "search_direction_logs", "derivative_check_logs"):
             setattr(self._options.logging, f"print_{log}", False)
         self.choose(self._options.termination)
-        self.pass_data(p.P, p.q)
+        self._hessian = p.triangle.matrix(p.P)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
-        self._hessian = self.program.triangle.matrix(self.program.P)
+        self.program.triangle.fill(self._hessian, self.program.P)
 
     def run(self, warm_start: Vector | None) -> Vector | None:
         self._point = sip.Variables(self._sizes)

@@ -70,36 +70,28 @@ def open_library(distribution: str, version: str, library: Path, names: tuple[st
     return opened_library
 
 
-def fields(declarations: str) -> tuple[tuple[str, Any], ...]:
-    """The ``_fields_`` of a structure from its declaration in C; every pointer is a void pointer.
+def structure(declarations: str) -> type[ctypes.Structure]:
+    """A structure from its declaration in C; every pointer is a void pointer.
 
     Examples
     --------
-    >>> [name for name, _ in fields("int n, m; double *x;")]
+    >>> [name for name, _ in structure("int n, m; double *x;")._fields_]
     ['n', 'm', 'x']
     """
     lines = (line.split(maxsplit=1) for line in declarations.split(";") if line.strip())
-    return tuple(
+    fields = [
         (name.strip(" *\n"), ctypes.c_void_p if "*" in name else TYPES[kind])
         for kind, names in lines
         for name in names.split(",")
-    )
-
-
-def structure(declarations: str, **more: Any) -> type[ctypes.Structure]:
-    """A structure of these fields, followed by fields of other types."""
-    return type("Structure", (ctypes.Structure,), {"_fields_": (*fields(declarations), *more.items())})
-
-
-def vector(pointer: int, size: int) -> Vector:
-    """A copy of doubles in a library's memory, shape (size,)."""
-    return np.array((ctypes.c_double * size).from_address(pointer)) if size else np.zeros(0)
+    ]
+    return type("Structure", (ctypes.Structure,), {"_fields_": fields})
 
 
 class CompiledLibrary(LibrarySolver):
     """A solver behind the two C functions of a timed loop; its ``build`` sets it up and calls ``bind``."""
 
     lane = Lane.KERNEL
+    takes_data = False  # a library may keep pointers to P and q
 
     def bind(self, *values: Any, loop: Loop | None = None) -> None:
         """Make the state: the data, then the fields that the C file declares (numbers, arrays, functions, pointers).
@@ -124,7 +116,8 @@ class CompiledLibrary(LibrarySolver):
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, warm_start, most_ns)
         last = timings[0].size - 1
-        self.program.take(P[last], q[last])
+        self.program.take(P[last], q[last], copy=True)
+        self._ready = flag >= 0
         self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)
         self._finish(timings[2][last].copy())

@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from qpsolvers import Problem
-
+from solvers.built_in import Setting
 from solvers.core import bindings
-from solvers.descent import ProjectedGradient
+from solvers.kernel._descent import ProjectedGradient
 
 
 class AcceleratedProjection(ProjectedGradient):
@@ -41,6 +40,13 @@ class AcceleratedProjection(ProjectedGradient):
     name = "accelerated_projection"
     algorithm = "accelerated projected gradient"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"tolerance": 1e-13})
+    known = MappingProxyType(
+        {
+            "tolerance": Setting(1e-13),
+            "steps": Setting(100_000, 2**53, whole=True),
+            "diagonal_scaling": Setting(True),
+        }
+    )
     take_steps = bindings.accelerated_steps
     timed_loop = bindings.time_accelerated
 
@@ -48,9 +54,3 @@ class AcceleratedProjection(ProjectedGradient):
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
         """Tolerances, which are relative to the gradient at the start."""
         return tuple({"tolerance": 10.0**-k} for k in (3, 4, 5, 6, 8, 10, 12, 13))
-
-    def setup(self, problem: Problem) -> None:
-        """Allocate, scale and compute the step size."""
-        self._tolerance, self._steps = float(self.settings["tolerance"]), int(self.settings.get("steps", 100_000))
-        self._scaled = bool(self.settings.get("diagonal_scaling", True))
-        super().setup(problem)

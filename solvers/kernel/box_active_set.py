@@ -23,22 +23,22 @@ American Statistician 33 (1979) 149; D. Goldfarb, A. Idnani, Math. Programming 2
 Control Optim. 14 (1976) 877.
 """
 
+from collections.abc import Callable
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from qpsolvers import Problem, Solution
 
-from solvers.core import CAPPED, OK, bindings, block, padded, parts
-from solvers.ours import OurSolver
-from solvers.protocol import Matrix, Nanoseconds, Timings, Vector, box_solution, dense, only_box
-from solvers.timed_calls import follow_rows, time_calls
+from solvers.built_in import BuiltInSolver, Setting
+from solvers.core import CAPPED, bindings, padded
+from solvers.protocol import Matrix, Nanoseconds, Vector
 
 COUNTS = ("exchanges", "refinements", "proximal_steps")
 """The counters in the head of the state, in their order (BoxHead in box.h)."""
 
 
-class BoxActiveSet(OurSolver):
+class BoxActiveSet(BuiltInSolver):
     """Exact box QP solver, cold or warm; it has no tolerance, so its ladder has one rung.
 
     Settings
@@ -62,99 +62,47 @@ class BoxActiveSet(OurSolver):
 
     name = "box_active_set"
     algorithm = "dual active set"
-    warm_startable = True
+    known = MappingProxyType({"warm": Setting(False), "most_exchanges": Setting(0, 2**31 - 1, whole=True)})
 
-    def setup(self, problem: Problem) -> None:
-        """Allocate, scale and invert.
+    state_bytes = bindings.box_bytes
+    begin = bindings.box_setup
+    places = bindings.box_places
+    pass_data = bindings.box_set_data
+    run = bindings.box_solve
 
-        Raises
-        ------
-        Unsupported
-            The problem has general rows.
-        ValueError
-            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds
-            cross.
-        """
-        self._lb, self._ub = only_box(problem, self.name)
-        P, q = dense(problem)
-        self._warm = bool(self.settings.get("warm", False))
-        self.state = block(bindings.box_bytes(q.size))
-        self.accept(bindings.box_setup(self.state, self._lb, self._ub))
-        self._parts = parts(self.state, bindings.box_places(self.state))
-        self._answer = self._parts["answer"]
-        self.part("cap").view(np.int32)[0] = int(self.settings.get("most_exchanges", 0))
-        self._status = OK
-        self.update(P, q)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self._warm = self.options["warm"]
 
-    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new P or q of the same shape. After a ValueError, as in ``setup``, there is no valid problem."""
-        try:
-            status = bindings.box_set_data(self.state, P, q)
-        except (TypeError, ValueError, BufferError):  # arrays of another type or layout are converted
-            status = bindings.box_set_data(self.state, self._converted(P, 2), self._converted(q, 1))
-        if status:
-            self.accept(status)
+    def prepare(self, P: Matrix, q: Vector) -> None:
+        self.x = self.part("answer")
+        self.part("cap").view(np.int32)[0] = self.options["most_exchanges"]
 
-    def _converted(self, data: Any, ndim: int) -> Matrix | None:
-        if data is None:
-            return None
-        array, shape = np.array(data, np.float64, order="C"), (self._answer.size,) * ndim
-        if array.shape != shape:
-            raise ValueError(f"{self.name}: new data must have the shape {shape}, not {array.shape}")
-        return array
+    def run_from(self, start: Vector) -> int:
+        return bindings.box_start(self.state, start) or bindings.box_solve(self.state, True)
 
-    def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the minimiser, shape (d,), a view that the next call overwrites.
+    def answer(self) -> Vector:
+        return self.x
 
-        Raises
-        ------
-        ValueError
-            The problem is unbounded below.
-        """
-        warm = self._warm
-        if warm_start is not None:
-            self.accept(bindings.box_start(self.state, self._converted(warm_start, 1)))
-            warm = True
-        self._status = bindings.box_solve(self.state, warm)
-        if self._status:
-            self.accept(self._status)
-        return self._answer
-
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Take each P and q and solve cold (warm with that setting) or from ``warm_start``, timed."""
-        self._status, timings = time_calls(
-            partial(bindings.time_box, self.state, self._warm), P, q, warm_start, most_ns
-        )
-        self.accept(self._status)
-        return timings
+    def loop(self) -> Callable[..., int]:
+        return partial(bindings.time_box, self.state, self._warm)
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Update and solve after each row, from the last active set; the new data of a row are not timed."""
-        self._status, answers, nanoseconds = follow_rows(
-            partial(bindings.box_follow, self.state), *self._data(), rows, forgetting
-        )
-        self.accept(self._status)
-        return answers, nanoseconds
+        """Update and solve after each row, from the last active set."""
+        return self.follow(partial(bindings.box_follow, self.state), rows, forgetting)
 
-    def solution(self) -> Solution:
-        """Return the last answer.
-
-        ``extras`` has the numbers of exchanges, refinement steps and proximal steps, ``regularised`` (P is singular)
-        and ``capped`` (``most_exchanges`` ended the solve before the optimum).
-        """
-        P, q = self._data()
+    def extras(self) -> dict[str, Any]:
+        """The numbers of exchanges, refinement steps and proximal steps, ``regularised`` (P is singular) and ``capped``
+        (``most_exchanges`` ended the solve before the optimum)."""
         counts = dict(zip(COUNTS, self.part("counts").view(np.int32)[: len(COUNTS)].tolist(), strict=True))
-        return box_solution(
-            Problem(P, q, lb=self._lb, ub=self._ub),
-            self._answer,
-            self._status == OK,
+        return {
             **counts,
-            regularised=bool(self.part("singular").view(np.int32)[0]),
-            capped=self._status == CAPPED,
-        )
+            "regularised": bool(self.part("singular").view(np.int32)[0]),
+            "capped": self._status == CAPPED,
+        }
 
-    def _data(self) -> tuple[Matrix, Vector]:
-        """The present P and q; P from its scaled copy, which is exact."""
+    def data(self) -> tuple[Matrix, Vector]:
+        """P from its scaled copy, which is exact."""
         d = self._lb.size
         P = self.part("P").reshape(d, padded(d))[:, :d]
         return P / self.part("scale") / self.part("scale")[:, None], self.part("raw_q").copy()

@@ -37,12 +37,4 @@ static inline void take_data(Data *data, const double *P, const double *q)
     data->q = q;
 }
 
-/* The upper triangle of a symmetric P column by column; row by row it is the lower one. */
-static inline void upper_triangle(const Data *data, double *values)
-{
-    for (int64_t j = 0; j < data->d; ++j) {
-        memcpy(values + j * (j + 1) / 2, data->P + j * data->d, (size_t)(j + 1) * sizeof(double));
-    }
-}
-
 #endif

@@ -9,17 +9,15 @@ for 1.9 s.
 
 from collections.abc import Mapping
 from functools import partial
-from numbers import Real
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from qpsolvers import Problem
 
+from solvers.built_in import Setting
 from solvers.core import bindings
-from solvers.descent import ProjectedGradient
-from solvers.protocol import Matrix, Nanoseconds, Unsupported, Vector
-from solvers.timed_calls import follow_rows
+from solvers.kernel._descent import ProjectedGradient
+from solvers.protocol import Matrix, Nanoseconds, Unsupported
 
 MOST_STEPS = 2**53
 
@@ -35,7 +33,7 @@ class ProjectedDifference(ProjectedGradient):
         Steps of one solve; their limit if ``tolerance`` is set.
     step_ratio : float, default 0.5
         η λ_max/2, in (0, 1): the step size relative to the stability limit 2/λ_max; the default is η = 1/λ_max, which
-        damps every direction without overshoot.
+        damps every direction without overshoot. For λ_max stands an upper bound, closer than a thousandth.
     allow_divergence : bool, default False
         Permit a step_ratio of 1 or more, which does not converge.
     diagonal_scaling : bool, default False
@@ -56,6 +54,15 @@ class ProjectedDifference(ProjectedGradient):
     name = "projected_difference"
     algorithm = "projected gradient"
     always: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})
+    known = MappingProxyType(
+        {
+            "steps": Setting(15200, MOST_STEPS, whole=True),
+            "step_ratio": Setting(0.5),
+            "allow_divergence": Setting(False),
+            "diagonal_scaling": Setting(False),
+            "tolerance": Setting(None),
+        }
+    )
     take_steps = bindings.projected_steps
     timed_loop = bindings.time_projected
 
@@ -64,34 +71,18 @@ class ProjectedDifference(ProjectedGradient):
         """Numbers of steps, the last that of the paper."""
         return tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
 
-    def setup(self, problem: Problem) -> None:
-        """Allocate, compute the step size and store P multiplied by it; also raises ValueError for a setting out of
-        range."""
-        numbers: dict[str, Any] = {"step_ratio": 0.5, "tolerance": None, **self.settings}
-        for name in ("steps", "step_ratio", "tolerance"):
-            if not (isinstance(numbers[name], Real) or (name == "tolerance" and numbers[name] is None)):
-                raise ValueError(f"{self.name}: {name} must be a number, and it is {numbers[name]!r}")
-        if not 0 <= numbers["steps"] <= MOST_STEPS:
-            raise ValueError(f"{self.name}: steps must be from 0 to {MOST_STEPS}, and it is {numbers['steps']}")
-        self._steps, self._ratio = int(numbers["steps"]), float(numbers["step_ratio"])
-        self._tolerance = -1.0 if numbers["tolerance"] is None else float(numbers["tolerance"])
-        self._scaled = bool(numbers.get("diagonal_scaling", False))
-        if not 0 < self._ratio < (np.inf if numbers.get("allow_divergence", False) else 1):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        ratio = self.options["step_ratio"]
+        if not 0 < ratio < (np.inf if self.options["allow_divergence"] else 1):
             raise ValueError(
                 f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
-                f"{self._ratio}; allow_divergence=True permits more"
+                f"{ratio}; allow_divergence=True permits more"
             )
-        super().setup(problem)
 
     def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Run ``steps`` steps after each row, from the iterate before; timed is everything but the new data."""
-        if self._scaled or self._tolerance >= 0.0:
+        """Run ``steps`` steps after each row, from the iterate before."""
+        steps, tolerance = self._limits
+        if self.options["diagonal_scaling"] or tolerance >= 0.0:
             raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
-        loop = partial(bindings.projected_follow, self.state, self._ratio, self._steps)
-        status, answers, nanoseconds = follow_rows(loop, self._P, self._q, rows, forgetting)
-        self.accept(status)
-        return answers, nanoseconds
-
-    def found(self, x: Vector) -> bool:
-        """Whether x is finite; a number of steps implies no accuracy of x."""
-        return bool(np.isfinite(x).all())
+        return self.follow(partial(bindings.projected_follow, self.state, self._rule[0], steps), rows, forgetting)

@@ -14,10 +14,10 @@ from bench.derived.measurements import Measurements
 from bench.derived.ranking import PAPER
 from bench.derived.table import ONESHOT
 from bench.messages.task import Row
+from bench.messages.verdict import Tier
 from bench.races.metrics import Judgement
 from bench.store import TIMES
 from bench.timing.schedule import PERIOD_US
-from solvers import Tier
 
 ORDINARY: Row = {
     "problem_set": "paper",

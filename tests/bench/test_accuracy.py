@@ -6,7 +6,7 @@ import pytest
 from measured_rows import ladder, row, table
 
 from bench.derived.accuracy import CHEATS, TOLERANCE, error, right, tainted
-from solvers import Status, Tier
+from bench.messages.verdict import Status, Tier
 
 NAN = float("nan")
 

@@ -27,6 +27,7 @@ from pyarrow import parquet
 
 from bench.derived.table import ONESHOT
 from bench.messages import user_cache
+from bench.messages.verdict import Tier
 from bench.problem_files import ProblemFileError
 from bench.problems import proof_cache
 from bench.problems.protocol import RaceProblem
@@ -35,7 +36,7 @@ from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator
 from piezo_model.compensator_file import _checksum
 from piezo_model.deployment import Deployment
-from solvers import Lane, Tier
+from solvers import Lane
 from solvers.certificate import NotCertified
 
 STRUCTURE = ModelStructure.equidistant(

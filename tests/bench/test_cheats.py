@@ -10,13 +10,14 @@ from conftest import Race, race_of
 from qpsolvers import Problem
 
 from bench.messages.task import Setting, Task
+from bench.messages.verdict import Status, Tier
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
 from bench.races.oneshot.blocks import timed
 from bench.timing.clock import Effort
-from solvers import Lane, Status, Tier, find
+from solvers import Lane, find
 from solvers.certificate import certify
 from solvers.registry import Entry
 

@@ -14,13 +14,14 @@ from conftest import hostile_reports
 
 from bench.messages.progress import silent
 from bench.messages.task import NO_SETTING, Task
+from bench.messages.verdict import Tier
 from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings
 from bench.races.loop.worker import drive
 from bench.store import Run
 from piezo_model.json_file import convert
-from solvers import Lane, Tier, find
+from solvers import Lane, find
 from solvers.protocol import setting_text
 
 SETTINGS = LoopSettings(

@@ -16,8 +16,8 @@ from programs import that_load
 
 from bench.comparison import report as comparison
 from bench.comparison.compare import CANNOT_TELL, FASTER, NAMES, SAME, SLOWER, Comparison, compare_runs
+from bench.messages.verdict import Status
 from bench.store import Run, RunError
-from solvers import Status
 
 SLOWED = ("osqp", "direct")
 

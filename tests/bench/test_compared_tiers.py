@@ -9,7 +9,7 @@ import pytest
 from measured_rows import ladder, table
 
 from bench.comparison.compare import lost_tiers
-from solvers import Status
+from bench.messages.verdict import Status
 
 PROBLEMS = [f"p{i}" for i in range(9)]
 GAPS = dict.fromkeys(PROBLEMS, (1e-5, 1e-11))

@@ -26,6 +26,7 @@ from qpsolvers import Problem
 from bench.derived.accuracy import right
 from bench.derived.table import ONESHOT
 from bench.messages.task import Outcome
+from bench.messages.verdict import Status, Tier
 from bench.problem_files import ReadProgram, read
 from bench.problem_files.program import fields_of, require
 from bench.problems import ProblemSetError, RaceProblem, make
@@ -35,7 +36,6 @@ from bench.problems.foreign import ForeignPrograms, Source
 from bench.problems.protocol import SCALINGS
 from bench.races.metrics import judge
 from bench.store import Run
-from solvers import Status, Tier
 from solvers.certificate import verify
 
 

@@ -13,6 +13,7 @@ from conftest import Race, raced
 from qpsolvers import Problem
 
 from bench.messages.task import NO_SETTING, Task, settings_of
+from bench.messages.verdict import Status
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -23,7 +24,7 @@ from bench.races.oneshot.blocks import timed
 from bench.races.oneshot.second_pass import LONGEST_US, interleave
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
-from solvers import Lane, Status, find
+from solvers import Lane, find
 from solvers.certificate import certify
 from solvers.registry import describe, from_file
 

@@ -13,6 +13,7 @@ from conftest import Race, hostile_reports
 
 from bench.derived.summary import summary
 from bench.derived.table import ONESHOT
+from bench.messages.verdict import Status
 from bench.races.kind import kind_of
 from bench.report import vega
 from bench.report.plot import BEST, Axis, Mark, Plot, best_lines
@@ -20,7 +21,6 @@ from bench.report.report import Figure, Report
 from bench.report.words import marked
 from bench.report.writing import write_page
 from bench.store import Run
-from solvers import Status
 
 LARGEST = 6_000_000
 EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.title='run'</script>"
@@ -148,7 +148,7 @@ def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> No
         .map(point => point.getAttribute('transform')).join()"""
     before = browser.run(points)
     browser.run("""const s = document.querySelector('#work_precision select');
-        s.value = 'raw data'; s.dispatchEvent(new Event('change'))""")
+        s.value = 'raw data, without wrappers'; s.dispatchEvent(new Event('change'))""")
     browser.wait_until(lambda: browser.run(points) != before)
 
 

@@ -14,11 +14,11 @@ from conftest import Race
 
 from bench.messages.race_error import RaceError
 from bench.messages.task import NO_SETTING, Task
+from bench.messages.verdict import Status, Tier
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import checked
 from bench.races.oneshot.worker import OneShot
 from bench.races.settings import RaceSettings
-from solvers import Status, Tier
 from solvers.registry import from_file
 
 STATUS = {

@@ -4,7 +4,7 @@ import pytest
 from measured_rows import ladder, measured, row, table
 
 from bench.derived.measurements import over_repeats
-from solvers import Tier
+from bench.messages.verdict import Tier
 
 NAN = float("nan")
 

@@ -9,11 +9,11 @@ from measured_rows import is_right
 from qpsolvers import Problem
 
 from bench.messages.task import Outcome
+from bench.messages.verdict import Status, Tier
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import Experiment
 from bench.races.metrics import Judgement, judge
 from piezo_model import HysteresisCreepModel
-from solvers import Status, Tier
 from solvers.certificate import certify
 
 C = 40.0

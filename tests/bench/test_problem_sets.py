@@ -9,6 +9,7 @@ import pytest
 from command_line import CommandLine
 
 from bench.messages.task import Outcome
+from bench.messages.verdict import Status
 from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
@@ -16,7 +17,6 @@ from bench.races.metrics import judge
 from piezo_model import plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS
-from solvers import Status
 from solvers.certificate import verify
 
 

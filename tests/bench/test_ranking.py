@@ -5,7 +5,7 @@ from measured_rows import ladder, measured, row, steps
 
 from bench.derived.ranking import PACE, Line, Result, ranking, short_table
 from bench.messages.task import Row
-from solvers import Tier
+from bench.messages.verdict import Tier
 
 NAN = float("nan")
 

@@ -17,6 +17,7 @@ from conftest import hostile_reports, killed_and_resumed
 
 from bench.messages.progress import silent
 from bench.messages.task import Outcome
+from bench.messages.verdict import Status, Tier
 from bench.races.kind import kind_of, kinds
 from bench.races.stream import report
 from bench.races.stream import summary as stream_summary
@@ -26,7 +27,7 @@ from bench.report.words import number
 from bench.store import Run
 from bench.timing.percentiles import QUANTILES, rate_bound
 from bench.timing.schedule import PERIOD_NS, Timeline
-from solvers import Lane, Status, Tier, find
+from solvers import Lane, find
 from solvers.registry import Described, describe
 
 # The race.
@@ -100,7 +101,7 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
     for name, fault in FAULTS.items():
         (folder / f"{name}.py").write_text(SLOW.format(name=name, fault=fault))
     settings = StreamSettings(
-        solvers=("daqp", "box_active_set", "recursive_active_set", "accelerated_projection"),
+        solvers=("daqp", "box_active_set", "accelerated_projection"),
         lanes=(Lane.KERNEL, Lane.DIRECT),
         samples=SAMPLES,
         kernel_samples=KERNEL,
@@ -122,8 +123,8 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
 def test_every_solver_lane_has_a_row_per_process_and_the_floor_is_measured_in_each_round(streamed: Streamed) -> None:
     counts = streamed.rows.groupby(["solver", "lane"]).repeat.nunique()
     assert (counts.drop(index=[("null", "direct")]) == 2).all()
-    assert len(counts) == 4 + 4 + 7 + 1  # kernel, direct, the user's, and the machine
-    assert counts["null", "direct"] == 4  # fifteen tasks a round, a floor before every ten
+    assert len(counts) == 3 + 3 + 7 + 1  # kernel, direct, the user's, and the machine
+    assert counts["null", "direct"] == 4  # thirteen tasks a round, a floor before every ten
 
 
 def test_misses_and_gaps_of_the_null_solver_follow_from_its_samples(streamed: Streamed) -> None:
@@ -166,7 +167,7 @@ def test_solves_begin_when_their_sample_is_due_and_response_times_include_waitin
     assert slow.response_ns.size > 5 * slow.service_ns.size
 
 
-@pytest.mark.parametrize("solver", ["daqp", "box_active_set", "recursive_active_set"])
+@pytest.mark.parametrize("solver", ["daqp", "box_active_set"])
 def test_exact_solvers_are_exact_at_the_sample_they_answer(streamed: Streamed, solver: str) -> None:
     row = streamed.row(solver)
     assert row.status == Status.OK
@@ -177,7 +178,7 @@ def test_exact_solvers_are_exact_at_the_sample_they_answer(streamed: Streamed, s
     assert row.solves == streamed.ns(row, "service").size
 
 
-@pytest.mark.parametrize("solver", ["box_active_set", "recursive_active_set", "daqp"])
+@pytest.mark.parametrize("solver", ["box_active_set", "daqp"])
 def test_the_compiled_loop_repeats_the_rows_and_is_not_paced(streamed: Streamed, solver: str) -> None:
     row = streamed.row(solver, "kernel")
     assert not row.paced
@@ -437,7 +438,7 @@ def test_the_report_begins_with_the_verdict_lists_every_lane_and_is_reproducible
 def test_a_killed_stream_is_resumed_keeps_its_finished_tasks_and_is_drawn(
     piezobench: CommandLine, browser: Browser, tmp_path: Path
 ) -> None:
-    run, names = Run(tmp_path / "stream"), ("daqp", "recursive_active_set", "projected_difference")
+    run, names = Run(tmp_path / "stream"), ("daqp", "box_active_set", "projected_difference")
     resumed = killed_and_resumed(
         piezobench,
         run,

@@ -7,7 +7,7 @@ from measured_rows import ladder, row, table
 
 from bench.derived.tier_settings import FEWEST, choice, left_out, margin, tier_settings
 from bench.messages.task import Row
-from solvers import Tier
+from bench.messages.verdict import Tier
 
 NAN = float("nan")
 

@@ -1,5 +1,4 @@
-"""The benchmarks of the kernels, of the recursive solver's slowest sample and of a bank run, each as a developer starts
-it."""
+"""The benchmarks of the kernels and of a bank run, each as a developer starts it."""
 
 import os
 import subprocess
@@ -30,13 +29,6 @@ def test_the_kernels_are_timed_beside_a_numpy_version_with_the_same_result() -> 
         "ours, NumPy's and the ratio"
     )
     assert "whole loop, box_active_set, continuous: learn" in said
-
-
-@pytest.mark.slow
-def test_the_recursive_solver_stands_beside_a_null_step() -> None:
-    said = run("worst_case.py", 5000)
-    assert "recursive solver, d = 60" in said
-    assert said.count("a null step as long, the machine's floor") == 2
 
 
 def test_a_bank_is_stepped_in_real_time_beside_a_null_step() -> None:

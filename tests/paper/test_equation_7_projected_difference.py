@@ -49,7 +49,10 @@ def optimum(problem):
 def test_the_compiled_steps_are_the_equation(seed, d, ratio):
     rng = np.random.default_rng(seed)
     (P, q, lb, ub), w = bounded(rng, d, 2.0), rng.normal(size=d)
-    eta, expected, at = ratio * limit(P), [], np.clip(w, lb, ub)
+    one = solver(Problem(P, q, lb=lb, ub=ub), steps=1, step_ratio=ratio, allow_divergence=True)
+    one.solve()
+    eta, expected, at = one.solution().extras["eta"], [], np.clip(w, lb, ub)
+    assert 0.999 - 1e-13 <= eta / (ratio * limit(P)) <= 1.0 + 1e-13
     for _ in range(5):
         at = np.clip(at - eta * (P @ at + q), lb, ub)
         expected.append(at)

@@ -8,6 +8,7 @@ from faulty_sensor import steps
 from learning_loops import learner_for, sensor
 from qpsolvers import Problem
 
+import solvers
 from piezo_model import SelfLearningCompensator
 from piezo_model.identification.fitting import optimum
 from piezo_model.identification_problem import IdentificationProblem
@@ -58,7 +59,11 @@ def test_the_steps_are_those_of_the_difference_equation() -> None:
     core = learner._core
     d = core["q"].size
     P, q, lower, z = core["P"].reshape(d, d), core["q"].copy(), core["lower"].copy(), core["start"].copy()
-    eta = 1.0 / np.linalg.eigvalsh(P)[-1]
+    solver = solvers.get("projected_difference", steps=0)
+    solver.setup(Problem(P, q, lb=lower))
+    solver.solve()
+    eta = solver.solution().extras["eta"]
+    assert 0.999 <= eta * np.linalg.eigvalsh(P)[-1] <= 1.0 + 1e-13
     steps = -(-300 // learner._block) * learner._block
     for _ in range(steps):
         z = np.maximum(z - eta * (P @ z + q), lower)
@@ -85,5 +90,5 @@ def test_options_reach_the_solver() -> None:
     assert step_ratio({"step_ratio": 0.25}) == 0.25
     with pytest.raises(ValueError, match="step_ratio must lie between 0 and 1"):
         learning("projected_difference", solver_options={"step_ratio": 3.0})
-    with pytest.raises(ValueError, match="steps must be from 0 to"):
+    with pytest.raises(ValueError, match="steps must be a whole number from 0 to"):
         solved("projected_difference", {"steps": -1}, Problem(np.eye(1), np.zeros(1)), np.zeros(1))

@@ -110,7 +110,7 @@ REFUSED: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
     (model, {"start": OperatorState(np.full(8, np.nan), STATES.creep)}, r"play\[0\] is not a finite number"),
     (deployment, {"x_limits": (-np.inf, np.inf)}, "x_limits must be two finite numbers in ascending order"),
     (deployment, {"x_limits": (5.0, 1.0)}, "x_limits must be two finite numbers in ascending order"),
-    (deployment, {"tier": "best"}, "'best' is not a valid Tier"),
+    (deployment, {"tier": "best"}, "tier must be one of default, low, mid, high, exact"),
     (deployment, {"solver": "nobody"}, "there is no solver 'nobody'"),
     (deployment, {"evidence": {"run": object()}}, "evidence.run is a object, which a file cannot hold"),
 ]

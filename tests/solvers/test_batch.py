@@ -35,6 +35,15 @@ def test_every_answer_is_that_of_the_single_solver_to_the_bit(d: int) -> None:
         np.testing.assert_array_equal(x[b], single.solve())
 
 
+@pytest.mark.parametrize("count", [0, 1, 200])
+def test_one_P_for_all_programs_is_the_same_as_a_copy_for_each(count: int) -> None:
+    P, q, lb, ub = programs(max(count, 1), 7, 3)
+    given = q[:count], lb[:count], ub[:count]
+    x, found = BoxBatch(7).solve(P[0], *given)
+    np.testing.assert_array_equal(x, BoxBatch(7).solve(np.tile(P[0], (count, 1, 1)), *given)[0])
+    assert found.all()
+
+
 def test_an_invalid_program_changes_no_bit_of_the_others() -> None:
     P, q, lb, ub = programs(21, 18, 0)
     x, _ = BoxBatch(18).solve(P, q, lb, ub)
@@ -87,9 +96,11 @@ def test_data_of_another_kind_are_copied_and_none_is_written_to() -> None:
 @pytest.mark.parametrize(
     ("options", "change", "sentence"),
     [
-        ((2,), {"P": lambda P: P[0]}, "P must be of shape (3, 2, 2), one program a row as in q, and not (2, 2)"),
-        ((2,), {"lb": lambda lb: lb[:2]}, "lb must be of shape (3, 2), one program a row as in q, and not (2, 2)"),
+        ((2,), {"P": lambda P: P[:2]}, "P must be of shape (3, 2, 2), and not (2, 2, 2)"),
+        ((2,), {"P": lambda P: P[0, :1]}, "P must be of shape (2, 2), and not (1, 2)"),
+        ((2,), {"lb": lambda lb: lb[:2]}, "lb must be of shape (3, 2), and not (2, 2)"),
         ((2,), {"q": lambda q: q.astype(complex)}, "q must be made of real numbers, and not of complex128"),
+        ((2,), {"q": lambda q: 3.0}, "q must be of shape (0, 2), and not ()"),
         ((0,), {}, "a program has 1 to 1000 variables, and not 0"),
         ((2, 0), {}, "there must be at least one thread, and not 0"),
     ],

@@ -19,24 +19,15 @@ from solvers.forgetting import absorb
 from solvers.protocol import Matrix
 from solvers.registry import describe
 
-NAMES = ("casadi_hpipm", "daqp", "highspy", "mujoco", "osqp", "piqp", "quadprog")
-DISTRIBUTIONS = {"casadi_hpipm": "casadi", "mujoco": "mujoco-core", "piqp": "casadi"}
+NAMES = ("casadi_hpipm", "daqp", "mujoco", "quadprog")
+DISTRIBUTIONS = {"casadi_hpipm": "casadi", "mujoco": "mujoco-core"}
 ANY_FORM = ("boxes", "one-sided", "mixed", "rows")
 FORMS = {**dict.fromkeys(NAMES, ANY_FORM), "mujoco": ("boxes", "one-sided")}
-APART = {"casadi_hpipm": 5e-5, "piqp": 1e-6}
-"""Largest relative difference of answers of the lanes, for two versions of a library or two forms of the program; all
-others agree to the last bit."""
-
-
-LIMITED: dict[str, dict[str, Any]] = {
-    "daqp": {"iter_limit": 2},
-    "piqp": {"max_iter": 6},
-    "casadi_hpipm": {"iter_max": 3},
-    "osqp": {"max_iter": 25, "eps_abs": 1e-9, "eps_rel": 0.0},
-    "highspy": {"qp_iteration_limit": 8},
-}
-"""Too few iterations for a program with active bounds, for HiGHS (which takes 6 with bounds active and 12 with none)
-one without; the others are given a P that is not positive definite."""
+APART = {"casadi_hpipm": 5e-5}
+"""Largest relative difference of answers of the lanes, for two forms of the program; all others agree to the last
+bit."""
+LIMITED: dict[str, dict[str, Any]] = {"daqp": {"iter_limit": 2}, "casadi_hpipm": {"iter_max": 3}}
+"""Too few iterations for a program with active bounds; the others are given a P that is not positive definite."""
 
 
 def both(name: str, problem: Problem | None = None, **settings: Any) -> tuple[Solver, Solver]:
@@ -52,7 +43,7 @@ def both(name: str, problem: Problem | None = None, **settings: Any) -> tuple[So
 def reachable(name: str) -> dict[str, Any]:
     """The tightest rung that the library reaches on the programs of this file, whose costs are about 100."""
     ladder = solver_class(solvers.find(name, Lane.DIRECT)).ladder(1.0)
-    return dict(ladder[{"casadi_hpipm": 2, "osqp": 1, "piqp": 2}.get(name, -1)])
+    return dict(ladder[2 if name == "casadi_hpipm" else -1])
 
 
 def agree(name: str, one: Any, other: Any) -> None:
@@ -132,27 +123,12 @@ def test_a_library_has_the_ladder_and_the_description_of_its_direct_lane(name: s
     assert compiled.distribution == DISTRIBUTIONS.get(name, name)
 
 
-def structure(name: str, function: str) -> dict[str, Any]:
-    """The settings that the library's C function writes, by the names of our structure."""
-    both(name)
-    module = importlib.import_module(f"solvers.kernel.{name}")
+def test_the_settings_of_daqp_are_at_their_offsets() -> None:
+    both("daqp")
+    module = importlib.import_module("solvers.kernel.daqp")
     settings = module.Settings()
-    getattr(getattr(module, name.upper()), function)(ctypes.byref(settings))
-    return {field: getattr(settings, field) for field, _ in settings._fields_}
-
-
-def test_the_settings_of_each_library_are_at_their_offsets() -> None:
-    daqp, osqp, piqp = map(library, ("daqp", "osqp", "piqp"))
-    assert structure("daqp", "daqp_default_settings") == daqp.Model().settings
-    defaults = osqp.ext_builtin.OSQPSettings()
-    osqp.ext_builtin.osqp_set_default_settings(defaults)
-    for ours, theirs in (
-        (structure("osqp", "osqp_set_default_settings"), defaults),
-        (structure("piqp", "piqp_set_default_settings_dense"), piqp.DenseSolver().settings),
-    ):
-        shared = [field for field in ours if isinstance(getattr(theirs, field, None), (bool, int, float))]
-        assert len(shared) >= 20
-        assert {field: ours[field] for field in shared} == {field: getattr(theirs, field) for field in shared}
+    module.DAQP.daqp_default_settings(ctypes.byref(settings))
+    assert {field: getattr(settings, field) for field, _ in settings._fields_} == library("daqp").Model().settings
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -169,7 +145,7 @@ def test_data_without_an_answer_leave_nan_in_their_row_alone(name: str) -> None:
     P[[0, 2]], q[[0, 2]] = np.eye(6), 0.0
     if name not in LIMITED:
         P[1] *= -1.0
-    solved, unsolved = ([1], [0, 2]) if name == "highspy" else ([0, 2], [1])
+    solved, unsolved = [0, 2], [1]
     *_, answers = compiled.time_kernel(P, q)
     assert np.isnan(answers[unsolved]).all()
     assert np.isfinite(answers[solved]).all()
@@ -195,7 +171,7 @@ def test_data_that_daqp_refuses_are_refused_in_the_loop_and_others_are_taken_aft
 @pytest.mark.parametrize("name", NAMES)
 def test_bounds_that_cross_are_refused_or_reported(name: str) -> None:
     compiled, problem = both(name)[0], Problem(np.eye(2), np.ones(2), lb=np.ones(2), ub=np.zeros(2))
-    if name in ("casadi_hpipm", "daqp", "mujoco", "osqp"):
+    if name in ("casadi_hpipm", "daqp", "mujoco"):
         with pytest.raises(Unsupported, match=f"{name} refuses"):
             compiled.setup(problem)
     else:

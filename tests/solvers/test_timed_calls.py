@@ -14,10 +14,7 @@ from solvers.protocol import Matrix, Vector
 from solvers.registry import Entry
 
 KERNELS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.times_itself]
-SETTINGS: dict[str, dict[str, Any]] = {
-    "projected_difference": {"steps": 300},
-    "recursive_active_set": {"proximal": 0.0},
-}
+SETTINGS: dict[str, dict[str, Any]] = {"projected_difference": {"steps": 300}}
 D = 9
 each_kernel = pytest.mark.parametrize("entry", KERNELS, ids=lambda entry: entry.name)
 
@@ -90,9 +87,7 @@ def test_afterwards_the_solver_has_the_last_data_and_can_solve_again(entry: Entr
     np.testing.assert_allclose(solver.solve(), optimum(kept[0], -kept[1]), rtol=0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    "name", ["box_active_set", "recursive_active_set", "projected_difference", "accelerated_projection"]
-)
+@pytest.mark.parametrize("name", ["box_active_set", "projected_difference", "accelerated_projection"])
 def test_invalid_data_are_refused_in_the_loop_as_by_an_update(name: str) -> None:
     solver, (P, q) = ready(solvers.find(name, Lane.KERNEL)), data(3)
     P[1, 0, 0] = np.nan

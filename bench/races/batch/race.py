@@ -18,6 +18,7 @@ import numpy as np
 from bench.derived.accuracy import TOLERANCE
 from bench.messages.columns import COUNT
 from bench.messages.task import NO_SETTING, Outcome, Request, Row, Task
+from bench.messages.verdict import Status, Tier
 from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races.batch.contestant import contestants, of_file
@@ -30,7 +31,7 @@ from bench.races.settings import OwnProblemSettings, Positive, fixed, option
 from bench.store import Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
-from solvers import Lane, Status, Tier
+from solvers import Lane
 from solvers.arrays import Matrix, Vector
 from solvers.registry import Described, Entry
 

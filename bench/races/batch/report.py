@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from bench.messages.verdict import Status
 from bench.races.batch import summary
 from bench.races.batch.race import BATCH, SHARES, BatchSettings
 from bench.races.settings import settings_of
@@ -9,7 +10,6 @@ from bench.report.plot import Axis, Plot, best_lines
 from bench.report.report import Figure, Report, Table
 from bench.report.words import OURS_NOTE, gap, number, share
 from bench.store import Run
-from solvers import Status
 
 WRONG = ("d", "contestant", "lane", "threads", "batch", "status", "message")
 

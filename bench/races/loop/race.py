@@ -24,6 +24,7 @@ from msgspec import Meta
 
 from bench.messages.columns import COUNT, TEXT
 from bench.messages.task import Request, Task
+from bench.messages.verdict import Status, Tier
 from bench.processes.worker import ChildSettings
 from bench.races.chosen_settings import EACH, Choices, choices, default_setting, table_of
 from bench.races.driver import Part, TaskRace
@@ -34,7 +35,6 @@ from bench.stage.trial import straight
 from bench.store import Schema
 from bench.timing.clock import Effort
 from piezo_model import IdentificationProblem
-from solvers import Status, Tier
 from solvers.arrays import Matrix, Vector
 from solvers.certificate import NotCertified, certify, exact_cost_gap
 from solvers.registry import Described, Entry

@@ -13,13 +13,13 @@ import numpy as np
 
 from bench.derived.accuracy import TOLERANCE
 from bench.messages.task import NO_SETTING, Outcome, Task
+from bench.messages.verdict import Status, Tier
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge, relative_gap
 from bench.races.oneshot.worker import Block, BlockOutcome, End, OneShot
 from bench.timing.clock import LONG_NS, Effort
-from solvers import Status, Tier
 from solvers.arrays import Matrix
 
 SHORTEST_NS = 40

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from bench.messages.task import Outcome, Row, Task
+from bench.messages.verdict import Status
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.sentinel import EVERY_S
@@ -25,7 +26,6 @@ from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
-from solvers import Status
 
 LONGEST_US = 1e5
 """Longest answer after which tighter settings are tried."""

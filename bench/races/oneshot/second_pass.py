@@ -22,6 +22,7 @@ import pandas as pd
 from bench.derived.measurements import at_tiers
 from bench.derived.tier_settings import tier_settings
 from bench.messages.task import Row, Task
+from bench.messages.verdict import Status, Tier
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
@@ -35,7 +36,7 @@ from bench.races.oneshot.worker import BlockOutcome
 from bench.store import Planned, Run
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
-from solvers import Lane, Status, Tier
+from solvers import Lane
 from solvers.registry import FAMILIES, Described
 
 LONGEST_US = 1000.0

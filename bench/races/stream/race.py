@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from bench.derived.accuracy import TOLERANCE
 from bench.messages.columns import FLAG, TEXT
 from bench.messages.task import NO_SETTING, Outcome, Request, Row, Setting, Task, settings_of
+from bench.messages.verdict import Status, Tier
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.processes.solver_child import SolverPool
@@ -35,7 +36,7 @@ from bench.store import Schema
 from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_NS, Timeline, runs
 from piezo_model.json_file import decoded
-from solvers import Lane, Status, Tier
+from solvers import Lane
 from solvers.arrays import Nanoseconds
 from solvers.registry import Described, Entry
 

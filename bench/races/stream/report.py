@@ -28,8 +28,7 @@ def definitions(settings: StreamSettings) -> tuple[str, ...]:
         "the newest due sample and the data of the samples that it missed. Response time: from the due time of a "
         "sample to the end of the first solve that includes it. Service time: from the start to the end of update and "
         "solve. A deadline is missed if the response time is above 125 µs.",
-        "P and q are updated before the due time if there is time, and never within the service time. Solvers that "
-        "take rows update them themselves, and that is timed.",
+        "P and q are updated before the due time if there is time, and never within the service time.",
         "The floor is a solver that answers at once: the machine itself. Beyond the floor are misses above the upper "
         "95 % bound of the floor's own, which bounds the rate of stalls (runs of late samples) and multiplies it by "
         "the floor's misses per stall. The interval of a percentile marked ≈ floor overlaps that of the floor.",

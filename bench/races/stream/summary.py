@@ -20,14 +20,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.messages.verdict import Status
 from bench.races.stream.race import StreamSettings
 from bench.report.words import marked, number, percent, solver_lanes
 from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, rate_bound
 from bench.timing.schedule import PERIOD_NS, PERIOD_US
-from solvers import Status
+from solvers import Lane
 
 GROUP = ["solver", "lane", "tier", "settings"]
-FLOOR = "null"
+FLOOR, EXACT = "null", "box_active_set"
 TOLERATED_FLOOR = 0.01
 """Largest share of deadlines missed by the machine itself in a run that can tell who keeps the schedule."""
 FAILURES = tuple(
@@ -207,7 +208,7 @@ def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
             f"stopped there; their median service times are {number(stopped['service_p50_us'].min())} to "
             f"{number(stopped['service_p50_us'].max())} µs."
         )
-    for _, line in table[~table.paced & (table.solver == "recursive_active_set") & (table.samples > 0)].iterrows():
+    for _, line in table[~table.paced & (table.solver == EXACT) & (table.samples > 0)].iterrows():
         sentences.append(
             f"Compiled and back to back, not on the schedule, {marked(line.solver)} processes {line.samples:,} rows "
             f"with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
@@ -216,7 +217,7 @@ def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
 
 
 def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
-    """Cost gaps of the first answer, of the paper's method and of the exact recursive solver."""
+    """Cost gaps of the first answer, of the paper's method and of the exact solver."""
     costs = []
     for text, selected in (
         ("the first answer, if it is kept,", table.is_floor),
@@ -225,8 +226,8 @@ def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
             (table.solver == "projected_difference") & ~table.paced & (table.settings == json.dumps({"steps": 1})),
         ),
         (
-            f"{marked('recursive_active_set')} (direct) with the exact optimum at every sample",
-            (table.solver == "recursive_active_set") & table.paced,
+            f"{marked(EXACT)} (direct) with the exact optimum at every sample",
+            (table.solver == EXACT) & table.paced & (table.lane == Lane.DIRECT),
         ),
     ):
         costs += [

@@ -2,8 +2,7 @@
 
 Solvers of the lane direct and of the modelling lanes run on the absolute schedule of `bench.timing.schedule`. Before
 each sample the child updates P and q while it waits for the due time; no solver's service time contains that. At the
-due time the solver gets P and q by ``update`` and solves, warm from the previous answer if it can. A solver that takes
-rows gets the row by ``append`` instead of P and q; following the data is then its own work, and timed.
+due time the solver gets P and q by ``update`` and solves, warm from the previous answer if it can.
 
 The kernel lane of this package has no schedule: a compiled loop takes the rows back to back and records the time of
 each, including the copy of the answer, without Python and without waiting. A user's kernel solver is timed from
@@ -89,8 +88,7 @@ class StreamRequest(Request):
 
     def _set_up(self, cls: type[Solver]) -> Solver:
         """A new solver, set up with its own copy of the start."""
-        forgetting = {"forgetting": self.forgetting} if cls.takes_rows else {}
-        solver = cls(**self.task.settings_for(cls, self.c), **forgetting)
+        solver = cls(**self.task.settings_for(cls, self.c))
         solver.setup(copied(self.start))
         return solver
 
@@ -142,24 +140,18 @@ class PacedRun:
         self._P, self._q, self._c = request.start.P.copy(), request.start.q.copy(), np.zeros(1)
         self._previous, self._x = request.x.copy(), request.x.copy()
         self.answers = np.full((samples, self._x.size), np.nan)
-        self._rows = [(row[:-1], float(row[-1])) for row in request.rows[:samples]] if solver.takes_rows else []
-        self.update: Callable[[int, int], None] = self._append if solver.takes_rows else self._update
         self.solve: Callable[[], None] = self._solve_warm if solver.warm_startable else self._solve_cold
 
     def absorb(self, first: int, last: int) -> None:
-        """Update P and q with the samples ``first`` to ``last``, unless the solver follows the rows itself."""
-        if not self._solver.takes_rows:
-            self._absorb(self._P, self._q, first, last)
+        """Update P and q with the samples ``first`` to ``last``."""
+        self._absorb(self._P, self._q, first, last)
 
     def _absorb(self, P: Matrix, q: Vector, first: int, last: int) -> None:
         absorb(P, q, self._c, self._request.rows, first, last + 1, self._request.forgetting)
 
-    def _update(self, first: int, last: int) -> None:
+    def update(self, first: int, last: int) -> None:
+        """Pass P and q to the solver."""
         self._solver.update(self._P, self._q)
-
-    def _append(self, first: int, last: int) -> None:
-        for row, target in self._rows[first : last + 1]:
-            self._solver.append(row, target)
 
     def _solve_warm(self) -> None:
         self._x[:] = self._solver.solve(self._previous)
@@ -176,6 +168,5 @@ class PacedRun:
     def mutated(self, samples: int) -> bool:
         """Whether the solver changed the P and q that it was given: the same rows must give the same bits again."""
         P, q = self._request.start.P.copy(), self._request.start.q.copy()
-        if not self._solver.takes_rows:
-            self._absorb(P, q, 0, samples - 1)
+        self._absorb(P, q, 0, samples - 1)
         return not (np.array_equal(P, self._P) and np.array_equal(q, self._q))

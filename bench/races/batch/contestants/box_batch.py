@@ -3,10 +3,10 @@
 from bench.races.batch.contestant import Contestant
 from solvers import BoxBatch
 from solvers.arrays import Matrix
-from solvers.ours import Ours
+from solvers.built_in import BuiltIn
 
 
-class Batch(Ours, Contestant):
+class Batch(BuiltIn, Contestant):
     """The public batch solver."""
 
     algorithm = "dual active set"

@@ -1,0 +1,240 @@
+"""Base class of the solvers that were written for this project: one contract for all of them.
+
+Data, answer and status change together. A refused problem, starting point or array of another shape or type leaves a
+solver as it was. P and q are checked while they are copied and scaled, so if their numbers are refused, part of them
+is in place: then the solver is not ready, and refuses to solve, until the arrays of that update come again and are
+good. Before any solve of the present data there is no answer, and none is found.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+from qpsolvers import Problem, Solution
+
+from solvers.arrays import shaped
+from solvers.core import BUILT_WITH, CAPPED, NOT_FINITE, OK, REASONS, UNSOLVED, bindings, block, parts
+from solvers.protocol import (
+    Entrant,
+    Lane,
+    Matrix,
+    Nanoseconds,
+    Solver,
+    Timings,
+    Vector,
+    box_solution,
+    dense,
+    only_box,
+)
+from solvers.timed_calls import follow_rows, time_calls
+
+DATA = frozenset({"P", "q"})
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting: a number in a range, True or False if that is its default, or also None."""
+
+    default: Any
+    most: float = np.inf
+    whole: bool = False
+
+    def checked(self, name: str, value: Any) -> Any:
+        """The value, a whole number as an int; ValueError if it is out of range or of another type."""
+        if value is self.default:
+            return value
+        if isinstance(self.default, bool):
+            good, wanted = isinstance(value, bool | np.bool_), "True or False"
+        else:
+            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            good = number and bool(0 <= value <= self.most) and not (self.whole and value % 1)
+            wanted = f"a {'whole ' * self.whole}number "
+            wanted += f"from 0 to {self.most}" if self.most < np.inf else "and not negative"
+        if not good:
+            raise ValueError(f"{name} must be {wanted}, and it is {value!r}")
+        return int(value) if self.whole else value
+
+
+class BuiltIn(Entrant):
+    """Licence, package and compiler of our solvers."""
+
+    licence = "MIT"
+    distribution = "piezobench"
+    built_with = BUILT_WITH
+
+
+class BuiltInSolver(BuiltIn, Solver):
+    """A solver of problems with bounds only, whose compiled functions work on one block of memory."""
+
+    lane = Lane.KERNEL
+    warm_startable = True
+    known: ClassVar[Mapping[str, Setting]]
+    """The settings by name."""
+    state_bytes: ClassVar[Callable[[int], int]]
+    """The compiled functions: the size of a state of d variables,"""
+    begin: ClassVar[Callable[..., int]]
+    """that makes a block a state with bounds,"""
+    places: ClassVar[Callable[..., Mapping[str, tuple[int, int]]]]
+    """the places of its parts,"""
+    pass_data: ClassVar[Callable[..., int]]
+    """that checks types and shapes of P and q, and takes them unless they are None,"""
+    run: ClassVar[Callable[..., int]]
+    """and that solves, warm or cold."""
+    x: Vector
+    """The answer of the last run."""
+    _warm = False
+    state: Any = None
+    _missing = DATA
+    """The arrays that must come before the next solve."""
+    _status = UNSOLVED
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        if unknown := sorted(self.settings.keys() - self.known.keys()):
+            raise ValueError(f"{self.name} has no setting {unknown[0]!r}; it has {', '.join(self.known)}")
+        self.options = {
+            name: setting.checked(f"{self.name}: {name}", self.settings.get(name, setting.default))
+            for name, setting in self.known.items()
+        }
+
+    @abstractmethod
+    def prepare(self, P: Matrix, q: Vector) -> None:
+        """Get ready for a new state, which has these data."""
+
+    @abstractmethod
+    def run_from(self, start: Vector) -> int:
+        """Solve from ``start`` (d,), finite; a status."""
+
+    @abstractmethod
+    def answer(self) -> Vector:
+        """The last answer, shape (d,)."""
+
+    @abstractmethod
+    def data(self) -> tuple[Matrix, Vector]:
+        """Copies of the present P (d, d) and q (d,)."""
+
+    @abstractmethod
+    def extras(self) -> dict[str, Any]:
+        """What ``solution`` says beyond answer and status."""
+
+    @abstractmethod
+    def loop(self) -> Callable[..., int]:
+        """The compiled loop that times ``update`` and ``solve``."""
+
+    def part(self, name: str) -> Vector:
+        """A view of a part of the state, by its name in ``bindings_*.c``."""
+        return self._parts[name]
+
+    def setup(self, problem: Problem) -> None:
+        """Allocate, and take the data; a refused problem leaves the solver as it was.
+
+        Raises
+        ------
+        Unsupported
+            The problem has general rows, or no variables.
+        ValueError
+            A number is NaN or infinite where it may not be, P is not symmetric or indefinite beyond rounding, or bounds
+            cross.
+        """
+        P, q = dense(problem)
+        lb, ub = only_box(problem, self.name)
+        state = block(type(self).state_bytes(q.size))
+        self._require(self.begin(state, lb, ub))
+        self._require(self.pass_data(state, P, q), P=P, q=q)
+        self.state, self._parts, self._lb, self._ub = state, parts(state, self.places(state)), lb, ub
+        self._missing, self._status = frozenset(), UNSOLVED
+        self.prepare(P, q)
+
+    def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
+        """Take new P or q of the same shape; ValueError as in ``setup``, after which the solver may not be ready."""
+        try:
+            status = self.pass_data(self.state, P, q)
+        except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
+            if self.state is None:
+                self._refuse_to_work()
+            d = self._lb.size
+            P = None if P is None else shaped("P", P, (d, d))
+            q = None if q is None else shaped("q", q, (d,))
+            status = self.pass_data(self.state, P, q)
+        self._status = UNSOLVED
+        if status or self._missing:
+            given = {name for name, array in (("P", P), ("q", q)) if array is not None}
+            self._missing = self._missing | given if status else self._missing - given
+            self._require(status, P=P, q=q)
+
+    def solve(self, warm_start: Vector | None = None) -> Vector:
+        """Return the answer, shape (d,), that the next call may overwrite.
+
+        Raises
+        ------
+        ValueError
+            There is no problem or its last update was refused, the starting point is not finite, or the problem is
+            unbounded below.
+        """
+        if self._missing:
+            self._refuse_to_work()
+        if warm_start is None:
+            self._status = self.run(self.state, self._warm)
+        else:
+            start = shaped("warm_start", warm_start, self._lb.shape)
+            if not bindings.all_finite(start):
+                raise ValueError(f"{self.name}: warm_start must be finite")
+            self._status = self.run_from(start)
+        if self._status:
+            self._require(self._status)
+        return self.x
+
+    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+        """Take each P and q and solve, timed; by default as ``solve()`` does, or from ``warm_start``."""
+        if self.state is None:
+            self._refuse_to_work()
+        status, timings = time_calls(self.loop(), P, q, warm_start, most_ns)
+        last = timings[0].size - 1
+        self._took(P[last], q[last], status)
+        return timings
+
+    def follow(self, loop: Callable[..., int], rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
+        """Take rows by a compiled loop; the new data of a row are not timed."""
+        if self._missing:
+            self._refuse_to_work()
+        P, q = self.data()
+        status, answers, nanoseconds = follow_rows(loop, P, q, rows, forgetting)
+        self._took(P, q, status)
+        return answers, nanoseconds
+
+    def _took(self, P: Matrix, q: Vector, status: int) -> None:
+        """A loop ended with these data and this status."""
+        self.remember(P, q)
+        self._status, self._missing = status, frozenset() if status in (OK, CAPPED) else DATA
+        self._require(status)
+
+    def remember(self, P: Matrix, q: Vector) -> None:
+        """Keep the data of a loop, if the state does not."""
+
+    def solution(self) -> Solution:
+        """Return the answer to the present data, found if its status is that of a full solve and it is finite;
+        ValueError as ``solve`` if the solver is not ready."""
+        if self._missing:
+            self._refuse_to_work()
+        problem = Problem(*self.data(), lb=self._lb, ub=self._ub)
+        if self._status not in (OK, CAPPED):
+            return Solution(problem, found=False, extras={"status": REASONS[self._status]})
+        x, said = self.answer(), {"status": REASONS[self._status], **self.extras()}
+        return box_solution(problem, x, self._status == OK and bool(np.isfinite(x).all()), **said)
+
+    def _refuse_to_work(self) -> NoReturn:
+        if self.state is None:
+            raise ValueError(f"{self.name} has no problem yet: call setup(problem)")
+        raise ValueError(
+            f"{self.name} is not ready until the next good update of {' and '.join(sorted(self._missing))}"
+        )
+
+    def _require(self, status: int, **data: Matrix | None) -> None:
+        """Raise ValueError unless the status is that of an answer or of good data."""
+        if status == NOT_FINITE and data:
+            which = next(name for name, array in data.items() if array is not None and not np.isfinite(array).all())
+            raise ValueError(f"{self.name}: {which} must be finite")
+        if status not in (OK, CAPPED):
+            raise ValueError(f"{self.name}: {REASONS[status]}")

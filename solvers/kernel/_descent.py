@@ -1,0 +1,74 @@
+"""Projected gradient methods in C, see ``solvers/core/descent.h``."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+
+from solvers.built_in import BuiltInSolver
+from solvers.core import CAPPED, OK, bindings
+from solvers.protocol import Matrix, Vector
+
+
+class ProjectedGradient(BuiltInSolver):
+    """A method for problems with bounds only, in the variables w = x/D; D is 1 or diag(P)^−½, with which a box stays a
+    box."""
+
+    iteration_setting = "steps"
+    take_steps: ClassVar[Callable[..., int]]
+    """The compiled steps."""
+    timed_loop: ClassVar[Callable[..., int]]
+    """The compiled loop that times ``update`` and ``solve``."""
+    without_test = -1.0
+    """The tolerance that the compiled steps take for none."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        tolerance = self.options["tolerance"]
+        self._rule = float(self.options.get("step_ratio", 0.5)), int(self.options["diagonal_scaling"])
+        self._limits = self.options["steps"], self.without_test if tolerance is None else float(tolerance)
+
+    state_bytes = bindings.descent_bytes
+    begin = bindings.descent_setup
+    places = bindings.descent_places
+
+    def prepare(self, P: Matrix, q: Vector) -> None:
+        self._P, self._q = P, q
+
+    def pass_data(self, state: Any, P: Matrix | None, q: Vector | None) -> int:
+        status = bindings.descent_set_data(state, P, q, *self._rule)
+        if status == OK and state is self.state:
+            self.remember(P, q)
+        return status
+
+    def remember(self, P: Matrix | None, q: Vector | None) -> None:
+        if P is not None:
+            self._P[:] = P
+        if q is not None:
+            self._q[:] = q
+
+    def run(self, state: Any, warm: bool) -> int:
+        return self.run_from(None)
+
+    def run_from(self, start: Vector | None) -> int:
+        """Take the steps from the projection of ``start``, or of 0."""
+        bindings.descent_start(self.state, start)
+        type(self).take_steps(self.state, *self._limits)
+        self.x = self.answer()
+        return OK if self._limits[1] < 0.0 or self.part("met").view(np.int32)[0] else CAPPED
+
+    def answer(self) -> Vector:
+        """The last iterate, exactly at a bound if the scaled one is."""
+        bindings.descent_answer(self.state)
+        return self.part("answer").copy()
+
+    def loop(self) -> Callable[..., int]:
+        return partial(type(self).timed_loop, self.state, *self._rule, *self._limits)
+
+    def data(self) -> tuple[Matrix, Vector]:
+        return self._P.copy(), self._q.copy()
+
+    def extras(self) -> dict[str, Any]:
+        """The number of steps and the step size."""
+        return {"steps": int(self.part("taken").view(np.int64)[0]), "eta": float(self.part("eta")[0])}
