@@ -35,19 +35,18 @@ def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None
     """The folder for the results of many recordings; refuses the call if it is not given."""
     if out_dir is None:
         raise typer.TyperException(
-            "Missing option '--out'" if len(recordings) == 1 else "Missing option '--out-dir' for many recordings"
+            "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for many recordings"
         )
     if page is not None:
         raise typer.BadParameter("is for one recording; --out-dir has pages of its own", param_hint="--page")
     return out_dir
 
 
-def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> str:
-    """The single recording of a call without --out-dir; refuses several, and options for many."""
+def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> None:
+    """Refuse several recordings in a call without --out-dir, and options for many."""
     if out_dir is not None or len(recordings) > 1:
         raise typer.BadParameter("is for one recording, and --out-dir for many", param_hint="--out")
     refuse(context, PARALLEL, "is for many recordings, with --out-dir")
-    return recordings[0]
 
 
 def process(

@@ -16,7 +16,9 @@ from bench.cli.options import (
     Time,
     WorkerBackend,
     WorkerCount,
+    files_of,
     reads_a_recording,
+    recording_of,
 )
 from bench.fleet.storage import absolute
 from bench.fleet.works import Validating
@@ -33,11 +35,11 @@ def validate_verb(
     model: Annotated[
         str, typer.Argument(help="Model from identify; for many recordings also the folder of their models.")
     ],
-    recording: Annotated[
-        list[str],
-        typer.Argument(help="A recording in any known format; or many, as paths or URLs, with --out-dir."),
-    ],
     reading: dict[str, Any],
+    recording: Annotated[
+        list[str] | None,
+        typer.Argument(help="A recording in any known format; or many, as paths or URLs, with --out-dir."),
+    ] = None,
     out_dir: OutDir = None,
     time: Time = None,
     input: Input = None,
@@ -53,28 +55,29 @@ def validate_verb(
     The initial states are estimated as in identify; a constant shift of the output between the two sessions is removed
     and reported. A sentence says if the model was fitted to the recording itself.
     """
+    file = recording_of(next(iter(recording or ()), None), input, output)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Validating(absolute(model), opening)
-    if out_dir is not None or len(recording) > 1:
+    if out_dir is not None or len(recording or ()) > 1:
         process(
             work,
-            recording,
-            out_dir_of(recording, out_dir, page),
+            recording or (),
+            out_dir_of(recording or (), out_dir, page),
             Workers(workers, backend, scheduler),
             "Validation of a fleet",
             "were judged",
             as_json,
         )
         return
-    file = Path(only(context, recording, out_dir))
+    only(context, recording or (), out_dir)
     if page is not None:
-        check_writable(page, "--page", [file, model])
+        check_writable(page, "--page", [*files_of(file, input, output), model])
     opened, loaded, result = work.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
         from piezo_model.identification.fit_review import review
 
-        recording_page.write(page, file.name, review(opened, loaded, result))
+        recording_page.write(page, Path(opened.name).name, review(opened, loaded, result))
     lines = [opened.describe(), *result.sentences(), f"Page: {page}" if page else ""]
     print_result({"model": model, "page": page, **result.to_dict()}, lines, as_json)
 

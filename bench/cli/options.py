@@ -4,6 +4,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -105,8 +106,14 @@ Time = Annotated[
         "clock. Guessed by default."
     ),
 ]
-Input = Annotated[str | None, typer.Option(help="Input column, such as voltage_V.")]
-Output = Annotated[str | None, typer.Option(help="Output column, such as displacement_um.")]
+Input = Annotated[
+    str | None,
+    typer.Option(help="Input column, such as voltage_V; without a recording FILE or FILE:COLUMN, one file a channel."),
+]
+Output = Annotated[
+    str | None,
+    typer.Option(help="Output column, such as displacement_um; without a recording FILE or FILE:COLUMN."),
+]
 READING_OPTIONS: dict[str, Any] = {
     "sample_time": Annotated[float | None, typer.Option(help="Sampling period in s, for a file without times.")],
     "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, instead of --sample-time.")],
@@ -124,7 +131,15 @@ READING_OPTIONS: dict[str, Any] = {
     "output_unit": Annotated[
         str | None, typer.Option(help="Unit of the output, such as um, if the file does not state it.")
     ],
+    "time_unit": Annotated[
+        str | None, typer.Option(help="Unit of the times, such as ms, if the file does not state it.")
+    ],
+    "from_s": Annotated[float | None, typer.Option("--from", help="Seconds after the first time to read from.")],
+    "to_s": Annotated[float | None, typer.Option("--to", help="Seconds after the first time to read to.")],
+    "decimate": Annotated[int | None, typer.Option(min=1, help="Read the first of so many rows.")],
+    "strict": Annotated[bool | None, typer.Option("--strict", help="Refuse a recording that needs repairs.")],
 }
+"""Options of `piezo_model.recordings.options.ReadOptions`, for every verb that opens a recording."""
 
 
 Start = Annotated[
@@ -158,16 +173,32 @@ def as_text(**values: Any) -> dict[str, str]:
     return {name: str(value) for name, value in values.items() if value is not None}
 
 
-def reads_a_recording(verb: Verb) -> Verb:
-    """Add READING_OPTIONS to a verb, which receives them as a dictionary in its parameter ``reading``, without
-    ``sample_rate``."""
+def recording_of(recording: str | Path | None, input: str | None, output: str | None) -> Path | None:
+    """The recording of a call; None for one in two files, which ``input`` and ``output`` name."""
+    if recording is None and (input is None or output is None):
+        raise typer.TyperException("Missing argument 'recording', or --input FILE and --output FILE")
+    return None if recording is None else Path(recording)
 
-    @grouped("reading", READING_OPTIONS)
+
+def files_of(recording: Path | None, input: str | None, output: str | None) -> list[Path]:
+    """The file of a recording, or the two that ``input`` and ``output`` name."""
+    from piezo_model.recordings.joining import split_name
+
+    return [split_name(name)[0] for name in (input, output) if name] if recording is None else [recording]
+
+
+def reads_a_recording(verb: Verb) -> Verb:
+    """Add READING_OPTIONS to a verb, which receives those that are given as a dictionary in its parameter ``reading``,
+    without ``sample_rate``; a verb with a --from of its own has no part of a recording."""
+    own = {"from_s", "to_s"} if "source" in inspect.signature(verb).parameters else set()
+
+    @grouped("reading", {name: option for name, option in READING_OPTIONS.items() if name not in own})
     @functools.wraps(verb)
     def wrapped(*, reading: dict[str, Any], **given: Any) -> None:
-        rate = reading.pop("sample_rate")
+        reading = {name: value for name, value in reading.items() if value is not None}
+        rate = reading.pop("sample_rate", None)
         if rate is not None:
-            if reading["sample_time"] is not None or not rate > 0.0:
+            if "sample_time" in reading or not rate > 0.0:
                 raise typer.BadParameter("give either a positive rate or --sample-time", param_hint="--sample-rate")
             reading["sample_time"] = 1.0 / rate
         verb(reading=reading, **given)

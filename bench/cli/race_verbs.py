@@ -1,5 +1,6 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
+import os
 import shlex
 from dataclasses import fields, replace
 from enum import StrEnum
@@ -211,6 +212,10 @@ def race_verb(
         work=work,
         **reading,
     )
+    if recording is None and input is not None and output is not None:
+        from bench.problems.recorded import TWO_FILES
+
+        set_options |= {"recording": TWO_FILES, "input": os.path.abspath(input), "output": os.path.abspath(output)}
     sets = problem_set or [name for name, option in FILE_OF.items() if option in set_options]
     lists: dict[str, Any] = {
         "solvers": [text for text in solver or () if not text.endswith(".py")],

@@ -5,26 +5,29 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.cli.options import Input, Output, Time, reads_a_recording
+from bench.cli.options import Input, Output, Time, reads_a_recording, recording_of
 from bench.report.console import AsJson, console, print_json, print_table
 from piezo_model.recordings import Recording, RecordingError
+from piezo_model.recordings.evidence import profiles
+from piezo_model.recordings.joining import joined
 from piezo_model.recordings.opening import open_table
-from piezo_model.recordings.profile import profiles
-from piezo_model.recordings.tables import ReadOptions, Table
+from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.table import Table
 from piezo_model.units import quantity, shown
 
 
 @reads_a_recording
 def inspect_verb(
-    recording: Annotated[Path, typer.Argument(help="A recording in any known format.")],
     reading: dict[str, Any],
+    recording: Annotated[Path | None, typer.Argument(help="A recording in any known format.")] = None,
     time: Time = None,
     input: Input = None,
     output: Output = None,
     as_json: AsJson = False,
 ) -> None:
     """Show how a recording is read: columns, units, sampling and ranges, and which columns are guessed."""
-    table = open_table(recording, ReadOptions(**reading))
+    recording, options = recording_of(recording, input, output), ReadOptions(**reading)
+    table = joined(input or "", output or "", time, options) if recording is None else open_table(recording, options)
     refused, opened = None, None
     try:
         opened = Recording.open(recording, time=time, input=input, output=output, **reading)
@@ -34,7 +37,7 @@ def inspect_verb(
     if as_json:
         print_json(
             {
-                "file": recording,
+                "file": table.path,
                 "form": table.form,
                 "columns": columns,
                 "refused": refused and str(refused),
@@ -47,13 +50,14 @@ def inspect_verb(
                         "input": opened.columns["input"],
                         "output": opened.columns["output"],
                         "time": opened.columns.get("time"),
-                        "guessed": dict(opened.reasons),
+                        "guessed": {**opened.reasons, **({"time_unit": "seconds"} if opened.guessed_seconds else {})},
+                        "remarks": opened.remarks,
                     }
                 ),
             }
         )
     else:
-        console.print(opened.describe() if opened else f"{recording}: {table.form}")
+        console.print(opened.describe() if opened else f"{table.path}: {table.form}")
         print_table(
             ("column", "name", "unit", "from", "to", "role"),
             [(str(c["number"]), str(c["name"]), shown(str(c["unit"])), *_range(c), str(c["role"])) for c in columns],
@@ -81,17 +85,15 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
             found = {}
         ranges = {k: (profile.low, profile.high) for k, profile in found.items()}
     else:
-        ranges = {
-            k: spans[roles[column.name]] for k, column in enumerate(table.columns) if roles.get(column.name) in spans
-        }
+        ranges = {k: spans[roles[name]] for k, name in enumerate(table.names) if roles.get(name) in spans}
     return [
         {
             "number": k + 1,
-            "name": column.name,
+            "name": table.names[k],
             "unit": column.unit,
             "kind": column.kind,
             "range": ranges.get(k),
-            "role": roles.get(column.name, "" if column.kind == "number" else column.kind),
+            "role": roles.get(table.names[k], "" if column.kind == "number" else column.kind),
         }
         for k, column in enumerate(table.columns)
     ]

@@ -19,7 +19,9 @@ from bench.cli.options import (
     WorkerBackend,
     WorkerCount,
     XStart,
+    files_of,
     reads_a_recording,
+    recording_of,
     refuse,
 )
 from bench.fleet.storage import absolute
@@ -37,8 +39,10 @@ SHOWN = 8
 @reads_a_recording
 def identify_verb(
     context: typer.Context,
-    recording: Annotated[list[str], typer.Argument(help=f"{FILE} Or many, as paths or URLs, with --out-dir.")],
     reading: dict[str, Any],
+    recording: Annotated[
+        list[str] | None, typer.Argument(help=f"{FILE} Or many, as paths or URLs, with --out-dir.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="JSON file for the model of one recording.")] = None,
     out_dir: OutDir = None,
     time: Time = None,
@@ -78,24 +82,26 @@ def identify_verb(
 
     It reports how well the model fits and what the recording lacks; --page draws it.
     """
+    file = recording_of(next(iter(recording or ()), None), input, output)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
     work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, solver, force)
     if out is None:
         process(
             work,
-            recording,
-            out_dir_of(recording, out_dir, page),
+            recording or (),
+            out_dir_of(recording or (), out_dir, page),
             Workers(workers, backend, scheduler),
             "Identification of a fleet",
             "gave a model",
             as_json,
         )
         return
-    file = Path(only(context, recording, out_dir))
-    check_writable(out, others=[file])
+    only(context, recording or (), out_dir)
+    files = files_of(file, input, output)
+    check_writable(out, others=files)
     opened = work.opened(file)
     if page is not None:
-        check_writable(page, "--page", [file, out])
+        check_writable(page, "--page", [*files, out])
     if not as_json:
         console.print(opened.describe())
     with progress_bar() as progress:
@@ -106,7 +112,7 @@ def identify_verb(
             progress("writing the page", 0, 1)
             from bench.report import recording_page  # plots take a second to import
 
-            recording_page.write(page, file.name, review(opened, model))
+            recording_page.write(page, Path(opened.name).name, review(opened, model))
     selection = model.report.get("selection")
     if selection and not as_json:
         print_table(
@@ -180,7 +186,8 @@ def compensate_verb(
             as_json,
         )
         return
-    file = Path(only(context, reference, out_dir))
+    only(context, reference, out_dir)
+    file = Path(reference[0])
     check_writable(out, others=[file, model])
     result = work.do(file, [Path(model)], out)
     follows = f"to {100.0 * FOLLOWED:g} % of its range"

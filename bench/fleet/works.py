@@ -76,8 +76,9 @@ class Identifying(Work):
         """Fit of the model that was written."""
         return review(self.opened(recording), HysteresisCreepModel.load(made))
 
-    def opened(self, recording: Path) -> Recording:
-        """Open the recording; a fit decides which column is the input if the names do not."""
+    def opened(self, recording: Path | None) -> Recording:
+        """Open the recording, without a path that in two files; a fit decides which column is the input if the names do
+        not."""
         return check_direction(Recording.open(recording, **self.opening))
 
     def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
@@ -130,7 +131,7 @@ class Validating(WithModel):
         """Fit of the model."""
         return review(*self.judged(recording, further[0]))
 
-    def judged(self, recording: Path, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
+    def judged(self, recording: Path | None, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and its validation."""
         loaded, _ = open_model(model)
         opened = check_direction(Recording.open(recording, **self.opening))

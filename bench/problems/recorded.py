@@ -12,7 +12,7 @@ fits to the fitted part, by ``HysteresisCreepModel.validate`` on the unseen part
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,25 +21,20 @@ from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certifi
 from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.identify import check_direction, choose_creep_rates, structure_of
 from piezo_model.identification.preprocessing import Preprocessed, preprocess
+from piezo_model.recordings.options import ReadOptions
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 """(n, m), for d = 19, 9, 27, 39, 61 with the offset."""
 WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 """Share of the fitted part that a window covers, up to its end."""
 KEPT_BACK = 0.2
+TWO_FILES = "two files"
+"""In place of a recording's path, if the options input and output name one file for each."""
 HELD_OUT, FITTED = "held out", "fitted"
 """Whether the last fifth was held out from the fit of a model or is part of its data."""
 LONGEST_VALIDATION = 200_000
 """Largest number of unseen samples; every problem has its own copy."""
-READING = {
-    "sample_time": float,
-    "header_row": int,
-    "decimal": str,
-    "sheet": str,
-    "resample": float,
-    "input_unit": str,
-    "output_unit": str,
-}
+READING = {name: (get_args(kind) or (kind,))[0] for name, kind in get_type_hints(ReadOptions).items()}
 """Options of ``Recording.open``, with their types."""
 SOLVER, PROXIMAL = "box_active_set", 1e-10
 
@@ -70,7 +65,8 @@ class Recorded(ProblemSet):
         reading: dict[str, Any] = {
             name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options
         }
-        return check_direction(Recording.open(self.options["recording"], time, input, output, **reading))
+        path = self.options["recording"]
+        return check_direction(Recording.open(None if path == TWO_FILES else path, time, input, output, **reading))
 
     @cached_property
     def _parts(self) -> tuple[Recording, Recording]:

@@ -103,7 +103,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         y_model,
         skip,
         tuple(_weights(problem, model.weights)),
-        sentences,
+        (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.remarks)),
         validation is None,
     )
 

@@ -42,7 +42,7 @@ from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording, RecordingError
-from piezo_model.recordings.profile import REASONS
+from piezo_model.recordings.evidence import REASONS
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -200,7 +200,7 @@ def identify(
         and model.report["refusal"] is None
     ):
         model = _selected(recording, model, fitted, n, m, creep_rates, solver, progress)
-    return replace(model, report={**model.report, "recording": recording.digest()})
+    return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.remarks]})
 
 
 def _selected(
@@ -249,7 +249,7 @@ def _selected(
 def check_direction(recording: Recording) -> Recording:
     """The recording, with input and output swapped if they were guessed by their values and a fit contradicts that.
 
-    The guess (`piezo_model.recordings.profile`) depends on the sense of the loops alone, which an open path or a drift
+    The guess (`piezo_model.recordings.evidence`) depends on the sense of the loops alone, which an open path or a drift
     reverses. A model is fitted in both directions: the operators can only lag, so the drive explains the output and
     not vice versa.
 

@@ -1,21 +1,22 @@
-"""Recordings of an actuator: files of any format, checked once and read in chunks.
+"""Recordings of an actuator: files of any format, read once into two arrays, repaired where that is safe, and said.
 
-The data pass through these modules on their way from a file to the weights, each module once unless the recording is
-too long to be held in memory:
-
-    formats/*           ``batches``: text by Arrow, after `dialect` and `text_table`; binary formats by their libraries,
-                        in a child process (`subprocess_reader`)
-    tables              ``Table.chunks``: float64, (columns, rows)
-    roles, profile      the role of each column, by its name or by its values
-    scan                ``scan``: values and clock (`sampling`) checked, held, streamed, or interpolated, in one pass
-    recording           ``Recording.chunks``
-    identification      `preprocessing` (sign, transient, initial state), `sensor_lag`; `fitting.accumulate`: the sums
-                        of (6), `fitting.optimum`: the weights; `fitting.forward_error`, `adequacy`, `fit_report`: their
-                        errors
+    path
+     │   formats.open_table   first bytes → one reader a format; those of C libraries in a child (`isolated`)
+     ▼
+    Table                     named columns (`table`, `array_table`; text: `dialect`, `layout`, `text_rows`)
+     │   roles.choose_roles   by name, unit, elimination, and last by values (`evidence`)
+     │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
+     ▼
+    Rows                      times and signals
+     │   samples.sample       missing values (`missing`), order, repeats and parts (`order`), the period (`clock`),
+     │                        bad samples (`bad_samples`), an even clock
+     │   opening              a question where the numbers cannot be in their units
+     ▼
+    Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `joining`)
 """
 
-from piezo_model.recordings.chunks import RecordingError
 from piezo_model.recordings.recording import Recording, Reference, read_reference
+from piezo_model.recordings.table import RecordingError
 from piezo_model.recordings.writer import write_table
 
 __all__ = ["Recording", "RecordingError", "Reference", "read_reference", "write_table"]

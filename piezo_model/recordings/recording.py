@@ -3,13 +3,12 @@
 The file, in any format of :mod:`piezo_model.recordings.formats`, has columns for the input x_k and the output y_k, and
 for the time t_k = t_0 + k T unless T is known. It is read and checked once, when it is opened. Columns that the user
 does not name are guessed (:mod:`piezo_model.recordings.roles`), and ``describe()`` reports the guesses; the checks are
-in :mod:`piezo_model.recordings.scan` and :mod:`piezo_model.recordings.sampling`.
+in :mod:`piezo_model.recordings.samples`, and each repair is one of ``remarks``.
 """
 
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -20,14 +19,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
-from piezo_model.recordings.chunks import RecordingError, check_sample_time
-from piezo_model.recordings.opening import open_table
-from piezo_model.recordings.roles import choose_roles
-from piezo_model.recordings.sampling import TIME_TOLERANCE
-from piezo_model.recordings.scan import Scan, ValueCheck, scan
-from piezo_model.recordings.tables import Column, ReadOptions
+from piezo_model.recordings.joining import INPUT, OUTPUT, TIME, joined
+from piezo_model.recordings.missing import MOST_MISSING, last_known
+from piezo_model.recordings.opening import GUESS, Signals, open_table, read_signals
+from piezo_model.recordings.options import TIME_TOLERANCE, ReadOptions
+from piezo_model.recordings.roles import NO_CLOCK
+from piezo_model.recordings.rows import Rows
+from piezo_model.recordings.table import RecordingError, check_sample_time
 from piezo_model.structure import SMALLEST
-from piezo_model.units import canonical, conversion, quantity, shown
+from piezo_model.units import conversion, quantity, shown
 from solvers.arrays import Mask, Vector, read_only, reals
 
 
@@ -45,6 +45,10 @@ class Source:
     """Reason of the guess by role; not of the columns that the user named."""
     form: str = ""
     """Format and dialect of the file, as a clause: "text, separated by tabs, header in row 3"."""
+    remarks: tuple[str, ...] = ()
+    """What was left out, filled in or put in order, each as a clause."""
+    guessed_seconds: bool = False
+    """Whether nobody states the unit of the times."""
     units: str = ""
     """What :meth:`in_units` has converted, or taken as it is since a unit is not known, in a sentence."""
 
@@ -58,6 +62,9 @@ class Source:
         gains, clauses = zip(*(conversion(self.name, role, *pair) for role, pair in pairs.items()), strict=True)
         said = " and ".join(filter(None, clauses))
         return gains, f"{self.name}: {said}." if said else self.units
+
+    def _describe_period(self) -> str:
+        return f"one every {quantity(self.sample_time, 's')}{GUESS * self.guessed_seconds}"
 
     def _describe_guesses(self) -> str:
         if not self.reasons:
@@ -95,33 +102,24 @@ class Recording(Source):
     @classmethod
     def open(
         cls,
-        path: str | Path,
+        path: str | Path | None = None,
         time: str | None = None,
         input: str | None = None,
         output: str | None = None,
-        *,
-        time_tolerance: float = TIME_TOLERANCE,
-        sample_time: float | None = None,
-        header_row: int | None = None,
-        decimal: str | None = None,
-        sheet: str | None = None,
-        resample: float | None = None,
-        input_unit: str | None = None,
-        output_unit: str | None = None,
+        **reading: Any,
     ) -> Recording:
         """Read a file and check all of it.
 
         Parameters
         ----------
-        path : str or Path
-            Of any format; the content determines it.
+        path : str or Path, optional
+            Of any format; the content determines it. Without it, ``input`` and ``output`` name two files, as for
+            :meth:`join`.
         time, input, output : str, optional
-            Column names, paths such as ``group/channel``, or numbers counted from 1; guessed by default.
-        time_tolerance : float
-            Largest deviation of an interval from the sampling period, as a share of it, beside the rounding of printed
-            times.
-        sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
-            As in :class:`piezo_model.recordings.tables.ReadOptions`.
+            Column names, parts of them that no other column has, paths such as ``group/channel``, or numbers counted
+            from 1; guessed by default.
+        **reading
+            As in :class:`piezo_model.recordings.options.ReadOptions`.
 
         Raises
         ------
@@ -138,20 +136,38 @@ class Recording(Source):
         >>> recording.sample_time, recording.length, recording.x_range, recording.output_unit
         (0.005, 3, (0.0, 2.0), 'um')
         """
-        options = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
+        if path is None:
+            if input is None or output is None:
+                raise RecordingError("a recording in two files needs --input FILE and --output FILE")
+            return cls.join(input, output, time, **reading)
+        options = ReadOptions(**reading)
         named = {"time": time, "input": input, "output": output}
-        source, samples, (x, y) = _read(path, named, options, time_tolerance)
-        for role, column, (low, high) in zip(("input", "output"), (x, y), samples.ranges, strict=True):
-            _refuse_constant(f"{path}: {role} column {column.name!r}", low, high, samples.length)
-        signals = np.concatenate([*samples.signals()], axis=1)
+        return cls._of(str(path), read_signals(open_table(path, options), named, options))
+
+    @classmethod
+    def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Recording:
+        """Read a recording in two files, ``FILE`` or ``FILE:COLUMN``, as an oscilloscope writes one for each channel.
+
+        Where their times differ, the output is interpolated at the times of the input that both have. Parameters and
+        errors are those of :meth:`open`.
+        """
+        options = ReadOptions(**reading)
+        table = joined(input, output, time, options)
+        clock = None if options.sample_time else str(TIME + 1) if table.columns[TIME].kind == "number" else NO_CLOCK
+        named = {"time": clock, "input": str(INPUT + 1), "output": str(OUTPUT + 1)}
+        return cls._of(str(table.path), read_signals(table, named, options))
+
+    @classmethod
+    def _of(cls, name: str, read: Signals) -> Recording:
+        for role, values in zip(("input", "output"), read.rows.signals, strict=True):
+            column = read.table.names[read.roles.at[role]]
+            _refuse_constant(f"{name}: {role} column {column!r}", values)
         return cls(
-            **source,
-            **_filled(*signals),
-            x_range=samples.ranges[0],
-            y_range=samples.ranges[1],
-            input_unit=_unit(options.input_unit, x),
-            output_unit=_unit(options.output_unit, y),
-            time_resolution=samples.time_resolution,
+            **read.source(name),
+            **_arrays(read.rows),
+            input_unit=read.units[0],
+            output_unit=read.units[1],
+            time_resolution=read.sampling.resolution,
         )
 
     @classmethod
@@ -189,19 +205,16 @@ class Recording(Source):
                 f"{name}: input and output must be one-dimensional, of one length and not empty, "
                 f"not of shapes {shapes[0]} and {shapes[1]}"
             )
-        ranges = []
-        for role, signal in signals.items():
-            check = ValueCheck(f"{name}: {role}", "sample {}".format, gaps=role == "output")
-            check.update(signal)
-            check.finish(shorten=False)
-            _refuse_constant(f"{name}: {role}", check.low, check.high, check.count)
-            ranges.append((check.low, check.high))
+        rows = Rows(name, ["input", "output"], [np.copy(signal) for signal in signals.values()], "sample {}".format)
+        for label, signal, most in zip(rows.labels, rows.signals, (0.0, MOST_MISSING), strict=True):
+            last_known(rows, label, signal, most, whole=True)
+            _refuse_constant(f"{name}: {label}", signal)
+        if (missing := np.isnan(rows.signals[1])).any():
+            rows.replace(1, missing)
         return cls(
             name=name,
             sample_time=float(sample_time),
-            **_filled(*map(np.copy, signals.values())),
-            x_range=ranges[0],
-            y_range=ranges[1],
+            **_arrays(rows),
             input_unit=input_unit,
             output_unit=output_unit,
         )
@@ -308,20 +321,21 @@ class Recording(Source):
         )
 
     def describe(self) -> str:
-        """Describe in two lines the samples, and the columns that were guessed."""
+        """Describe in two lines the samples, and the columns that were guessed, and in one each remark."""
         first = (
             f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
-            f"{quantity(self.duration_s, 's')}, one every {quantity(self.sample_time, 's')}"
+            f"{quantity(self.duration_s, 's')}, {self._describe_period()}"
         )
         if "time" in self.columns:
             first += f" by {self.columns['time']!r}"
         if self.time_resolution > TIME_TOLERANCE * self.sample_time:
             first += f", rounded to {quantity(self.time_resolution, 's')}"
         if gaps := int(np.count_nonzero(self.uncounted)):
-            first += f"; {gaps} have no output and are not counted"
+            first += f"; {gaps} of them not counted"
         input = self._describe_signal("input", self.input_unit, self.x_range)
         output = self._describe_signal("output", self.output_unit, self.y_range)
-        return f"{first}\n{input}, {output}{self._describe_guesses()}"
+        remarks = (f"Note: {remark}." for remark in self.remarks)
+        return "\n".join((first, f"{input}, {output}{self._describe_guesses()}", *remarks))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,8 +360,8 @@ class Reference(Source):
         """Describe in a sentence the samples, and the columns that were guessed."""
         signal = self._describe_signal("reference", self.unit, (float(self.values.min()), float(self.values.max())))
         return (
-            f"{self.name}: {self.form}; {self.values.size} samples, one every {quantity(self.sample_time, 's')}; "
-            f"{signal}{self._describe_guesses()}"
+            f"{self.name}: {self.form}; {self.values.size} samples, {self._describe_period()}; "
+            f"{signal}{self._describe_guesses()}" + "".join(f"; {remark}" for remark in self.remarks)
         )
 
 
@@ -357,14 +371,7 @@ def read_reference(
     column: str | None = None,
     *,
     role: str = "reference",
-    time_tolerance: float = TIME_TOLERANCE,
-    sample_time: float | None = None,
-    header_row: int | None = None,
-    decimal: str | None = None,
-    sheet: str | None = None,
-    resample: float | None = None,
-    input_unit: str | None = None,
-    output_unit: str | None = None,
+    **reading: Any,
 ) -> Reference:
     """Read a signal to follow, which may be constant, and its times if the file has any.
 
@@ -376,7 +383,7 @@ def read_reference(
         Column names; guessed by default.
     role : "reference" or "input"
         Role by which the signal is recognised.
-    time_tolerance, sample_time, header_row, decimal, sheet, resample, input_unit, output_unit
+    **reading
         As for :meth:`Recording.open`.
 
     Raises
@@ -384,48 +391,23 @@ def read_reference(
     RecordingError
         With one sentence that names file, column and row.
     """
-    options = ReadOptions(sample_time, header_row, decimal, sheet, resample, input_unit, output_unit)
-    source, samples, (signal,) = _read(path, {"time": time, role: column}, options, time_tolerance)
-    unit = _unit(options.input_unit if role == "input" else options.output_unit, signal)
-    return Reference(**source, values=np.concatenate([*samples.signals()], axis=1)[0], unit=unit)
+    options = ReadOptions(**reading)
+    read = read_signals(open_table(path, options), {"time": time, role: column}, options)
+    return Reference(**read.source(str(path)), values=read.rows.signals[0], unit=read.units[0])
 
 
-def _read(
-    path: str | Path, named: Mapping[str, str | None], options: ReadOptions, tolerance: float
-) -> tuple[dict[str, Any], Scan, list[Column]]:
-    """Fields of a `Source`, the samples of a file and the columns of its signals."""
-    table = open_table(path, options)
-    roles = choose_roles(table, named, options.sample_time is not None)
-    samples = scan(table, roles, options, tolerance, sys.maxsize)
-    columns = {role: table.columns[k] for role, k in roles.at.items()}
-    source = {
-        "name": str(path),
-        "sample_time": samples.sample_time,
-        "columns": {role: column.name for role, column in columns.items()},
-        "reasons": roles.reasons,
-        "form": table.form + samples.remark,
-    }
-    return source, samples, [column for role, column in columns.items() if role != "time"]
-
-
-def _filled(x: Vector, y: Vector) -> dict[str, Any]:
-    """Fields of the signals (samples,), with straight lines over missing outputs."""
-    missing = np.isnan(y)
-    if missing.any():
-        at = np.arange(y.size)
-        y = np.interp(at, at[~missing], y[~missing])
-    fields = {"x": x, "y": y, "uncounted": missing}
-    for array in fields.values():
+def _arrays(rows: Rows) -> dict[str, Any]:
+    """Fields of the signals, which cannot be written to, and their ranges."""
+    x, y = rows.signals
+    for array in (x, y, rows.uncounted):
         array.flags.writeable = False
-    return fields
+    ranges = {"x_range": (float(x.min()), float(x.max())), "y_range": (float(y.min()), float(y.max()))}
+    return {"x": x, "y": y, "uncounted": rows.uncounted, "starts": tuple(rows.starts), **ranges}
 
 
-def _unit(given: str | None, column: Column) -> str:
-    return column.unit if given is None else canonical(given) or given.strip()
-
-
-def _refuse_constant(label: str, low: float, high: float, count: int) -> None:
+def _refuse_constant(label: str, values: Vector) -> None:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if low == high:
-        raise RecordingError(f"{label} is constant, all {count} values are {low:g}")
+        raise RecordingError(f"{label} is constant, all {values.size} values are {low:g}")
     if high - low < 2.0 * SMALLEST:
         raise RecordingError(f"{label}: the range, {high - low:g}, is too small")

@@ -2,7 +2,7 @@
 
 The user names columns, and the others are guessed by the most reliable evidence available: the words in a name
 (``input_voltage``), its unit, being the only column left, and finally the values
-(:mod:`piezo_model.recordings.profile`). Guesses are reported.
+(:mod:`piezo_model.recordings.evidence`). Guesses are reported.
 Every word votes for the drive (positive) or for the sensor (negative). Between two columns that fit equally well no
 guess is made: the user has to name one.
 """
@@ -10,19 +10,31 @@ guess is made: the user has to name one.
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 
-from piezo_model.recordings.chunks import RecordingError
-from piezo_model.recordings.profile import Profile, input_first, profiles
-from piezo_model.recordings.tables import Column, Table
-from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES, seconds
+from piezo_model.recordings.evidence import Profile, input_first, profiles
+from piezo_model.recordings.table import Column, RecordingError, Table, printable
+from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES
 
-TIME_WORDS = ("time", "t", "timestamp", "zeit", "clock", "elapsed", "datetime", "seconds", "x_value", "tempo", "temps")
-SETPOINT_WORDS = frozenset(
-    {"reference", "ref", "desired", "target", "setpoint", "set", "commanded", "command", "cmd", "soll", "demand"}
+TIME_WORDS = (
+    "time",
+    "t",
+    "timestamp",
+    "zeit",
+    "clock",
+    "elapsed",
+    "datetime",
+    "seconds",
+    "x_value",
+    "tempo",
+    "temps",
+    "second",
+    "sec",
 )
+SETPOINTS = "reference ref desired target setpoint set commanded command cmd soll sollwert demand"
+SETPOINT_WORDS = frozenset(SETPOINTS.split())
 """A setpoint is never the output, and the input only if nothing else is."""
 VOTES: Mapping[str, int] = {
     word: vote
@@ -34,41 +46,21 @@ VOTES: Mapping[str, int] = {
         -2: "position pos height deflection distance angle tilt z tip motion",
         -3: "displacement disp displ output y stroke weg auslenkung extension elongation travel strain",
         -4: "sensor sens measured meas measurement actual feedback encoder interferometer laser lvdt sgs gauge adc ai "
-        "ist capacitive response vout uout",
+        "ist istwert capacitive response vout uout",
     }.items()
     for word in words.split()
 }
-OTHER_WORDS = frozenset(
-    {
-        "temperature",
-        "temp",
-        "humidity",
-        "pressure",
-        "index",
-        "sample",
-        "samples",
-        "nr",
-        "number",
-        "error",
-        "err",
-        "power",
-        "segment",
-        "state",
-        "status",
-        "trigger",
-        "flag",
-        "frequency",
-        "force",
-        "current",
-        "charge",
-        "row",
-        "scan",
-    }
+OTHERS = (
+    "temperature temp humidity pressure index sample samples nr number error err power segment state status trigger "
+    "flag frequency force current charge row scan sequence"
 )
+OTHER_WORDS = frozenset(OTHERS.split())
 """Words for columns beside drive and sensor."""
 KINDS = {"text": " (text)", "flag": " (flags)", "empty": " (empty)"}
 NO_CLOCK = "none"
 """The name of the time column in a table without one."""
+MOST_LISTED = 24
+"""Most names in an error message."""
 ROLES = ("time", "input", "output", "reference")
 
 
@@ -154,7 +146,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         _find_time_by_name(search)
     unread = search.at.get("time") if sampled else None
     if "reference" in named:
-        _find_reference(search)
+        _find_reference(search, clockless or sampled)
     else:
         _find_signals(search)
     missing = [role for role in named if role != "time" and role not in search.at]
@@ -174,28 +166,32 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
 
 
 def find(table: Table, role: str, named: str) -> int:
-    """Position of a column that the user names by its name, the end of its path, its name without unit, or its
-    number."""
-    normal = partial(unicodedata.normalize, "NFKC")
-    tests: tuple[Callable[[Column], bool], ...] = (
-        lambda column: column.name == named,
-        lambda column: normal(column.name).strip() == normal(named).strip(),
-        lambda column: column.name.rpartition("/")[2] == named,
-        lambda column: column.stem.casefold() == named.strip().casefold(),
+    """Position of a column that the user names by its name, the end of its path, its name without unit, its number, or
+    a part of its name that no other one has."""
+
+    def normal(text: str) -> str:
+        return printable(unicodedata.normalize("NFKC", text))
+
+    columns = table.columns
+    tests: tuple[Callable[[int], bool], ...] = (
+        lambda k: columns[k].name == named,
+        lambda k: normal(columns[k].name) == normal(named),
+        lambda k: columns[k].name.rpartition("/")[2] == named,
+        lambda k: columns[k].stem.casefold() == named.strip().casefold(),
+        lambda k: named.isdigit() and k + 1 == int(named),
+        lambda k: table.names[k] == named,
+        lambda k: len(named) > 1 and normal(named).casefold() in normal(columns[k].name).casefold(),
     )
     for test in tests:
-        same = [k for k, column in enumerate(table.columns) if test(column)]
+        same = [k for k in range(len(columns)) if test(k)]
         if len(same) > 1:
             raise RecordingError(
-                f"{table.path}: has {len(same)} columns named {named!r}; --{role} takes a column's number, too"
+                f"{table.path}: has {len(same)} columns named {named!r}; --{role} takes a column's number, too: "
+                f"{', '.join(f'{k + 1} for {table.names[k]!r}' for k in same[:MOST_LISTED])}"
             )
         if same:
             return same[0]
-    if named.isdigit() and 1 <= int(named) <= len(table.columns):
-        return int(named) - 1
-    raise RecordingError(
-        f"{table.path}: has no column {named!r} for the {role}; its columns are {_listed(table.columns)}"
-    )
+    raise RecordingError(f"{table.path}: has no column {named!r} for the {role}; its columns are {_listed(table)}")
 
 
 def vote(column: Column) -> int:
@@ -250,13 +246,14 @@ def _time_rank(column: Column) -> tuple[int, int] | None:
     return (2, 0) if column.unit in SECONDS else None
 
 
-def _find_reference(search: _Search) -> None:
-    free = search.free()
-    columns = {k: search.table.columns[k] for k in free}
-    setpoints = [k for k, column in columns.items() if is_setpoint(column) or column.stem == "r"]
+def _find_reference(search: _Search, clockless: bool) -> None:
+    columns = search.table.columns
+    setpoints = [k for k in search.free() if is_setpoint(columns[k]) or columns[k].stem == "r"]
     search.assign("reference", setpoints, "by name")
-    search.assign("reference", [k for k, column in columns.items() if vote(column) < 0], "by name")
-    search.assign("reference", free, "as the only one left")
+    search.assign("reference", [k for k in search.free() if vote(columns[k]) < 0], "by name")
+    if not clockless and len(search.free()) > 1 and not {"time", "reference"} <= search.at.keys():
+        _find_time_by_values(search)
+    search.assign("reference", search.free(), "as the only one left")
 
 
 def _find_signals(search: _Search) -> None:
@@ -298,20 +295,12 @@ def _question(table: Table, missing: Sequence[str], roles: Sequence[str]) -> str
         way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
-        f"{_listed(table.columns)}; {way_out}"
+        f"{_listed(table)}; {way_out}"
     )
 
 
-def seconds_per_unit(table: Table, column: Column) -> float:
-    """Seconds in one unit of a time column: 1 for a clock and for a name without unit."""
-    factor = 1.0 if column.kind == "clock" else seconds(column.unit)
-    if factor is None:
-        raise RecordingError(
-            f"{table.path}: time column {column.name!r} is in {column.unit!r}, which is not a unit of time"
-        )
-    return factor
-
-
-def _listed(columns: Iterable[Column]) -> str:
-    names = [repr(column.name) + KINDS.get(column.kind, "") for column in columns]
-    return ", ".join(names if len(names) <= 24 else [*names[:24], f"and {len(names) - 24} more"])
+def _listed(table: Table) -> str:
+    names = [repr(name) + KINDS.get(column.kind, "") for name, column in zip(table.names, table.columns, strict=True)]
+    if len(names) > MOST_LISTED:
+        names[MOST_LISTED:] = [f"and {len(names) - MOST_LISTED} more"]
+    return ", ".join(names)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model.atomic_file import replacing
-from piezo_model.recordings.chunks import RecordingError
+from piezo_model.recordings.table import RecordingError
 
 WRITTEN_SUFFIXES = (".csv", ".parquet")
 

@@ -230,6 +230,11 @@ def test_every_option_of_a_race_is_in_the_table_of_a_kind() -> None:
         "sample-rate",
         "header-row",
         "decimal",
+        "time-unit",
+        "from-s",
+        "to-s",
+        "decimate",
+        "strict",
     } <= known  # these go with time and sheet
 
 

@@ -190,7 +190,7 @@ def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(mis
     whole = identify(x, y, s, lag=lag)
     y[[*missing]] = np.nan
     gaps = Recording.from_arrays(x, y, s.sample_time)
-    assert f"; {len(missing)} have no output and are not counted" in gaps.describe()
+    assert f"; {len(missing)} of them not counted" in gaps.describe()
     model = identify(gaps, structure=s, lag=lag)
     fit = model.report["fit"]
     assert fit["samples"] + fit["missing"] == whole.report["fit"]["samples"]

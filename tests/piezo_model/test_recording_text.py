@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from recording_files import text_file, with_times
 
 from piezo_model.recordings import Recording, RecordingError, read_reference
-from piezo_model.recordings.dialect import layout_of
+from piezo_model.recordings.layout import layout_of
 
 N, RATE = 2500, 997.0
 T = np.arange(N) / RATE
@@ -137,7 +137,7 @@ def test_thousands_separators_of_either_kind_are_not_cell_separators(tmp_path: P
     header = "time_s;voltage_V;height_um\n".replace(";", line[3])
     path = tmp_path / "stage.csv"
     path.write_text(header + rows(line).translate(str.maketrans(".,", marks)))
-    recording = Recording.open(path)
+    recording = Recording.open(path, input_unit="V")
     np.testing.assert_array_equal([recording.x, recording.y], [[float(f"{x + 10000:.6f}") for x in X], Y])
 
 
@@ -171,7 +171,8 @@ def test_a_recording_describes_its_dialect_and_guesses_in_two_lines(tmp_path: Pa
 @pytest.mark.parametrize(("last", "what"), [("3,4", "line"), ("3,4,", "row")])
 def test_an_incomplete_last_row_is_reported(tmp_path: Path, last: str, what: str) -> None:
     recording = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", last))
-    assert f"the last {what} is incomplete and was left out; 3 samples" in recording.describe()
+    assert (recording.length, recording.remarks) == (3, (f"the last {what} is incomplete and was left out",))
+    assert f"Note: {recording.remarks[0]}." in recording.describe()
 
 
 @pytest.mark.parametrize(

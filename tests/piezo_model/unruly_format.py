@@ -1,4 +1,4 @@
-"""A format whose files contain the failure of the process that reads them."""
+"""A reader of files that contain the failure of the process that reads them."""
 
 import os
 import signal
@@ -6,12 +6,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from piezo_model.recordings.tables import ArrayTable, Column, ReadOptions, parsed
+from piezo_model.recordings.array_table import Arrays
+from piezo_model.recordings.options import ReadOptions
 
 
-def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
+def read(path: Path, options: ReadOptions) -> Arrays:
     match path.read_text():
         case "crash":
             os.kill(os.getpid(), signal.SIGSEGV)
@@ -19,19 +19,10 @@ def open_table(path: Path, reading: ReadOptions) -> ArrayTable:
             print("goodbye", flush=True)
             os._exit(3)
         case "eat":
-            with parsed(path, "unruly"):
-                np.ones(2**40)
+            np.ones(2**40)
         case "hang":
             started = path.with_name("starting")
             started.write_text(str(os.getpid()))
             started.rename(path.with_name("busy"))
             time.sleep(1000.0)
-    return ArrayTable(path, "unruly", (Column.named("x", rows=100),), [Crashing()])
-
-
-class Crashing:
-    """An array that ends the process when its rows are read."""
-
-    def __getitem__(self, rows: slice) -> NDArray[np.float64]:
-        os.kill(os.getpid(), signal.SIGSEGV)
-        return np.zeros(rows.stop - rows.start)
+    return Arrays("unruly", {"x": np.arange(100), "y": np.arange(100.0)[::-1]})

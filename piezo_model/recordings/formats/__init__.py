@@ -1,11 +1,141 @@
-"""Formats of recordings, one file each; adding a format means adding a file, and nothing else changes.
+"""The formats, recognised by their first bytes and never by their suffix alone. A format is one function and one line:
 
-A format's module has ``NAME`` ("an HDF5 file"), ``recognises(path, head)``, which decides by the first bytes and
-accepts no file of another format (plain text has none: it is the fallback), and ``open_table(path, options)``, which
-returns a :class:`piezo_model.recordings.tables.Table`; :func:`piezo_model.recordings.tables.in_memory` makes one of
-arrays. Optional packages are imported inside ``open_table``; if one is missing, the error says what to install. A
-format that a C library parses has ``SUBPROCESS = True``: it is read in a child process
-(:mod:`piezo_model.recordings.subprocess_reader`), and its table is a
-:class:`piezo_model.recordings.tables.ArrayTable`. ``READS`` names the supported options among ``header_row``,
-``decimal`` and ``sheet``; the others are refused.
+    read(path, options) -> Arrays     named arrays, units, sampling periods (`array_table`)
+    Format(name, recognises, read)    in FORMATS
+
+A reader runs in a child process with limits (`isolated`), unless it is ``in_process``: it then returns a Table.
 """
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from piezo_model.recordings.formats.arrow import open_parquet, open_stream
+from piezo_model.recordings.formats.libraries import open_npy, read_hdf5, read_matlab, read_mdf, read_npz, read_tdms
+from piezo_model.recordings.formats.text import HEAD_BYTES, open_gcs, open_text
+from piezo_model.recordings.formats.xlsx import open_workbook
+from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.table import RecordingError, Table, first_line
+
+MOST_COLUMNS = 10_000
+HDF5 = b"\x89HDF\r\n\x1a\n"
+MAT_4 = (b"\0\0\0\0", b"\x0a\0\0\0", b"\0\0\x03\xe8")
+"""First numbers of MATLAB files of version 4, which have no signature: the suffix has to be theirs, too."""
+
+
+def begins(*marks: bytes) -> Callable[[Path, bytes], bool]:
+    """Whether a file begins with one of some marks."""
+    return lambda path, head: head.startswith(marks)
+
+
+def holds(member: str) -> Callable[[Path, bytes], bool]:
+    """Whether a file is an archive with a member whose name ends so."""
+
+    def recognises(path: Path, head: bytes) -> bool:
+        if not (head.startswith(b"PK\x03\x04") and zipfile.is_zipfile(path)):
+            return False
+        with zipfile.ZipFile(path) as archive:
+            return any(name.endswith(member) for name in archive.namelist())
+
+    return recognises
+
+
+class Format(NamedTuple):
+    """A file format."""
+
+    name: str
+    """With its article, for sentences."""
+    recognises: Callable[[Path, bytes], bool]
+    """Of the path and the first bytes."""
+    read: Callable[[Path, ReadOptions], Any]
+    in_process: bool = False
+    takes: tuple[str, ...] = ()
+    """Options that apply to this format and not to all."""
+
+
+FORMATS = (
+    Format("a Parquet file", begins(b"PAR1"), open_parquet, in_process=True),
+    Format(
+        "a stream of Arrow batches",
+        lambda path, head: head.startswith(b"\xff\xff\xff\xff") and path.suffix in (".arrow", ".arrows"),
+        open_stream,
+        in_process=True,
+    ),
+    Format("a NumPy file", begins(b"\x93NUMPY"), open_npy, in_process=True),
+    Format("an archive of NumPy", holds(".npy"), read_npz),
+    Format(
+        "an Excel workbook", holds("xl/workbook.xml"), open_workbook, in_process=True, takes=("header_row", "sheet")
+    ),
+    Format(
+        "a MATLAB file",
+        lambda path, head: head.startswith(b"MATLAB ") or (path.suffix.lower() == ".mat" and head[:4] in MAT_4),
+        read_matlab,
+    ),
+    Format(
+        "an HDF5 file",
+        lambda path, head: any(head[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048, 4096)),
+        read_hdf5,
+    ),
+    Format("a TDMS file", begins(b"TDSm"), read_tdms),
+    Format("an MDF file", begins(b"MDF     ", b"UnFinMF "), read_mdf),
+    Format(
+        "a GCS array",
+        lambda path, head: head.lstrip().startswith(b"#") and b"END_HEADER" in head and b"SEPARATOR" in head,
+        open_gcs,
+        in_process=True,
+        takes=("header_row", "decimal"),
+    ),
+    Format("plain text", lambda path, head: True, open_text, in_process=True, takes=("header_row", "decimal")),
+)
+"""In the order in which they are tried."""
+
+
+def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
+    """Open a table of any known format.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing, empty, a folder, of an unknown format, damaged, or needs a package that is not installed.
+    """
+    path, options, format = Path(path), options or ReadOptions(), FORMATS[-1]
+    try:
+        if path.is_dir():
+            raise RecordingError(f"{path}: is a folder, not a file")
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        if not head:
+            raise RecordingError(f"{path}: is an empty file")
+        format = next(each for each in FORMATS if each.recognises(path, head))
+        for name in ("header_row", "decimal", "sheet"):
+            if getattr(options, name) is not None and name not in format.takes:
+                raise RecordingError(f"{path}: is {format.name}, for which no {name.replace('_', ' ')} can be given")
+        table = format.read(path, options) if format.in_process else _isolated(format, path, options)
+    except (RecordingError, MemoryError):
+        raise
+    except ModuleNotFoundError as error:
+        if error.name in ("fcntl", "resource"):  # of the child process
+            raise RecordingError(
+                f"{path}: is {format.name}, which is read in a process of its own, Linux only; text and Parquet are "
+                "read everywhere"
+            ) from None
+        raise RecordingError(
+            f"{path}: is {format.name}, and reading it needs the package {error.name}: install piezobench[formats]"
+        ) from None
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such file") from None
+    except PermissionError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    except Exception as error:
+        kind = format.name.partition(" ")[2].removesuffix(" file")
+        raise RecordingError(f"{path}: is a damaged {kind} file: {first_line(error)}") from None
+    if len(table.columns) > MOST_COLUMNS:
+        raise RecordingError(f"{path}: has {len(table.columns)} columns, and no recording has more than {MOST_COLUMNS}")
+    return table
+
+
+def _isolated(format: Format, path: Path, options: ReadOptions) -> Table:
+    from piezo_model.recordings.isolated import open_isolated  # of Linux alone
+
+    return open_isolated(format.read, path, options)

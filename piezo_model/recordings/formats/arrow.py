@@ -1,34 +1,44 @@
-"""A stream of Arrow batches, which ``piezobench live`` leaves if it is interrupted; read up to its last whole batch."""
+"""Apache Parquet, and the stream of Arrow batches that ``piezobench live`` leaves if it is interrupted, which is read
+up to its last whole batch; both by Arrow, a batch of rows at a time."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from pyarrow.parquet import ParquetFile
 
-from piezo_model.recordings.arrow_columns import arrays_of, column_of
-from piezo_model.recordings.tables import ReadOptions, Table, parsed
+from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.table import Column, Kind, RecordingError, Table, first_line
 
-NAME = "a stream of Arrow batches"
-CONTINUATION = b"\xff\xff\xff\xff"
-"""First bytes of every message of a stream."""
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether the file starts like a stream of Arrow."""
-    return head.startswith(CONTINUATION) and path.suffix in (".arrow", ".arrows")
+BATCH_ROWS = 1 << 18
+BUFFER_BYTES = 1 << 18
 
 
-@dataclass(frozen=True)
-class StreamTable(Table):
+def open_parquet(path: Path, options: ReadOptions) -> Table:
+    """A Parquet file."""
+    with ParquetFile(path) as file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+    if not rows:
+        raise RecordingError(f"{path}: is a Parquet file of zero rows")
+
+    def batches(names: list[str] | None) -> Iterator[pa.RecordBatch]:
+        # buffered and not prefetched: otherwise a row group, which may be the whole file, is held in memory
+        with ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
+            yield from file.iter_batches(BATCH_ROWS, columns=names)
+
+    return _table(path, "Parquet", schema, batches, rows)
+
+
+def open_stream(path: Path, options: ReadOptions) -> Table:
     """A stream of Arrow batches."""
-
-    def batches(self, at: Sequence[int]) -> Iterator[Sequence[NDArray]]:
-        """Stream columns."""
-        for batch in whole_batches(self.path):
-            yield arrays_of(batch.select([self.columns[k].name for k in at]))
+    with pa.OSFile(str(path)) as source:
+        schema = pa.ipc.open_stream(source).schema
+    return _table(path, "Arrow stream", schema, lambda names: whole_batches(path))
 
 
 def whole_batches(path: Path) -> Iterator[pa.RecordBatch]:
@@ -37,8 +47,46 @@ def whole_batches(path: Path) -> Iterator[pa.RecordBatch]:
         yield from pa.ipc.open_stream(source)
 
 
-def open_table(path: Path, options: ReadOptions) -> StreamTable:
-    """Read the columns."""
-    with parsed(path, "Arrow stream"), pa.OSFile(str(path)) as source:
-        schema = pa.ipc.open_stream(source).schema
-    return StreamTable(path, "Arrow stream", tuple(map(column_of, schema)))
+def _table(
+    path: Path,
+    form: str,
+    schema: pa.Schema,
+    batches_of: Callable[[list[str] | None], Iterable[pa.RecordBatch]],
+    rows: int | None = None,
+) -> Table:
+    columns = tuple(Column.named(field.name, kind=_kind(field.type), rows=rows) for field in schema)
+
+    def batches(at: Sequence[int]) -> Iterator[list[NDArray[Any]]]:
+        for k in at:
+            if columns[k].kind not in ("number", "clock"):
+                raise RecordingError(
+                    f"{path}: column {columns[k].name!r} holds values of type {schema.types[k]} from data row 1 on, "
+                    "where numbers are needed"
+                )
+        names = list(dict.fromkeys(schema.names[k] for k in at)) if len(set(schema.names)) == len(schema) else None
+        try:
+            for batch in batches_of(names):
+                yield [array_of(batch.column(schema.names[k] if names else k)) for k in at]
+        except (pa.ArrowException, OSError, KeyError) as error:
+            raise RecordingError(f"{path}: is a damaged {form} file: {first_line(error)}") from None
+
+    return Table(path, form, columns, batches)
+
+
+def _kind(type: pa.DataType) -> Kind:
+    if pa.types.is_floating(type) or pa.types.is_integer(type) or pa.types.is_decimal(type):
+        return "number"
+    if pa.types.is_boolean(type):
+        return "flag"
+    return "clock" if pa.types.is_temporal(type) and not pa.types.is_date(type) else "text"
+
+
+def array_of(column: pa.Array) -> NDArray[Any]:
+    """Numbers, with NaN where one is missing; datetime64 or timedelta64 with NaT."""
+    if not pa.types.is_temporal(column.type):
+        if column.null_count or pa.types.is_decimal(column.type):
+            column = column.cast(pa.float64(), safe=False).fill_null(math.nan)
+        return np.asarray(np.from_dlpack(column))  # to_numpy would import pandas
+    whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64()).cast(pa.int64())
+    kind = "M" if pa.types.is_timestamp(column.type) else "m"
+    return np.from_dlpack(whole.fill_null(np.iinfo(np.int64).min)).view(f"{kind}8[{column.type.unit}]")

@@ -1,5 +1,9 @@
-"""Plain text of every kind: `dialect` detects from the first lines how it is written, then Arrow parses it
-(`text_table`)."""
+"""Plain text of every kind: its first lines tell how it is written (`layout`), then Arrow parses it (`text_rows`).
+
+PI's General Command Set array, as PIMikroMove and ``qDRR`` write it, is such a text with a header of ``# KEY = value``:
+``SAMPLE_TIME`` is in seconds, and ``NAMEn`` names a recorded signal, for instance "Target Position of axis 1" (PI
+manual SM146, section on GCS arrays).
+"""
 
 import codecs
 import re
@@ -7,31 +11,34 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from piezo_model.recordings.chunks import RecordingError
-from piezo_model.recordings.dialect import Layout, layout_of
-from piezo_model.recordings.sampling_remark import sample_time_in
-from piezo_model.recordings.tables import HEAD_BYTES, ReadOptions
-from piezo_model.recordings.text_table import LINE, LONGEST_LINE, TextTable, end_of_rows
+from piezo_model.recordings.clock_cells import times
+from piezo_model.recordings.dialect import SEPARATORS
+from piezo_model.recordings.layout import Layout, layout_of
+from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.stated_period import period_in
+from piezo_model.recordings.table import Column, RecordingError, Table
+from piezo_model.recordings.text_rows import LINE, TextRows, end_of_rows
 
-NAME = "plain text"
-READS = ("header_row", "decimal")
+HEAD_BYTES = 1 << 18
+"""Bytes at the start of a file that determine its format; the header of a text must lie within them."""
 SAMPLE_LINES = 1000
-SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
 BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
-ENCODING_NAMES = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
+ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
+"""Encodings, and how a description names them."""
+
+GCS_ENTRY = re.compile(r"#\s*([A-Z_]+\d*)\s*=\s*(.*?)\s*$", re.MULTILINE)
 
 
-def open_table(path: Path, options: ReadOptions) -> TextTable:
+def open_text(path: Path, options: ReadOptions) -> Table:
     """Find encoding, dialect, header and the first and last row."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
         complete = not file.read(1)
     encoding, mark = _encoding(path, head)
     lines = LINE.findall(head[mark:].decode(encoding, errors="replace"))
-    if not complete and len(lines) > 1:
-        lines = lines[:-1]
-    elif not complete and len(head) >= min(HEAD_BYTES, LONGEST_LINE):
+    if not complete and len(lines) == 1:
         raise RecordingError(f"{path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
+    lines = lines if complete else lines[:-1]
     header = None if options.header_row is None else options.header_row - 1
     layout = layout_of(lines[:SAMPLE_LINES], options.decimal, header) or layout_of(lines, options.decimal, header)
     if layout is None:
@@ -40,9 +47,36 @@ def open_table(path: Path, options: ReadOptions) -> TextTable:
     start = mark + sum(len(line.encode(encoding, errors="replace")) for line in lines[: layout.start])
     start += len(lines[layout.start][: layout.glued].encode(encoding))
     stop, dropped = end_of_rows(path, encoding, layout, start)
-    stated = sample_time_in(lines[: layout.start] if layout.header is None else lines[: layout.header])
+    stated = period_in(lines[: layout.start if layout.header is None else layout.header])
     columns = tuple(replace(column, sample_time=stated) for column in layout.columns)
-    return TextTable(path, _form(encoding, layout, dropped), columns, encoding, layout, start, stop)
+    clauses = {
+        f"text{ENCODINGS[encoding]}": True,
+        f"separated by {SEPARATORS[layout.dialect.separator]}": True,
+        "decimal comma": layout.dialect.decimal == ",",
+        "no header" if layout.header is None else f"header in row {layout.header + 1}": True,
+        "which holds the first row, too": layout.glued,
+    }
+    form = ", ".join(clause for clause, holds in clauses.items() if holds)
+    incomplete = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
+    rows = TextRows(path, encoding, layout, start, stop)
+    left_out = (f"the last {incomplete} left out",) * (dropped > 0)
+    return Table(path, form, columns, rows.batches, rows.where, left_out, times)
+
+
+def open_gcs(path: Path, options: ReadOptions) -> Table:
+    """Rows like any text with comments; sampling period, names and units from the header."""
+    with path.open("rb") as file:
+        header = dict(GCS_ENTRY.findall(file.read(HEAD_BYTES).decode("latin-1")))
+    table = open_text(path, options)
+    try:
+        period = float(header["SAMPLE_TIME"]) if "SAMPLE_TIME" in header else table.columns[0].sample_time
+    except ValueError:
+        raise RecordingError(f"{path}: SAMPLE_TIME in the header is not a number: {header['SAMPLE_TIME']}") from None
+    columns = (
+        Column.named(header.get(f"NAME{k}", column.name), header.get(f"UNIT{k}", ""), sample_time=period)
+        for k, column in enumerate(table.columns)
+    )
+    return replace(table, columns=tuple(columns), form="GCS array")
 
 
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:
@@ -82,16 +116,3 @@ def _refuse_ambiguous_commas(path: Path, lines: Sequence[str], layout: Layout) -
             f"{path}: row {layout.start + 1} (data row 1) has {len(cells)} columns where the header has "
             f"{len(header)}; its numbers seem to have decimal commas, write decimal points"
         )
-
-
-def _form(encoding: str, layout: Layout, dropped: int) -> str:
-    incomplete = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
-    clauses = {
-        f"text{ENCODING_NAMES[encoding]}": True,
-        f"separated by {SEPARATOR_NAMES[layout.dialect.separator]}": True,
-        "decimal comma": layout.dialect.decimal == ",",
-        "no header" if layout.header is None else f"header in row {layout.header + 1}": True,
-        "which holds the first row, too": layout.glued,
-        f"the last {incomplete} left out": dropped,
-    }
-    return ", ".join(clause for clause, holds in clauses.items() if holds)

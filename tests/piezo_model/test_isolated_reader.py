@@ -13,14 +13,14 @@ import scipy.io
 import unruly_format
 from recording_files import signals
 
-from piezo_model.recordings import Recording, RecordingError, subprocess_reader
-from piezo_model.recordings.tables import ReadOptions
+from piezo_model.recordings import Recording, RecordingError, isolated
+from piezo_model.recordings.options import ReadOptions
 
 
 def refusal_of(path: Path, what: str) -> str:
     path.write_text(what)
     with pytest.raises(RecordingError) as caught:
-        subprocess_reader.open_table(unruly_format, path, ReadOptions())
+        isolated.open_isolated(unruly_format.read, path, ReadOptions())
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -43,18 +43,26 @@ def test_a_file_that_ends_the_process_that_reads_it_is_refused_and_the_next_one_
 
 
 def test_a_file_that_is_read_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocess_reader, "LEAST_S", 1.5)
+    monkeypatch.setattr(isolated, "LEAST_S", 1.5)
     assert "takes longer than 2 s to be read" in refusal_of(tmp_path / "stage.rec", "hang")
 
 
-def test_a_channel_that_crashes_when_its_rows_are_read_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "stage.rec").write_text("crash later")
-    table = subprocess_reader.open_table(unruly_format, tmp_path / "stage.rec", ReadOptions())
+def test_of_a_large_file_only_the_arrays_that_are_wanted_are_sent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, read = tmp_path / "stage.rec", isolated.call
+    path.write_text("well")
+    small = isolated.open_isolated(unruly_format.read, path, ReadOptions())
+    monkeypatch.setattr(isolated, "call", lambda *given, **named: read(*given, **named, at_once=1))
+    large = isolated.open_isolated(unruly_format.read, path, ReadOptions())
+    assert large.columns == small.columns
+    np.testing.assert_array_equal(large.read([1]), [np.arange(100.0)[::-1]])
+    path.write_text("crash")
     with pytest.raises(RecordingError, match="ended with SIGSEGV"):
-        list(table.chunks([0]))
+        large.read([0])
 
 
-def test_a_file_that_was_changed_after_it_was_opened_is_read_as_it_was_listed_or_refused(tmp_path: Path) -> None:
+def test_a_recording_that_was_read_does_not_change_with_its_file(tmp_path: Path) -> None:
     path = tmp_path / "stage.mat"
     scipy.io.savemat(path, signals())
     recording = Recording.open(path)
@@ -67,8 +75,8 @@ def test_a_file_that_was_changed_after_it_was_opened_is_read_as_it_was_listed_or
 def test_a_script_without_a_guard_reads_such_files_and_leaves_no_process(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "stage.mat", signals())
     (tmp_path / "script.py").write_text(
-        "import os\nfrom piezo_model import Recording\nfrom piezo_model.recordings import subprocess_reader\n"
-        "print(Recording.open('stage.mat').length, subprocess_reader._child(os.getpid())._process.pid)\n"
+        "import os\nfrom piezo_model import Recording\nfrom piezo_model.recordings import isolated\n"
+        "print(Recording.open('stage.mat').length, isolated._child(os.getpid())._process.pid)\n"
     )
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
     length, child = map(int, done.stdout.split())
@@ -81,14 +89,13 @@ def test_a_child_that_is_busy_ends_with_its_parent_however_that_ends(tmp_path: P
     (tmp_path / "stage.rec").write_text("hang")
     program = (
         "import sys; from pathlib import Path; import unruly_format; "
-        "from piezo_model.recordings.tables import ReadOptions; "
-        "from piezo_model.recordings import subprocess_reader as reader; "
-        "reader.open_table(unruly_format, Path('stage.rec'), ReadOptions())"
+        "from piezo_model.recordings.isolated import open_isolated; "
+        "open_isolated(unruly_format.read, Path('stage.rec'), None)"
     )
     parent = subprocess.Popen(
         [sys.executable, "-c", program],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(Path(unruly_format.__file__).parent)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )
     busy = tmp_path / "busy"
     until(busy.exists)

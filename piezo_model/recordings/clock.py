@@ -1,0 +1,186 @@
+"""The sampling period behind a column of times.
+
+Uniform sampling means t_k = t_0 + k T. Printed times are rounded by up to half the last digit r (125 µs printed with
+three digits reads 0.000, 0.000, …), so two times that are s samples apart may differ from s T by r; if r divides T the
+rounding does not show, and r is 0. With a tolerance τ on every interval and an error e of the estimate of T, times
+pass if
+
+    |t_{k+s} − t_k − s T| ≤ r + s (τ T + e)
+
+for s = 1, and also for a stride s of at least two digits r if r hides single intervals.
+
+T is first estimated by the median of t_{k+h} − t_k over h, which is robust to a single gap, and finally by the mean
+over the recording, given as the shortest decimal within the rounding. Times may be rounded to decimals, to significant
+digits, or to single precision.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_model.recordings.table import RecordingError, RowName, check_sample_time
+from solvers.arrays import Vector
+
+PART = 65536
+"""Times at the start, and at the end, that tell how they are printed."""
+SAME_RATE, LEAST_CHANGE = 16, 0.05
+"""Fewest equal intervals in a row that make a sampling rate, and the smallest relative difference of another rate."""
+MOST_DECIMALS = 15
+FEW = 8
+"""Fewest times that tell a digit."""
+SINGLE_GRID = 0.1
+"""Largest distance from the grid of single precision, as a share of its spacing."""
+
+
+def printed_digit(times: Vector) -> tuple[float, float]:
+    """Last decimal digit of printed times, and the rounding of their floating point alone; both are the latter if no
+    decimals show.
+
+    With significant digits, as of ``%g``, the largest times have the fewest decimals, so only those above the last
+    power of ten are used.
+    """
+    size = np.abs(times)
+    exact = float(size.max()) * float(np.finfo(np.float32 if _single(times) else np.float64).eps)
+    large = times[size >= 10.0 ** math.floor(math.log10(float(size.max()) or 1.0))]
+    printed = large if large.size >= FEW else times
+    for decimals in range(MOST_DECIMALS + 1):
+        digit = 10.0**-decimals
+        if digit <= 16 * exact:  # every number would look rounded to it
+            break
+        if (np.abs(np.round(printed, decimals) - printed) <= 4 * exact).all():
+            return digit, exact
+    return exact, exact
+
+
+def _single(times: Vector) -> bool:
+    """Whether times have single precision, even if printed in decimals: they lie far closer to its grid than by
+    chance."""
+    nonzero = times[times != 0.0]
+    grid = np.float32(nonzero)
+    near = np.abs(grid - nonzero) < SINGLE_GRID * np.spacing(np.abs(grid))
+    return bool(near.all()) and np.unique(grid).size == np.unique(nonzero).size
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A column of times, shape (rows,), without missing ones."""
+
+    label: str
+    """Start of every error message."""
+    times: Vector
+    seconds: float
+    """Unit of the times."""
+    where: RowName
+    tolerance: float
+    """Largest deviation of an interval, as a share of the period."""
+
+    def sampling(self, even: bool = True) -> tuple[float, float]:
+        """Sampling period, and visible rounding of the times, in seconds.
+
+        Raises
+        ------
+        RecordingError
+            Fewer than two times; times that run backwards or stand still, and with ``even`` those that leap or jitter.
+        """
+        times, n = self.times, self.times.size
+        if n < 2:
+            raise RecordingError(
+                f"{self.label} has {n} data row{'' if n == 1 else 's'}, and a sampling period needs two"
+            )
+        self._refuse_backwards()
+        mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:PART])
+        head = times[:PART]
+        period = float(head[-1] - head[0]) / (head.size - 1)
+        if period == 0.0:
+            raise RecordingError(f"{self.label} stands still from {self.where(0)} on, at {self._seconds(times[0])}")
+        shows = self._rounding_shows(np.diff(head), period, digit)
+        resolution = digit if shows else exact
+        # long enough for the rounding to be negligible, short enough for one gap to affect few of the differences
+        reach = max(1, min(math.ceil(4 * resolution / (self.tolerance * period)), head.size // 8))
+        error = resolution / (head.size - 1)
+        if reach * period >= 2 * resolution:
+            error = resolution / reach
+            period = float(np.median(head[reach:] - head[:-reach])) / reach or period  # 0 if most are equal
+        strides = [1, min(PART, 2 * math.ceil(resolution / period))] if resolution > period / 2 else [1]
+        if n > PART:
+            later, exact = printed_digit(times[-PART:])  # significant digits are fewer at larger times
+            resolution = max(resolution, later if shows or later > digit else exact)
+        for stride in strides if even else ():
+            self._refuse_uneven(stride, period, resolution + stride * (self.tolerance * period + error))
+        check_sample_time(f"{self.label}: ", mean * self.seconds)
+        uncertainty = (resolution / (n - 1) + 1e-9 * mean) * self.seconds
+        return _shortest(mean * self.seconds, uncertainty), resolution * self.seconds
+
+    def _rounding_shows(self, steps: Vector, mean: float, digit: float) -> bool:
+        """Whether the last digit explains unequal intervals: not if it divides the period and nearly all are equal."""
+        digits, unequal = mean / digit, np.abs(steps - np.median(steps)) > self.tolerance * mean
+        divides = abs(digits - round(digits)) <= min(1.5 / steps.size, 0.15)
+        return round(digits) == 0 or not divides or int(np.count_nonzero(unequal)) > max(3, 0.05 * steps.size)
+
+    def _refuse_backwards(self) -> None:
+        back = self.times[1:] < self.times[:-1]
+        if back.any():
+            at = int(np.argmax(back)) + 1
+            raise RecordingError(
+                f"{self.label} runs backwards in {self.where(at)}: {self._seconds(self.times[at])} follows "
+                f"{self._seconds(self.times[at - 1])}"
+            )
+
+    def _refuse_uneven(self, stride: int, period: float, allowed: float) -> None:
+        times = self.times
+        excess = times[stride:] - times[:-stride]
+        excess -= stride * period
+        if not excess.size or max(float(excess.max()), -float(excess.min())) <= allowed:
+            return
+        at = int(np.argmax(np.abs(excess) > allowed))
+        step, place = times[at + stride] - times[at], self.where(at + stride)
+        near = max(0, at - PART)
+        rates = two_rates(np.diff(times[near : near + 2 * PART]), self.tolerance)
+        if rates is not None:
+            sentence = (
+                f"has two sampling rates: one sample every {self._seconds(rates[0])} up to "
+                f"{self.where(near + rates[2])} and one every {self._seconds(rates[1])} from there on"
+            )
+        elif step == 0.0:
+            repeated = int(np.count_nonzero(times[1:] == times[:-1]))
+            sentence = f"stands still in {place}, at {self._seconds(times[at])}" + (
+                f" ({repeated} of {times.size} rows repeat the time before them)" if repeated > 1 else ""
+            )
+        elif excess[at] > period / 2:
+            missing = max(1, round(float(excess[at]) / period))
+            sentence = (
+                f"has a gap of {self._seconds(step)} before {place}: about {missing} "
+                f"sample{'s' if missing > 1 else ''} missing at one every {self._seconds(period)}"
+            )
+        else:
+            sentence = (
+                f"is not sampled uniformly: {self._seconds(step)} from {self.where(at)} to {place}, where "
+                f"{self._seconds(stride * period)} is expected within {self._seconds(allowed)}"
+            )
+        finest = (period if rates is None else min(rates[:2])) * self.seconds
+        raise RecordingError(f"{self.label} {sentence}; --resample {finest:.6g} interpolates to an even clock")
+
+    def _seconds(self, value: float) -> str:
+        return f"{value * self.seconds:.9g} s"
+
+
+def two_rates(steps: Vector, tolerance: float) -> tuple[float, float, int] | None:
+    """The two periods of intervals that have one length before some index and another one after it, and that index;
+    None for other intervals."""
+    if steps.size < 2 * SAME_RATE:
+        return None
+    first = float(np.median(steps[:SAME_RATE]))
+    changed = np.convolve(np.abs(steps - first) > max(tolerance, LEAST_CHANGE) * first, np.ones(SAME_RATE), "valid")
+    if changed[0] or changed.max() < SAME_RATE:
+        return None
+    at = int(np.argmax(changed == SAME_RATE))
+    second = float(np.median(steps[at : at + SAME_RATE]))
+    agree = np.abs(steps[at : at + SAME_RATE] - second) <= max(tolerance, LEAST_CHANGE) * second
+    return (first, second, at) if min(first, second) > 0.0 and agree.all() else None
+
+
+def _shortest(value: float, uncertainty: float) -> float:
+    """The number with the fewest significant digits within the uncertainty of a value."""
+    shorter = (float(f"{value:.{digits}e}") for digits in range(17))
+    return next((number for number in shorter if abs(number - value) <= uncertainty), value)

@@ -1,0 +1,138 @@
+"""Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789), exact to the nanosecond.
+
+A column has one form: all of its clocks have a date or none has, and likewise an offset from UTC, which is subtracted.
+Of the orders of day and month in which every date is valid, that with the shortest way through the dates is taken.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from piezo_model.recordings.table import RecordingError, RowName
+
+_GAP = "[\\s\u00a0\u202f]*"
+_DATE = (
+    rf"(?:(?P<date>\d{{4}}[-./]\d{{1,2}}[-./]\d{{1,2}}|\d{{1,2}}[-./]\d{{1,2}}[-./]\d{{4}})(?:[T_\s]+|{_GAP},{_GAP}))?"
+)
+_TIME = r"(?P<first>\d{1,2}):(?P<second>[0-5]\d)(?::(?P<third>[0-5]?\d))?(?:[.,:](?P<fraction>\d+))?"
+CLOCK = re.compile(
+    rf"^{_GAP}{_DATE}{_TIME}{_GAP}(?P<half>[AaPp][Mm])?{_GAP}(?P<zone>Z|UTC|[+-]\d{{2}}(?::?\d{{2}})?)?{_GAP}$"
+)
+DOTTED_CLOCK = re.compile(r"^\s*(\d{1,2})\.([0-5]\d)\.([0-5]\d(?:\.\d+)?)\s*$")
+ORDERS = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y")
+PARTS = ("first", "second", "third", "fraction", "half", "date", "zone")
+HALVES = (0, 0, 12)
+"""Hours to add for none, AM and PM."""
+SECOND, DAY = 10**9, 86400 * 10**9
+"""Durations in nanoseconds."""
+
+
+def is_clock(cell: str) -> bool:
+    """Whether a cell is a time of day, with or without a date."""
+    return bool(CLOCK.match(cell) or DOTTED_CLOCK.match(cell))
+
+
+def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArray[Any]:
+    """Times of a column: datetime64 since the first date, or timedelta64 since midnight; missing cells are NaT.
+
+    Error messages start with the label; ``where`` names a row counted from 0.
+
+    Raises
+    ------
+    RecordingError
+        A cell is not a time in the column's form.
+    """
+    dates, zones = {"": 0}, {"": 0}
+    read = [_of_day(chunk, dates, zones) for chunk in chunks]
+    of_day, short, date, zone, known = (np.concatenate(each) for each in zip(*read, strict=True))
+    if short.any() and (of_day[short] % SECOND > 0).any():  # of two numbers, a fraction tells seconds from minutes
+        below_minute = of_day[short] % (60 * SECOND)
+        of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
+    first = int(np.argmax(known))
+    days = np.array(_days(list(dates), int(date[first])))[date]
+    offsets = np.array(_offsets(list(zones), bool(zone[first])))[zone]
+    wrong = np.flatnonzero(known & np.isnan(days + offsets + np.where(of_day < 0, np.nan, 0.0)))
+    if wrong.size:
+        cells, row = pa.chunked_array(chunks), int(wrong[0])
+        cell, example = cells[row].as_py(), cells[first].as_py()
+        like = f" like {example!r}" if example != cell else ""
+        raise RecordingError(f"{label} holds {cell!r} in {where(row)}, where a clock{like} is needed")
+    result = np.full(known.size, np.iinfo(np.int64).min)  # NaT
+    result[known] = of_day[known] + (days * DAY - offsets * SECOND)[known].astype(np.int64)
+    return result.view("M8[ns]" if date[first] else "m8[ns]")
+
+
+def _of_day(chunk: pa.StringArray, dates: dict[str, int], zones: dict[str, int]) -> tuple[NDArray[Any], ...]:
+    """Nanoseconds since midnight, -1 for a cell that is not a clock; whether it has two numbers only; codes of its date
+    and its offset from UTC, which are added to the dictionaries; and whether there is a cell."""
+    parts = pc.extract_regex(pc.replace_substring_regex(chunk, DOTTED_CLOCK.pattern, r"\1:\2:\3"), CLOCK.pattern)
+    text = {name: pc.fill_null(pc.struct_field(parts, name), "") for name in PARTS}
+    first, second, third = (_integers(text[name]) for name in PARTS[:3])
+    half = _coded(pc.ascii_upper(text["half"]), {"": 0, "AM": 1, "PM": 2})
+    minutes = np.where(half > 0, first % 12 + np.array(HALVES)[half], first) * 60 + second
+    fraction = _integers(pc.utf8_slice_codeunits(pc.utf8_rpad(text["fraction"], 9, "0"), 0, 9))
+    nanoseconds = (60 * minutes + np.maximum(third, 0)) * SECOND + fraction
+    valid = np.asarray(pc.is_valid(parts))
+    return (
+        np.where(valid, nanoseconds, -1),
+        valid & (third < 0),
+        _coded(text["date"], dates),
+        _coded(text["zone"], zones),
+        ~np.asarray(pc.equal(pc.fill_null(chunk, ""), "")),
+    )
+
+
+def _days(dates: list[str], first: int) -> list[float]:
+    """Days of the distinct dates since the first one; NaN for a date that does not fit, or where one is missing."""
+    if not dates[first]:
+        return [math.nan if date else 0.0 for date in dates]
+    orders: tuple[str, ...] = ORDERS
+    read: list[dict[str, int]] = []
+    for date in dates:
+        valid = {}
+        for order in orders if date else ():
+            try:
+                valid[order] = datetime.strptime(re.sub("[./]", "-", date), order).toordinal()
+            except ValueError:  # no such month or day
+                continue
+        orders = tuple(valid) or orders
+        read.append(valid)
+
+    def way(order: str) -> tuple[bool, int]:
+        steps = np.diff([valid[order] for valid in read if order in valid])
+        return bool((steps < 0).any()), int(np.abs(steps).sum())
+
+    best = min(orders, key=way)
+    return [float(valid[best] - read[first].get(best, 0)) if best in valid else math.nan for valid in read]
+
+
+def _offsets(zones: list[str], needed: bool) -> list[float]:
+    """Seconds of the distinct offsets from UTC; NaN for one that is none, or unless all clocks of the column have one
+    or none has."""
+    ahead = []
+    for zone in zones:
+        try:
+            found = datetime.fromisoformat(f"1970-01-01T00:00{zone.replace('UTC', 'Z')}").utcoffset() or timedelta()
+            ahead.append(found.total_seconds() if bool(zone) == needed else math.nan)
+        except ValueError:
+            ahead.append(math.nan)
+    return ahead
+
+
+def _coded(texts: pa.StringArray, codes: dict[str, int]) -> NDArray[np.int32]:
+    """The code of every text; new texts get the next one."""
+    coded = texts.dictionary_encode()
+    found = [codes.setdefault(text, len(codes)) for text in coded.dictionary.to_pylist()]
+    return np.array(found, dtype=np.int32)[np.asarray(coded.indices)]
+
+
+def _integers(texts: pa.StringArray) -> NDArray[np.int64]:
+    """Integers; −1 for an empty text."""
+    return np.asarray(pc.if_else(pc.equal(texts, ""), "-1", texts).cast(pa.int64()))

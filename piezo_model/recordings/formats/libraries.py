@@ -1,0 +1,196 @@
+"""Formats that a library reads, each by one function that returns named arrays.
+
+NumPy: ``.npy`` is mapped into memory; of an ``.npz`` nothing that is pickled is read.
+
+HDF5 and NeXus: every dataset of numbers is a column, or several, by its path ``group/channel``. The attribute
+``units`` (NeXus) or ``unit`` gives the unit, and a scalar dataset or an attribute with the name of a sampling rate or
+period gives the period.
+
+MATLAB, versions 4 to 7 by scipy and 7.3 (which is HDF5) by pymatreader: a struct with fields ``Name`` (or ``label``)
+and ``Data`` (or ``values``), as of Simulink and dSPACE, is a channel of that name. Any other variable is a column named
+by its path; a cell array gives one for each cell.
+
+TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a waveform has its sampling period.
+
+MDF of ASAM (versions 3 and 4) by asammdf: every group has its own time, so channels of one group go together.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.recordings.array_table import Arrays, table_of
+from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.stated_period import period_in, period_in_scalars
+from piezo_model.recordings.table import RecordingError, Table, distinct
+
+ATTRIBUTES = ("Unit", "Units", "unit", "units")
+"""Names of the attribute with the unit; the last one present is used."""
+NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
+PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
+
+
+def open_npy(path: Path, options: ReadOptions) -> Table:
+    """An array of rows and columns, or a structured array."""
+    return table_of(path, Arrays("NumPy", {"": np.load(path, mmap_mode="r", allow_pickle=False)}))
+
+
+def read_npz(path: Path, options: ReadOptions) -> Arrays:
+    """Every array of an archive."""
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    return Arrays("NumPy", arrays, periods=period_in_scalars(arrays))
+
+
+def read_hdf5(path: Path, options: ReadOptions) -> Arrays:
+    """List the datasets, which are read when they are asked for."""
+    import h5py
+
+    datasets: list[Any] = []
+    file = h5py.File(path, "r")  # its datasets keep it open
+    refuse_other_files(path, file)
+    file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
+    datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
+    arrays = {
+        item.name.lstrip("/"): item
+        for item in datasets
+        if max(item.shape or (0,)) > 1 and item.ndim <= 2 and (item.dtype.names or item.dtype.kind in "iufb")
+    }
+    units = {name: _plain(item.attrs[key]) for name, item in arrays.items() for key in ATTRIBUTES if key in item.attrs}
+    return Arrays("HDF5", arrays, units, _stated([file, *(item.parent for item in datasets), *datasets], datasets))
+
+
+def refuse_other_files(path: Path, file: Any) -> None:
+    """Refuse an open HDF5 file that takes values from others: it would show the bytes of any file of this machine."""
+    import h5py
+
+    def elsewhere(name: str, item: Any) -> str | None:  # None goes on
+        outside = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+        return name if outside or isinstance(item, h5py.ExternalLink) else None
+
+    name = file.visititems(elsewhere) or file.visititems_links(elsewhere)
+    if name is not None:
+        raise RecordingError(f"{path}: takes {name!r} from another file, and only values in the file are read")
+
+
+def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
+    """The sampling period, if attributes and scalars state exactly one."""
+    scalars = [
+        (key, value)
+        for holder in holders
+        for key, value in holder.attrs.items()
+        if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+    ] + [
+        (f"{item.name.rpartition('/')[2]} [{_plain(item.attrs.get('units', ''))}]", np.ravel(item[()])[0])
+        for item in datasets
+        if item.size == 1 and item.dtype.kind in "iuf"
+    ]
+    return period_in(f"{name} = {float(value)!r}" for name, value in scalars)
+
+
+def _plain(value: Any) -> str:
+    value = np.ravel(value)[0] if np.ndim(value) else value
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
+def read_matlab(path: Path, options: ReadOptions) -> Arrays:
+    """Every variable."""
+    with path.open("rb") as file:
+        modern = file.read(10) == b"MATLAB 7.3"
+    if modern:
+        import h5py
+        from pymatreader import read_mat as read
+
+        with h5py.File(path, "r") as file:
+            refuse_other_files(path, file)
+    else:
+        from scipy.io import loadmat
+
+        read = partial(loadmat, simplify_cells=True)
+    units: dict[str, str] = {}
+    arrays = dict(_matlab_arrays("", read(str(path)), units))
+    several = {name: array for name, array in arrays.items() if array.size > 1}
+    return Arrays("MATLAB 7.3" if modern else "MATLAB", several, units, period_in_scalars(arrays))
+
+
+def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Paths and arrays of all numbers in a value; their units are added to ``units``."""
+    if isinstance(value, dict):
+        plain = {str(key).lower(): item for key, item in value.items()}
+        name, data, unit = (
+            next((plain[key] for key in keys if key in plain), None) for keys in (NAMES, VALUES, FIELD_UNITS)
+        )
+        if isinstance(name, str) and name and data is not None:
+            label = f"{path}/{name}".lstrip("/")
+            units[label] = unit if isinstance(unit, str) else ""
+            yield from _matlab_arrays(label, data, units)
+            value = {
+                key: item for key, item in value.items() if str(key).lower() not in (*NAMES, *VALUES, *FIELD_UNITS)
+            }
+        for key, item in value.items():
+            if not str(key).startswith("__"):
+                yield from _matlab_arrays(f"{path}/{key}".lstrip("/"), item, units)
+    elif isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.dtype.kind == "O"):
+        for k, item in enumerate(np.ravel(value) if isinstance(value, np.ndarray) else value, start=1):
+            named = isinstance(item, dict) and any(
+                item[key] and isinstance(item[key], str) for key in item if key.lower() in NAMES
+            )
+            yield from _matlab_arrays(path if named else f"{path}/{k}", item, units)
+    elif np.asarray(value).dtype.kind in "iufb":
+        yield path, np.asarray(value)
+
+
+def read_tdms(path: Path, options: ReadOptions) -> Arrays:
+    """The channels."""
+    from nptdms import TdmsFile
+    from nptdms.log import log_manager
+
+    log_manager.set_level(logging.ERROR)  # a truncated file has fewer rows
+    groups = TdmsFile.read(path, raw_timestamps=True).groups()
+    channels = {
+        channel.name if len(groups) == 1 else f"{group.name}/{channel.name}": channel
+        for group in groups
+        for channel in group.channels()
+    }
+    known = {name: channel.properties for name, channel in channels.items()}
+    return Arrays(
+        "TDMS",
+        {name: _exact(channel[:]) for name, channel in channels.items()},
+        {name: next((str(of[key]) for key in PROPERTIES if of.get(key)), "") for name, of in known.items()},
+        {name: float(of.get("wf_increment", 0.0)) or None for name, of in known.items()},
+        nested=len(groups) > 1,
+    )
+
+
+def _exact(values: Any) -> NDArray[Any]:
+    """Times to the nanosecond; the library's own conversion truncates to microseconds."""
+    if not hasattr(values, "second_fractions"):
+        return np.asarray(values)
+    nanoseconds = np.rint(values.second_fractions * (1e9 * 2.0**-64)).astype("m8[ns]")
+    return np.asarray(values.seconds.astype("M8[s]") + nanoseconds)
+
+
+def read_mdf(path: Path, options: ReadOptions) -> Arrays:
+    """The channels of numbers."""
+    from asammdf import MDF
+
+    with MDF(path) as file:
+        groups = [k for k, group in enumerate(file.groups) if group.channel_group.cycles_nr > 1]
+        found = [
+            (channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}", file.get(group=k, index=at))
+            for k in groups
+            for at, channel in enumerate(file.groups[k].channels)
+        ]
+    found = [(name, signal) for name, signal in found if signal.samples.ndim == 1]
+    signals = dict(zip(distinct([name for name, _ in found]), (signal for _, signal in found), strict=True))
+    return Arrays(
+        "MDF",
+        {name: signal.samples for name, signal in signals.items()},
+        {name: signal.unit for name, signal in signals.items()},
+        nested=len(groups) > 1,
+    )

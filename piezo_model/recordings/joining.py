@@ -1,0 +1,77 @@
+"""One recording in two files, as an oscilloscope writes its channels: the drive of one, the sensor of the other."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from piezo_model.recordings.opening import open_table, seconds_per_unit
+from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.roles import choose_roles
+from piezo_model.recordings.table import Column, RecordingError, Table
+from solvers.arrays import Vector
+
+TIME, INPUT, OUTPUT = range(3)
+"""Positions of the columns in a joined table."""
+
+
+def split_name(text: str) -> tuple[Path, str | None]:
+    """File and column of ``FILE`` or ``FILE:COLUMN``."""
+    file, _, column = text.rpartition(":")
+    return (Path(file), column) if file and Path(file).is_file() else (Path(text), None)
+
+
+def joined(input: str, output: str, time: str | None, options: ReadOptions) -> Table:
+    """A table of time, drive and sensor from two files, at the times of the first one that both have.
+
+    Raises
+    ------
+    RecordingError
+        Columns that cannot be told, or files without times whose numbers of rows differ, or without a time in common.
+    """
+    (first, times, x, drive, unit), (second, others, y, sensor, _) = (
+        _channel(name, time, options) for name in (input, output)
+    )
+    path, repairs, where = f"{first.path} and {second.path}", (*first.repairs, *second.repairs), first.where
+    if times is None or others is None:
+        if x.size != y.size:
+            raise RecordingError(f"{path}: have {x.size} and {y.size} rows, and no times by which they could be joined")
+        times = others if times is None else times
+    elif not _agree(times, others, options.time_tolerance):
+        common = np.flatnonzero((times >= others[0]) & (times <= others[-1]))
+        if common.size < 2:
+            raise RecordingError(
+                f"{path}: have no time in common, {times[0]:g} to {times[-1]:g} s and {others[0]:g} to {others[-1]:g} s"
+            )
+        y = np.interp(times[common], others, y)
+        times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
+        repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
+    columns = (
+        Column("no time", kind="empty") if times is None else Column("time", unit),
+        replace(drive, name=f"{first.path}/{drive.name}", nested=True, rows=None),
+        replace(sensor, name=f"{second.path}/{sensor.name}", nested=True, rows=None),
+    )
+    arrays = [np.zeros(x.size) if times is None else times, x, y]
+    return Table(
+        path, f"two files, the first {first.form}", columns, lambda at: [[arrays[k] for k in at]], where, repairs
+    )
+
+
+def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Table, Vector | None, Vector, Column, str]:
+    """Table, times, values and column of one file, and "s" unless seconds are a guess."""
+    path, column = split_name(name)
+    table = open_table(path, options)
+    roles = choose_roles(table, {"time": time, "reference": column}, options.sample_time is not None)
+    clock, k = roles.at.get("time"), roles.at["reference"]
+    if clock is None:
+        return table, None, table.read([k])[0], table.columns[k], ""
+    times, values = table.read([clock, k])
+    known, seconds = ~np.isnan(times), seconds_per_unit(table, clock, options)
+    is_stated = options.time_unit or table.columns[clock].unit or table.columns[clock].kind == "clock"
+    return table, times[known] * seconds, values[known], table.columns[k], "s" * bool(is_stated)
+
+
+def _agree(times: Vector, others: Vector, tolerance: float) -> bool:
+    """Whether two clocks tell the same times."""
+    period = (times[-1] - times[0]) / max(times.size - 1, 1)
+    return times.size == others.size and bool(np.abs(times - others).max() <= tolerance * period)

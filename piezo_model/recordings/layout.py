@@ -1,0 +1,246 @@
+"""Where the table of a text is: header, units and the first row of numbers.
+
+Every pair of separator and decimal mark is tried on the first lines. The best pair gives the rows of equal width that
+hold the most numbers; the lines above the first of them are header, units and remarks. Settings that an oscilloscope
+writes beside its first rows are columns of text.
+"""
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from piezo_model.recordings.dialect import COMMENT, SEPARATORS, Dialect, cells_of
+from piezo_model.recordings.table import Column, Kind
+from piezo_model.units import canonical
+
+REMARKS_BELOW_HEADER = 2
+WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
+"""Score of a cell by its kind."""
+THOUSANDS_WORTH = 1.4
+"""Added for a text that is a number with thousands separators: less than a number, more than a flag."""
+LONGEST_UNIT = 12
+"""Characters of a unit that is not known."""
+LEAST_WRITTEN = 0.02
+"""Smallest share of cells in a column that are not empty."""
+SETTINGS = 40
+"""Rows beside which an oscilloscope writes its settings."""
+REMARKS = 8
+"""Lines above the first row that may come again between the sweeps of a recording."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Positions of header and rows in the first lines of a file."""
+
+    dialect: Dialect
+    start: int
+    """Index of the first line of numbers."""
+    columns: tuple[Column, ...]
+    """Named ``column 1``, ``column 2``, … if the file has no names."""
+    header: int | None = None
+    """Index of the line that names the columns."""
+    remarks: frozenset[str] = frozenset()
+    """The last lines above the first row, with every number as 0; they are skipped where they occur again."""
+    glued: int = 0
+    """Character at which the first row starts in the header's line, if the header lacks its line break."""
+    quoted: bool = False
+    """Whether there are quotes in the first lines; others are taken as they are."""
+
+
+def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | None = None) -> Layout | None:
+    """Find the table in the first complete lines of a file; None without rows of numbers.
+
+    The user may give the decimal mark, and the index of the line that names the columns, or -1 for none.
+    """
+    first = max((header if header is not None else -1) + 1, 0)
+    quoted = any('"' in line for line in lines)
+    dialects = [
+        Dialect(separator, mark)
+        for separator in SEPARATORS
+        for mark in ([decimal] if decimal else ".,")
+        if quoted or (separator, mark) != (",", ",")
+    ]
+    score, dialect, rows = max((_score(dialect, lines, first) for dialect in dialects), key=lambda scored: scored[0])
+    if score <= 0:
+        return None
+    cells = [dialect.split(lines[k]) for k in rows]
+    kinds = _kinds(dialect, cells)
+    good = (k for k, row in zip(rows, cells, strict=True) if _fits(dialect, row, kinds))
+    start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
+    layout = _headed(lines, dialect, start, kinds, header)
+    beside = _named_by_settings(cells[:SETTINGS], kinds)
+    return replace(
+        layout,
+        columns=tuple(beside.get(k, column) for k, column in enumerate(layout.columns)),
+        remarks=frozenset(map(as_remark, filter(partial(_is_text, dialect), lines[max(0, start - REMARKS) : start]))),
+        quoted=quoted,
+    )
+
+
+def as_remark(line: str) -> str:
+    """A line with every number as 0: the headings of sweeps differ in their numbers."""
+    return re.sub(r"\d++", "0", line.strip())
+
+
+def _is_text(dialect: Dialect, line: str) -> bool:
+    """Whether a line has a text and no row of values."""
+    return any(dialect.kind(cell) == "text" for cell in dialect.split(line)) and not dialect.is_comment(line)
+
+
+def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, list[int]]:
+    """Score of the rows of the best width, the dialect with its thousands separator, and those rows."""
+    rows: defaultdict[int, list[int]] = defaultdict(list)
+    scores: defaultdict[int, float] = defaultdict(float)
+    marks: Counter[str] = Counter()
+    for at, line in enumerate(lines[first:], start=first):
+        cells = [] if dialect.is_comment(line) else dialect.split(line)
+        kinds = [dialect.kind(cell) for cell in cells]
+        texts = [cell for cell, kind in zip(cells, kinds, strict=True) if kind == "text"]
+        in_row = [mark for mark in map(dialect.thousands_mark, texts) if mark]
+        marks.update(in_row)
+        if "number" in kinds or "clock" in kinds or in_row:
+            rows[len(cells)].append(at)
+            scores[len(cells)] += sum(WORTH[kind] for kind in kinds) + THOUSANDS_WORTH * len(in_row)
+    if not scores:
+        return 0.0, dialect, []
+    width = max(scores, key=scores.__getitem__)
+    if marks:
+        dialect = replace(dialect, thousands=marks.most_common(1)[0][0])
+    return scores[width], dialect, rows[width]
+
+
+def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
+    """The commonest kind of each column; empty cells count only where nearly all are, or where the others are not of
+    one kind."""
+
+    def commonest(counts: Counter[Kind]) -> Kind:
+        written = counts.total() - counts["empty"]
+        if counts["text"] and 2 * written < counts.total():
+            return "text"
+        if written < LEAST_WRITTEN * counts.total():
+            return "empty"
+        return max(counts, key=lambda kind: (kind != "empty", counts[kind], WORTH[kind]))
+
+    return tuple(commonest(Counter(map(dialect.kind, column))) for column in zip(*rows, strict=True))
+
+
+def _fits(dialect: Dialect, cells: Sequence[str], kinds: Sequence[Kind]) -> bool:
+    return all(
+        dialect.kind(cell) in (kind, "empty")
+        for cell, kind in zip(cells, kinds, strict=True)
+        if kind in ("number", "clock")
+    )
+
+
+def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, kinds: Sequence[Kind], first: int) -> int:
+    """Include the lines above the first good row that are damaged rows and not a header: some of their cells are
+    numbers."""
+    while start > first and lines[start - 1].strip() and not dialect.is_comment(lines[start - 1]):
+        cells = dialect.split(lines[start - 1])
+        if len(cells) != len(kinds) or not any(
+            kind == dialect.kind(cell) == "number" for cell, kind in zip(cells, kinds, strict=True)
+        ):
+            break
+        start -= 1
+    return start
+
+
+def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> dict[int, Column]:
+    """Columns of an oscilloscope that writes its settings beside the first rows, name and value in two columns left of
+    time and signal (Tektronix TDS)."""
+    found: dict[int, Column] = {}
+    for k in range(len(kinds) - 1):
+        told = {row[k]: row[k + 1] for row in rows} if kinds[k] == "text" else {}
+        if "Vertical Units" in told:
+            numbers = [at for at in range(k + 2, len(kinds)) if kinds[at] == "number"]
+            names = ("Time", told.get("Horizontal Units", "s")), (told.get("Source", "signal"), told["Vertical Units"])
+            found |= {at: Column.named(*name, kind="number") for at, name in zip(numbers, names, strict=False)}
+    return found
+
+
+def _headed(lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[Kind], header: int | None) -> Layout:
+    """Find names and units above the first row; the header may be a comment, with a remark or a rule below it."""
+    above = [k for k in range(start) if re.search(r"\w", lines[k])] if header is None else [*range(header, start)]
+    headed = [
+        (k, cells)
+        for k in above[-REMARKS_BELOW_HEADER - 1 :]
+        if header != -1 and (cells := _names(dialect, lines[k], kinds))
+    ]
+    if header is not None and header >= 0:
+        headed = headed[:2]
+    none: Sequence[str] = [""] * len(kinds)
+    if not headed and above and (glued := _glued(dialect, lines[above[-1]], kinds)):
+        return Layout(dialect, above[-1], _columns(glued[0], none, kinds), above[-1], glued=glued[1])
+    if not headed:
+        return Layout(dialect, start, _columns(none, none, kinds))
+    with_units = len(headed) > 1 and _all_units(headed[-1][1])
+    units = headed.pop()[1] if with_units else none
+    at, names = headed[-1] if header is None else headed[0]
+    return Layout(dialect, start, _columns(names, units, kinds), at)
+
+
+def _columns(names: Sequence[str], units: Sequence[str], kinds: Sequence[Kind]) -> tuple[Column, ...]:
+    described = enumerate(zip(names, units, kinds, strict=True), start=1)
+    return tuple(Column.named(name or f"column {k}", unit, kind=kind) for k, (name, unit, kind) in described)
+
+
+def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
+    """Names in a header with the first row in the same line, as afmformats has written it, and the start of that
+    row."""
+    width, cells = len(kinds), dialect.split(_uncommented(dialect, line))
+    if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
+        return None
+    joint = re.fullmatch(r"(\D{0,99}?\w?[^\W\d][^\d.+-]{0,99})([+-]?[\d.].*)", cells[width - 1])
+    row = [joint[2], *cells[width:]] if joint else []
+    if not joint or any(dialect.kind(cell) != kind for cell, kind in zip(row, kinds, strict=True)):
+        return None
+    tail = len(dialect.separator.join(line.rstrip("\r\n").split(dialect.separator)[width:])) + 1
+    return (*cells[: width - 1], joint[1].strip()), len(line.rstrip("\r\n")) - tail - len(joint[2])
+
+
+def _all_units(cells: Sequence[str]) -> bool:
+    """Whether a row below the names holds units: one that is known, and others that are, or are in brackets, or are
+    short where most are known."""
+    known = [bool(canonical(cell)) or cell.strip("[]() ").lower() in ("", "-", "1") for cell in cells]
+    bracketed = [
+        known_cell or bool(re.fullmatch(r"[\[(].*[\])]", cell)) for cell, known_cell in zip(cells, known, strict=True)
+    ]
+    short = 2 * sum(known) > len(cells) and max(map(len, cells)) <= LONGEST_UNIT
+    return any(map(canonical, cells)) and (all(bracketed) or short)
+
+
+def _uncommented(dialect: Dialect, line: str) -> str:
+    line = line.strip("\r\n")
+    return COMMENT.sub("", line, count=1) if dialect.is_comment(line) else line
+
+
+def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | None:
+    """The names in a line above columns of these kinds; None for a remark."""
+    width = len(kinds)
+    for parts in _splits(dialect, _uncommented(dialect, line)):
+        cells = [cell.strip().strip('"').strip() for cell in parts]
+        if len(cells) == width + 1 > 2:  # a separator at the end, or LabVIEW's comment that no row has
+            cells = cells[:-1]
+        if len(cells) == width - 1 > 1:  # rows end in a separator, or start with an index
+            cells = [*cells, ""] if kinds[-1] == "empty" else ["", *cells]
+        if len(cells) == width and not any(dialect.kind(cell) in ("number", "clock") for cell in cells):
+            return cells
+    return None
+
+
+def _splits(dialect: Dialect, text: str) -> list[list[str]]:
+    """Ways to split a header: like the rows, at wide gaps, and at blanks that do not stand before a bracket."""
+    wide, bare = re.split(r"\t+|\s{2,}", text.strip()), re.split(r"\s+(?![\[(])", text.strip())
+    if dialect.separator == " ":
+        return [
+            wide,
+            bare,
+            *(cells_of(text, mark) for mark in ",;" if mark in text),
+            re.findall(r'"[^"]*"', text),
+        ]
+    ways = [dialect.split(text)]
+    if len(ways[0]) == 1:  # the header has another separator than the rows
+        ways += [wide, bare, re.split(r"[,;]", text)]
+    return ways

@@ -1,0 +1,125 @@
+"""Missing values, which are NaN, and values that no sensor measures: infinite ones, and codes such as 9.9e37.
+
+A missing output is not counted, of any length, up to half of the rows. A missing drive is interpolated over a few rows;
+over more of them the states of the operators are not known afterwards, so the rows are cut out and a part begins.
+"""
+
+import math
+
+import numpy as np
+
+from piezo_model.recordings.rows import LEAST_ROWS, Rows
+from piezo_model.recordings.table import ABSURD, RecordingError
+from solvers.arrays import Index, Mask, Vector
+
+MOST_MISSING = 0.5
+"""Largest share of rows without an output, or that are cut out."""
+LONGEST_FILL = 10
+"""Most missing values of the drive in a row that are interpolated."""
+FILLED = 0.01
+"""Largest share of rows whose drive is interpolated."""
+MOST_BAD = 2
+"""Most values of a signal, each between two measured ones, that are codes or infinite."""
+LEAST_PART = 16
+"""Fewest rows between two that are cut out."""
+
+
+def drop_codes(rows: Rows) -> None:
+    """Take a few infinite or absurd values, each alone, as missing ones."""
+    for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
+        known = np.abs(values) < ABSURD
+        at = np.flatnonzero(~(known | np.isnan(values)))
+        if 0 < at.size <= MOST_BAD and rows.length >= LEAST_ROWS and known[(at - 1) % rows.length].all():
+            if not known[(at + 1) % rows.length].all():
+                continue
+            rows.repairs += [
+                f"{label} is {values[row]:g} in {rows.where(int(row))}, which is not measured" for row in at
+            ]
+            rows.signals[k] = np.where(known, values, np.nan)
+
+
+def drop_incomplete_end(rows: Rows) -> None:
+    """Leave out the last rows of which a value is missing.
+
+    Raises
+    ------
+    RecordingError
+        Values that are infinite or absurd, missing times, or too many missing values.
+    """
+    ends = [] if rows.times is None else [last_known(rows, rows.time_label, rows.times, 0.0)]
+    for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
+        most = MOST_MISSING if k or rows.length >= LEAST_ROWS else FILLED
+        ends.append(last_known(rows, label, values, most))
+    if (dropped := rows.length - min(ends)) > 0:
+        incomplete = "row is incomplete and was" if dropped == 1 else f"{dropped} rows are incomplete and were"
+        rows.repairs.append(f"the last {incomplete} left out")
+        rows.take(slice(0, min(ends)))
+
+
+def last_known(rows: Rows, label: str, values: Vector, most_missing: float, whole: bool = False) -> int:
+    """Number of rows up to the last value that is known, with ``whole`` of all rows.
+
+    Raises
+    ------
+    RecordingError
+        Values that are infinite or absurd, or before that row a larger share of missing ones.
+    """
+    bad = ~(np.abs(values) < ABSURD)
+    end = values.size - (0 if whole else int(np.argmin(bad[::-1])))
+    inside = int(np.count_nonzero(bad[:end]))
+    if bad.any() and (end < 2 or not np.isnan(values[bad]).all() or inside > most_missing * end):
+        raise _bad_value(rows, label, values, bad)
+    return end
+
+
+def _bad_value(rows: Rows, label: str, values: Vector, bad: Mask) -> RecordingError:
+    at, many = int(np.argmax(bad)), int(np.count_nonzero(bad))
+    value = float(values[at])
+    kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
+    absurd = ", which is too large for a measured value" if math.isfinite(value) else ""
+    in_all = f"; in all {many} of {values.size} values are missing, infinite or absurd" if many > 1 else ""
+    return RecordingError(f"{rows.path}: {label} is {kind} in {rows.where(at)}{absurd}{in_all}")
+
+
+def fill(rows: Rows) -> None:
+    """Interpolate missing values, which do not count, and cut out rows where the drive is missing for longer.
+
+    Raises
+    ------
+    RecordingError
+        Too many values of the drive are missing.
+    """
+    drive = np.isnan(rows.signals[0])
+    if drive.any():
+        bounds = np.flatnonzero(np.diff(drive, prepend=False, append=False))
+        first, last = bounds[::2], bounds[1::2]
+        long = (last - first > LONGEST_FILL) | (first == 0)
+        cut = _runs(first[long], last[long])
+        filled = int(np.count_nonzero(drive)) - cut.size
+        parts = np.diff([0, *np.column_stack([first[long], last[long]]).ravel(), rows.length])[::2]
+        short_part = ((parts > 0) & (parts < LEAST_PART)).any() or (long.any() and len(rows.signals) == 1)
+        if filled > max(FILLED * rows.length, MOST_BAD) or short_part:
+            raise _bad_value(rows, rows.labels[0], rows.signals[0], drive)
+        if filled:
+            short = _runs(first[~long], last[~long])
+            rows.repairs.append(f"{rows.labels[0]} is missing in {rows.named(short)} and was interpolated, not counted")
+        if cut.size:
+            rows.repairs.append(
+                f"{rows.labels[0]} is missing in {cut.size} rows from {rows.named(cut, 1)} on, which were cut out"
+            )
+            rows.starts = sorted({*rows.starts, *last[long].tolist()})
+            rows.take(np.delete(np.arange(rows.length), cut))
+        rows.replace(0, np.isnan(rows.signals[0]))
+    for k, label in enumerate(rows.labels[1:], start=1):
+        missing = np.isnan(rows.signals[k])
+        if missing.any():
+            rows.repairs.append(
+                f"{label} is missing in {rows.named(np.flatnonzero(missing))}: {np.count_nonzero(missing)} of "
+                f"{rows.length} samples move the operators and are not counted"
+            )
+            rows.replace(k, missing)
+
+
+def _runs(first: Index, last: Index) -> Index:
+    """All rows of some runs."""
+    return np.concatenate([np.empty(0, dtype=int), *map(np.arange, first, last)])

@@ -1,0 +1,104 @@
+"""The order of rows in time: sorted rows, repeated stamps, and sweeps or pauses, at which a part begins."""
+
+import numpy as np
+
+from piezo_model.recordings.rows import LEAST_ROWS, Rows
+from piezo_model.recordings.table import RecordingError
+from solvers.arrays import Vector
+
+LEAST_SWEEP = 16
+"""Fewest rows of a sweep."""
+LEAST_RETURN = 0.5
+"""Smallest share of a sweep's duration by which the times fall back after it."""
+LEAST_PAUSE = 100.0
+"""Shortest pause between two parts, in sampling periods; a shorter one is a gap."""
+SAME_VALUES = 0.9
+"""Smallest share of repeated stamps that repeat the values, too."""
+TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
+"""Travel of a signal, in ranges, that is no single run, and its mean step where it is read out of order."""
+
+
+def sort_by_time(rows: Rows) -> None:
+    """Put rows that are sorted by a signal, or by falling times, in the order of their times."""
+    times = rows.times
+    if times is None or (times[1:] >= times[:-1]).all() or np.unique(times).size < times.size:
+        return
+    if not any(map(_monotonic, (times, *rows.signals))):
+        return
+    rows.repairs.append("its rows were not in the order of their times, by which they are sorted")
+    rows.take(np.argsort(times))
+    rows.starts = [0]
+
+
+def refuse_sorted(rows: Rows) -> None:
+    """Refuse rows without times that are sorted by one signal while the other one jumps to and fro.
+
+    Raises
+    ------
+    RecordingError
+        The order in time, which hysteresis needs, is lost.
+    """
+    if rows.times is not None or rows.length < LEAST_ROWS or len(rows.signals) < 2:
+        return
+    for label, ordered, other in zip(rows.labels, rows.signals, rows.signals[::-1], strict=True):
+        steps, span = np.diff(ordered), float(np.ptp(other))
+        travel = float(np.abs(np.diff(other)).sum())
+        jumps = travel > LEAST_JUMP * rows.length * span or not steps.all()
+        if _monotonic(ordered) and travel > TO_AND_FRO * span > 0.0 and jumps:
+            raise RecordingError(
+                f"{rows.path}: {label} only {'rises' if steps.max() > 0.0 else 'falls'} while the other signal goes to "
+                "and fro: the rows are sorted by it, and their order in time, which hysteresis needs, is lost"
+            )
+
+
+def _monotonic(values: Vector) -> bool:
+    """Whether values never rise or never fall, missing ones apart, and are not constant."""
+    steps = np.diff(values[~np.isnan(values)])
+    return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
+
+
+def begin_parts(rows: Rows) -> None:
+    """Begin a part where the times start again or after a pause, and let the times flow on from part to part."""
+    times = rows.times
+    if times is None or rows.length < 2:
+        return
+    steps = np.diff(times)
+    back = np.flatnonzero(steps < 0.0) + 1
+    sweeps = [0, *back.tolist()]
+    returns = [
+        times[at] - times[at - 1] < -LEAST_RETURN * (times[at - 1] - times[a])
+        for a, at in zip(sweeps, back, strict=False)
+    ]
+    if back.size and min(np.diff([*sweeps, rows.length])) >= LEAST_SWEEP and all(returns):
+        rows.starts = sorted({*rows.starts, *sweeps})
+        rows.remarks.append(f"{len(sweeps)} sweeps below each other: the times start again in {rows.named(back)}")
+    positive = steps[: LEAST_ROWS * 1024]
+    positive = positive[positive > 0.0]
+    usual = float(np.median(positive)) if positive.size else 0.0
+    pauses = np.flatnonzero(steps > LEAST_PAUSE * usual) + 1
+    pauses = pauses[~np.isin(pauses, rows.starts)]
+    if pauses.size and min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_ROWS:
+        rows.starts = sorted({*rows.starts, *pauses.tolist()})
+        rows.repairs.append(
+            f"{pauses.size} pauses in its times, before {rows.named(pauses)}: the states begin anew there"
+        )
+    if later := rows.starts[1:]:
+        first = later[0]
+        period = (times[first - 1] - times[0]) / (first - 1) if (steps[: first - 1] > 0.0).all() else usual
+        leap = np.zeros(rows.length)
+        leap[later] = period - steps[np.array(later) - 1]
+        rows.times = times + np.cumsum(leap)
+
+
+def drop_repeats(rows: Rows) -> bool:
+    """Leave out rows that repeat the time before them, if nearly all repeat its values, too; whether there were any."""
+    assert rows.times is not None
+    again = np.flatnonzero(np.diff(rows.times) == 0.0) + 1
+    same = np.all([np.diff(signal)[again - 1] == 0.0 for signal in rows.signals], axis=0)
+    if not again.size or np.count_nonzero(same) < SAME_VALUES * again.size:
+        return False
+    rows.repairs.append(
+        f"{again.size} of {rows.length} rows repeat the time before them, and nearly all its values, and were left out"
+    )
+    rows.take(np.delete(np.arange(rows.length), again))
+    return True

@@ -1,0 +1,111 @@
+"""From the columns of a table to even samples: what is wrong with them is repaired where that is safe, and said, or
+refused with its row.
+
+In order: codes and missing values (`missing`), the order of rows, parts and repeated stamps (`order`), the clock
+(`clock`), isolated bad samples (`bad_samples`), and an even clock by linear interpolation,
+
+    y(t_0 + k T) = y_i + (y_{i+1} − y_i) (t_0 + k T − t_i) / (t_{i+1} − t_i),   t_i ≤ t_0 + k T ≤ t_{i+1}.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from piezo_model.recordings.bad_samples import replace_bad_samples
+from piezo_model.recordings.clock import Clock
+from piezo_model.recordings.missing import drop_codes, drop_incomplete_end, fill
+from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.order import begin_parts, drop_repeats, refuse_sorted, sort_by_time
+from piezo_model.recordings.rows import Rows
+from piezo_model.recordings.table import RecordingError
+
+MOST_SAMPLES = 1_000_000_000
+MOST_MULTIPLIED = 10
+"""Largest ratio of samples to rows that needs no confirmation."""
+
+
+class Sampling(NamedTuple):
+    """Sampling period and visible rounding of the times, in seconds."""
+
+    period: float
+    resolution: float = 0.0
+
+
+def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> Sampling:
+    """Make rows even samples, in place.
+
+    Parameters
+    ----------
+    rows : Rows
+        All rows of the file that are read.
+    seconds : float
+        Unit of the times.
+    period : float
+        Sampling period, for rows without times.
+    options : ReadOptions
+        Tolerance of the clock, and the period of an interpolation.
+
+    Raises
+    ------
+    RecordingError
+        Rows that cannot be repaired, or with ``strict`` that have to be.
+    """
+    drop_codes(rows)
+    drop_incomplete_end(rows)
+    sort_by_time(rows)
+    fill(rows)
+    refuse_sorted(rows)
+    begin_parts(rows)
+    if rows.times is None:
+        if rows.length < 2:
+            raise RecordingError(
+                f"{rows.path}: has {rows.length} data row{'' if rows.length == 1 else 's'}, and a recording needs two"
+            )
+        found = Sampling(period)
+    else:
+        found = _clocked(rows, seconds, options)
+    replace_bad_samples(rows)
+    if options.strict and rows.repairs:
+        raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict that is repaired")
+    return found if options.resample is None else _resampled(rows, seconds, options)
+
+
+def _clocked(rows: Rows, seconds: float, options: ReadOptions) -> Sampling:
+    """The sampling period of the times, without rows that only repeat the one before."""
+
+    def sampling() -> Sampling:
+        assert rows.times is not None
+        clock = Clock(f"{rows.path}: {rows.time_label}", rows.times, seconds, rows.where, options.time_tolerance)
+        return Sampling(*clock.sampling(even=options.resample is None))
+
+    try:
+        return sampling()
+    except RecordingError:
+        if not drop_repeats(rows):
+            raise
+    return sampling()
+
+
+def _resampled(rows: Rows, seconds: float, options: ReadOptions) -> Sampling:
+    """Interpolate to an even clock; a sample counts if the rows on both of its sides do."""
+    times, period = rows.times, options.resample
+    assert times is not None
+    assert period is not None
+    count, duration = rows.length, float(times[-1] - times[0]) * seconds
+    length = int(duration / period + 1e-9) + 1
+    if not 2 <= length <= MOST_SAMPLES:
+        raise RecordingError(
+            f"{rows.path}: --resample {period:g} gives {length} samples of {duration:g} s; take another period"
+        )
+    if length > MOST_MULTIPLIED * count and options.time_unit is None:
+        raise RecordingError(
+            f"{rows.path}: --resample {period:g} makes {length} samples of {count} rows over {duration:g} s; are the "
+            "times in another unit? --time-unit states it, or confirms it"
+        )
+    grid = times[0] + period / seconds * np.arange(length)
+    rows.signals = [np.interp(grid, times, signal) for signal in rows.signals]
+    rows.uncounted = np.interp(grid, times, rows.uncounted) > 0.0
+    rows.starts = np.unique(np.searchsorted(grid, times[rows.starts])).tolist()
+    rows.times = grid
+    rows.remarks.append(f"interpolated from {count} rows at the times of the file")
+    return Sampling(period)

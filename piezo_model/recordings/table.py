@@ -1,0 +1,187 @@
+"""A table: named columns of a file, each read as a whole array when it is asked for.
+
+A reader of a format gives batches of rows; ``Table.read`` joins those of the chosen columns, and only of the rows that
+are wanted, to float64 arrays in which a missing cell is NaN and a clock counts seconds since its first time.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.structure import SAMPLE_TIMES
+from piezo_model.units import canonical, split_unit
+from solvers.arrays import Vector
+
+Kind = Literal["number", "clock", "flag", "text", "empty"]
+KINDS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
+"""Kind of a column by the kind code of its NumPy type."""
+ABSURD = 1e30
+"""Smallest magnitude that is not a measured value: instruments write 9.9e37 for an overload."""
+COPIES = 4
+"""Columns in memory for each one that is read, until a recording has been checked."""
+RowName = Callable[[int], str]
+"""Name of a row counted from 0, as the user counts rows."""
+
+
+class RecordingError(ValueError):
+    """A recording cannot be read or written; the message is one sentence that names file, column and row."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table."""
+
+    name: str
+    """Name in the file, without characters that cannot be printed; not necessarily unique."""
+    unit: str = ""
+    """Unit in ASCII; "" if unknown."""
+    kind: Kind = "number"
+    rows: int | None = None
+    """Number of rows, if the format states it."""
+    sample_time: float | None = None
+    """Sampling period in seconds, if the file states it."""
+    nested: bool = False
+    """Whether the name is a path, ``group/channel``."""
+
+    @classmethod
+    def named(cls, name: str, unit: str = "", **more: Any) -> "Column":
+        """A column with a given unit, or else the unit in its name, or in the last part of its path.
+
+        >>> Column.named("Weg [µm]").unit, Column.named("Sollwert", "[Digits]").unit
+        ('um', 'Digits')
+        """
+        name = printable(name)
+        last = name.rpartition("/")[2] if more.get("nested") else name
+        return cls(name, canonical(unit) or split_unit(last)[1] or printable(unit).strip("[]() "), **more)
+
+    @property
+    def stem(self) -> str:
+        """The name without its unit, and without its path if its last part has a letter."""
+        last = self.name.rpartition("/")[2] if self.nested else self.name
+        return split_unit(last if re.search(r"[^\W\d]", last) else self.name.replace("/", " "))[0]
+
+
+@dataclass(frozen=True)
+class Table:
+    """An opened file."""
+
+    path: Path | str
+    form: str
+    """Format and dialect of the file, as a clause of a sentence."""
+    columns: tuple[Column, ...]
+    """In the order of the file."""
+    batches: Callable[[Sequence[int]], Iterable[Sequence[Any]]] = field(repr=False)
+    """The columns at some positions, some rows at a time: numbers, datetime64, timedelta64, or clocks as text."""
+    where: RowName = field(default=lambda row: f"data row {row + 1}", repr=False)
+    repairs: tuple[str, ...] = ()
+    """Rows that are left out, as clauses."""
+    clocks: Callable[[list[Any], str, RowName], NDArray[Any]] | None = field(default=None, repr=False)
+    """Times of a column of clocks as text, of its batches and of label and rows for error messages."""
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of the columns, those that repeat with their number."""
+        return distinct([column.name for column in self.columns])
+
+    def label(self, k: int) -> str:
+        """File and column, the start of a sentence."""
+        return f"{self.path}: column {self.names[k]!r}"
+
+    def read(self, at: Sequence[int], rows: slice = slice(None)) -> list[Vector]:
+        """The columns at these positions, shape (rows,).
+
+        Raises
+        ------
+        RecordingError
+            The columns are of different lengths, damaged, or larger than the memory that is free.
+        """
+        if len({self.columns[k].rows for k in at}) > 1:
+            lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in at)
+            raise RecordingError(f"{self.path}: the columns are not of one length: {lengths}")
+        first, stop, step = rows.start or 0, rows.stop, rows.step or 1
+        parts: list[list[Any]] = [[] for _ in at]
+        seen = kept = 0
+        most = free_memory() / (8 * COPIES * max(len(at), 1))
+        for batch in self.batches(at):
+            begin = first - seen if seen < first else -(seen - first) % step
+            end = None if stop is None else max(stop - seen, 0)
+            for part, values in zip(parts, batch, strict=True):
+                part.append(values[begin:end:step])
+            seen, kept = seen + len(batch[0]), kept + len(parts[0][-1])
+            if kept > most:
+                raise RecordingError(
+                    f"{self.path}: has more than {kept} rows, too many for the free memory; read a part of it with "
+                    "--from and --to (seconds), or every tenth row with --decimate 10"
+                )
+            if stop is not None and seen >= stop:
+                break
+        return [self._joined(k, parts.pop(0)) for k in at]
+
+    def _joined(self, k: int, parts: list[Any]) -> Vector:
+        """One column of its parts."""
+        if self.columns[k].kind != "clock" or not parts:
+            return np.concatenate([np.empty(0), *parts], dtype=np.float64, casting="unsafe")
+        if self.clocks is None:
+            return seconds_since_first(np.concatenate(parts))
+        return seconds_since_first(self.clocks(parts, self.label(k), self.where))
+
+
+def seconds_since_first(times: NDArray[Any]) -> Vector:
+    """Seconds since the first time, exact to the unit of the times; NaN for a missing one.
+
+    Seconds since 1970 in double precision would be rounded to 0.2 µs. Times of day may pass midnight.
+    """
+    seconds, known = np.full(times.shape, np.nan), ~np.isnat(times)
+    kept = times[known]
+    if kept.dtype.kind == "m":
+        midnights = np.cumsum(np.diff(kept, prepend=kept[:1]) < np.timedelta64(-12, "h"))
+        kept = kept + midnights * np.timedelta64(1, "D")
+    seconds[known] = (kept - kept[:1]) / np.timedelta64(1, "s")
+    return seconds
+
+
+def free_memory() -> float:
+    """Bytes of memory that are free, or can be; infinite where the system does not say."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            return 1024.0 * next(float(line.split()[1]) for line in file if line.startswith("MemAvailable"))
+    except (OSError, StopIteration):
+        return np.inf
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """Names of columns; repeated names are numbered by their position.
+
+    >>> distinct(["u", "y", "u"])
+    ['u (1)', 'y', 'u (3)']
+    """
+    counts = Counter(names)
+    return [f"{name} ({k + 1})" if counts[name] > 1 else name for k, name in enumerate(names)]
+
+
+def printable(text: str) -> str:
+    """A text without characters that cannot be printed, and in one line.
+
+    >>> printable("drive\x1a_V")
+    'drive_V'
+    """
+    return " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split(" ")).strip()
+
+
+def check_sample_time(label: str, seconds: float) -> None:
+    """Refuse a sampling period that no structure can have."""
+    least, most = SAMPLE_TIMES
+    if not least <= seconds <= most:
+        raise RecordingError(f"{label}the sampling period must be from {least:g} to {most:g} s, not {seconds}")
+
+
+def first_line(error: Exception) -> str:
+    """First line of an error's message, or its type."""
+    return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__

@@ -1,0 +1,212 @@
+"""The rows of a text file, parsed by Arrow: whole lines in UTF-8, one separator, nothing but rows.
+
+Text that Arrow cannot parse is removed block by block: comments and repeated headers among the rows, runs of blanks,
+thousands separators, a remark or half a row at the end. If Arrow refuses a block, a second and slower pass names the
+first wrong cell and its row as an editor counts it.
+"""
+
+import codecs
+import io
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
+
+from piezo_model.recordings.dialect import COMMENT_MARKS, FLAGS, NULLS
+from piezo_model.recordings.formats.arrow import array_of
+from piezo_model.recordings.layout import Layout, as_remark
+from piezo_model.recordings.table import RecordingError, first_line
+
+BLOCK_BYTES = LONGEST_LINE = 1 << 20
+LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
+TAIL_BYTES = 1 << 16
+MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
+QUOTED = re.compile(r'"[^"\n]*"')
+
+
+@dataclass(frozen=True)
+class TextRows:
+    """Where the rows of a text file are, and how they are written."""
+
+    path: Path
+    encoding: str
+    layout: Layout
+    start: int
+    """Byte of the first row."""
+    stop: int
+    """Byte after the last row."""
+
+    def batches(self, at: Sequence[int]) -> Iterator[list[Any]]:
+        """Columns, some rows at a time; clocks as text.
+
+        Raises
+        ------
+        RecordingError
+            A row or a cell that cannot be read.
+        """
+        layout, dialect, source = self.layout, self.layout.dialect, _Stream(map(self._for_arrow, self._blocks()))
+        keys = [str(k) for k in range(len(layout.columns))]  # names in the file may repeat or be empty
+        clocks = {k for k in at if layout.columns[k].kind == "clock"}
+        rows = 0
+        try:
+            reader = arrow_csv.open_csv(
+                source,
+                arrow_csv.ReadOptions(column_names=keys, block_size=BLOCK_BYTES),
+                arrow_csv.ParseOptions(
+                    delimiter="\t" if dialect.separator == " " else dialect.separator,
+                    quote_char='"' if layout.quoted else False,
+                ),
+                arrow_csv.ConvertOptions(
+                    column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
+                    include_columns=list(dict.fromkeys(keys[k] for k in at)),
+                    null_values=sorted(NULLS),
+                    strings_can_be_null=True,
+                    decimal_point=dialect.decimal,
+                    check_utf8=False,
+                ),
+            )
+            for batch in reader:
+                rows += len(batch)
+                columns = {k: batch.column(keys[k]) for k in at}
+                yield [columns[k] if k in clocks else array_of(columns[k]) for k in at]
+        except (pa.ArrowException, UnicodeError) as error:
+            raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
+        if layout.quoted and rows != source.lines:
+            raise RecordingError(f"{self.path}: has a quote that is not closed: {source.lines} lines are {rows} rows")
+
+    def where(self, row: int) -> str:
+        """Row of the file as an editor counts it, and data row counted from 0."""
+        number, data_row = self.layout.start, 0
+        for block in self._blocks():
+            lines = block.count("\n") or block.count("\r")
+            if data_row + lines <= row and self._is_plain(block):
+                number, data_row = number + lines, data_row + lines
+                continue
+            for line in LINE.findall(block):
+                number += 1
+                if self._is_row(line):
+                    if data_row == row:
+                        return f"row {number} (data row {row + 1})"
+                    data_row += 1
+        return f"data row {row + 1}"
+
+    def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
+        """A sentence about the first row that cannot be read; Arrow's own if the text shows nothing wrong."""
+        dialect, columns, data_row, number = self.layout.dialect, self.layout.columns, 0, self.layout.start
+        for line in (line for block in self._blocks() for line in LINE.findall(block)):
+            number += 1
+            if not self._is_row(line):
+                continue
+            data_row += 1
+            cells, place = dialect.split(line), f"row {number} (data row {data_row})"
+            if len(cells) != len(columns):
+                return f"{self.path}: {place} has {len(cells)} columns where the others have {len(columns)}"
+            for at in chosen:
+                cell = cells[at].strip()
+                if dialect.kind(cell) in ("number", "empty"):
+                    continue
+                shown = repr(cell if len(cell) <= 40 else cell[:37] + "…")
+                start = f"{self.path}: column {columns[at].name!r} holds {shown} in {place}"
+                if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
+                    return f"{start}, a decimal comma where the other numbers have points"
+                return f"{start}, where a number is needed" + (", not a flag" if cell.lower() in FLAGS else "")
+        return f"{self.path}: cannot be read as a table: {first_line(error)}"
+
+    def _blocks(self) -> Iterator[str]:
+        """The text from the first row to the last, in blocks of whole lines."""
+        decoder = codecs.getincrementaldecoder(self.encoding)(errors="replace")
+        rest = ""
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            while data := file.read(min(BLOCK_BYTES, self.stop - file.tell())):
+                rest += decoder.decode(data)
+                cut = rest.rfind("\n") + 1 or rest.rfind("\r") + 1
+                if cut:
+                    yield rest[:cut]
+                    rest = rest[cut:]
+                elif len(rest) > LONGEST_LINE:
+                    raise RecordingError(
+                        f"{self.path}: a line is longer than {LONGEST_LINE} characters, which no row of a table is"
+                    )
+        yield rest
+
+    @cached_property
+    def _marks(self) -> tuple[str, ...]:
+        """The marks that start a comment; the separator may also follow an empty first cell."""
+        return tuple(mark for mark in COMMENT_MARKS if mark != self.layout.dialect.separator)
+
+    @cached_property
+    def _signs(self) -> tuple[str, ...]:
+        """Texts of which a block has one if it has a line that is no row."""
+        return *self._marks, *(max(remark.split("0"), key=len) for remark in self.layout.remarks)
+
+    def _is_plain(self, block: str) -> bool:
+        """Whether all lines of a block are rows."""
+        blank = "\n\n" in block or "\n\r" in block or "\r\r" in block or block.isspace() or block[:1] in "\r\n"
+        return not blank and not any(sign in block for sign in self._signs)
+
+    def _is_row(self, line: str) -> bool:
+        blank = line.isspace() if self.layout.dialect.separator == " " else not line.strip(" \r\n")
+        return (
+            not blank and not line.lstrip(" \t").startswith(self._marks) and as_remark(line) not in self.layout.remarks
+        )
+
+    def _for_arrow(self, block: str) -> bytes:
+        """The rows of a block in the syntax of Arrow."""
+        dialect = self.layout.dialect
+        if not self._is_plain(block):
+            block = "".join(filter(self._is_row, LINE.findall(block)))
+        if mark := dialect.thousands:
+            group = re.compile(rf"(?<=\d){re.escape(mark)}(?=\d{{3}}(?!\d))")
+            if mark == dialect.separator:
+                block = QUOTED.sub(lambda cell: group.sub("", cell[0]), block)
+            else:
+                block = group.sub("", block)
+        if dialect.separator == " ":
+            block = re.sub(r"[ \t]+", "\t", MARGINS.sub("", block))
+        return block.encode()
+
+
+class _Stream(io.RawIOBase):
+    """Blocks of bytes as a file, and the number of their lines."""
+
+    def __init__(self, blocks: Iterator[bytes]) -> None:
+        self._blocks, self._rest = blocks, b""
+        self.lines = 0
+
+    def readable(self) -> bool:
+        """Arrow asks."""
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        """At most so many bytes; none at the end."""
+        while not self._rest and (block := next(self._blocks, None)) is not None:
+            self._rest = block
+            self.lines += block.count(b"\n") or block.count(b"\r")
+            self.lines += bool(block) and not block.endswith((b"\n", b"\r"))
+        data, self._rest = self._rest[:size], self._rest[size:]
+        return data
+
+
+def end_of_rows(path: Path, encoding: str, layout: Layout, start: int) -> tuple[int, int]:
+    """Byte after the last row, and the number of lines below it that are not rows: a remark, or a truncated row."""
+    size, dialect = path.stat().st_size, layout.dialect
+    begin = max(start, size - TAIL_BYTES)
+    begin += (begin - start) % (2 if encoding.startswith("utf-16") else 1)
+    with path.open("rb") as file:
+        file.seek(begin)
+        lines = LINE.findall(file.read().decode(encoding, errors="replace"))
+    dropped, stop = 0, size
+    for line in reversed(lines[begin > start :]):
+        cells = dialect.split(line)
+        has_values = any(dialect.kind(cell) in ("number", "clock") for cell in cells)
+        if has_values and not dialect.is_comment(line) and len(cells) >= len(layout.columns):
+            return stop, dropped
+        dropped += bool(re.search(r"\w", line))
+        stop -= len(line.encode(encoding, errors="replace"))
+    return size, 0

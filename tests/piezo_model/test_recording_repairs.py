@@ -1,0 +1,303 @@
+"""Ordinary laboratory dirt is repaired and named, or questioned; a spoiled file is refused."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_files import refusal
+
+from piezo_model.operators import play
+from piezo_model.recordings import Recording, RecordingError, write_table
+
+N, PERIOD = 2000, 0.005
+T = np.arange(N) * PERIOD
+X = 1.0 + 4.0 * (1.0 - np.cos(2 * np.pi * 0.5 * T))
+Y = 40.0 * (0.8 * X + play(X, [0.24, 0.8, 2.0], [1.0] * 3)[0] @ [0.1, 0.08, 0.06])
+HEADER = ("time_s", "voltage_V", "position_um")
+
+
+def table(
+    *columns: np.ndarray, header: tuple[str, ...] = HEADER, separator: str = ",", decimal: str = ".", digits: int = 7
+) -> str:
+    rows = (separator.join(f"{v:.{digits}g}" for v in row).replace(".", decimal) for row in zip(*columns, strict=True))
+    return "\n".join(([separator.join(header)] if header else []) + [*rows]) + "\n"
+
+
+def changed(values: np.ndarray, **at: float) -> np.ndarray:
+    """A copy with some values replaced, ``_17=nan``."""
+    copy = values.copy()
+    for place, value in at.items():
+        copy[int(place.removeprefix("_"))] = value
+    return copy
+
+
+def spanned(values: np.ndarray, first: int, last: int, value: float = np.nan) -> np.ndarray:
+    copy = values.copy()
+    copy[first:last] = value
+    return copy
+
+
+def opened(folder: Path, text: str, **options: Any) -> Recording:
+    (folder / "stage.csv").write_text(text, encoding="utf-8")
+    return Recording.open(folder / "stage.csv", **options)
+
+
+CLEAN = table(T, X, Y)
+SLOW, FALLING = np.argsort(X, kind="stable"), np.arange(N)[::-1]
+HEADED = table(T, X, Y).replace("\n", "\n1,2,3\n", 1)
+TWICE = table(np.repeat(T, 3), np.repeat(X, 3), np.repeat(Y, 3))
+REPAIRED: dict[str, tuple[str, str, slice, int]] = {
+    # text, remark, rows that are cut out, number of rows that are not counted
+    "an empty cell": (CLEAN.replace(f",{Y[7]:.7g}\n", ",\n"), "position_um' is missing in row 9", slice(0), 1),
+    "NaN, decimal commas": (
+        table(T, X, changed(Y, _5=np.nan, _900=np.nan), separator=";", decimal=","),
+        "is missing in row 7 .data row 6., row 902",
+        slice(0),
+        2,
+    ),
+    "a silent sensor": (table(T, X, spanned(Y, 300, 1200)), "900 of 2000 samples move the operators", slice(0), 900),
+    "a drive that is missing": (table(T, spanned(X, 50, 58), Y), "voltage_V' is missing .* interpolated", slice(0), 8),
+    "a drive that is missing for long": (
+        table(T, spanned(X, 700, 740), Y),
+        "missing in 40 rows .* cut out",
+        slice(700, 740),
+        0,
+    ),
+    "a drive that begins late": (table(T, spanned(X, 0, 30), Y), "30 rows from row 2 .* cut out", slice(0, 30), 0),
+    "an overload": (table(T, X, changed(Y, _100=9.9e37)), r"is 9\.9e\+37 in row 102", slice(0), 1),
+    "the last sample of the drive": (table(T, changed(X, _1999=7.7), Y), "voltage_V' is 7.7 in row 2001", slice(0), 1),
+    "the first sample of the sensor": (
+        table(T, X, changed(Y, _0=-500.0)),
+        "is -500 in row 2 .* isolated bad",
+        slice(0),
+        1,
+    ),
+    "two bad samples, tabs": (
+        table(T, changed(X, _400=99.0), changed(Y, _1200=0.0), separator="\t"),
+        "voltage_V' is 99 in row 402 .* beside",
+        slice(0),
+        2,
+    ),
+    "rows sorted by the drive": (table(T[SLOW], X[SLOW], Y[SLOW]), "not in the order of their times", slice(0), 0),
+    "rows in falling time, bars": (
+        table(T[::-1], X[::-1], Y[::-1], separator="|"),
+        "order of their times",
+        slice(0),
+        0,
+    ),
+    "a logger quicker than its clock": (TWICE, "4000 of 6000 rows repeat the time", slice(0), 0),
+    "a long pause": (table(T + 3.0 * (T > 6), X, Y), "1 pauses in its times, before row 120[23]", slice(0), 0),
+    "a row cut off": (CLEAN + "10.0,1", "the last line is incomplete and was left out", slice(0), 0),
+}
+
+
+@pytest.mark.parametrize("kind", REPAIRED)
+def test_a_repair_is_named_with_its_row_and_refused_if_strict(tmp_path: Path, kind: str) -> None:
+    text, remark, cut, uncounted = REPAIRED[kind]
+    recording = opened(tmp_path, text)
+    assert re.search(remark, "; ".join(recording.remarks))
+    assert all(f"Note: {remark}." in recording.describe() for remark in recording.remarks)
+    assert (recording.sample_time, np.count_nonzero(recording.uncounted)) == (PERIOD, uncounted)
+    counted, x, y = ~recording.uncounted, *(np.delete(values, cut) for values in (X, Y))
+    np.testing.assert_allclose(recording.x[counted], x[counted], rtol=1e-6)
+    np.testing.assert_allclose(recording.y[counted], y[counted], rtol=1e-6)
+    np.testing.assert_allclose(recording.x, x, atol=0.1)  # bad ones are replaced before the operators see them
+    with pytest.raises(RecordingError, match="without --strict"):
+        opened(tmp_path, text, strict=True)
+    assert opened(tmp_path, CLEAN, strict=True).remarks == ()
+
+
+SHUFFLED = np.random.default_rng(0).permutation(N)
+SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
+    "shuffled rows": (table(T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED]), {}, "runs backwards"),
+    "sorted rows without times": (table(X[SLOW], Y[SLOW], header=HEADER[1:]), {}, "their order in time"),
+    "the same, with a period": (table(X[SLOW], Y[SLOW], header=HEADER[1:]), {"sample_time": 1e-3}, "order in time"),
+    "sorted by the sensor": (
+        table(*(v[np.argsort(-Y)] for v in (X, Y)), header=HEADER[1:]),
+        {"sample_time": 1e-3},
+        "only falls while the other signal",
+    ),
+    "stamps that repeat and values that do not": (
+        table(np.repeat(1.0371 * T[::4], 4), X, Y),
+        {},
+        r"stands still in row 3 .* .1500 of 2000 rows repeat",
+    ),
+    "a sensor silent for more than half": (table(T, X, spanned(Y, 300, 1400)), {}, "in all 1100 of 2000 values"),
+    "a drive with holes everywhere": (
+        table(T, spanned(X, 0, N, np.nan) + (T % 0.1 < 0.04), Y),
+        {},
+        "cannot tell which column is the input",
+    ),
+    "a drive missing here and there": (table(T, np.where(np.arange(N) % 40, X, np.nan), Y), {}, "in all 50 of 2000"),
+    "overloads": (table(T, X, spanned(Y, 100, 104, 9.9e37)), {}, "too large for a measured value"),
+    "times that are missing": (table(changed(T, _40=np.nan), X, Y), {}, "time_s' is missing .or NaN. in row 42"),
+    "a time that jumps": (table(changed(T, _40=3.0), X, Y), {}, "has a gap of 2.8"),
+    "a short gap": (table(T + 0.02 * (T > 6), X, Y), {}, "has a gap of 0.025 s before row"),
+    "a sweep of three rows": (table(changed(T, _1997=0.0, _1998=0.005, _1999=0.01), X, Y), {}, "runs backwards"),
+    "a stray text": (CLEAN.replace(f",{X[50]:.7g},", ",over,", 1), {}, "holds 'over' in row"),
+    "an open quote": (CLEAN.replace(f",{X[50]:.7g},", ',"1,', 1), {}, "row 52|quote"),
+    "a row too wide": (CLEAN.replace(f",{X[50]:.7g},", ",1,1,", 1), {}, "has 4 columns where the others have 3"),
+    "lost decimal marks of the drive": (table(T, X * 1e6, Y), {}, "reaches from .* V, more than 10000 V"),
+    "lost decimal marks of the sensor": (table(T, X, Y * 1e6), {}, "a decimal mark lost, or is its unit another"),
+    "lost decimal marks of the times": (table(np.round(T * 1e6), X, Y, digits=12), {}, "one sample every 5000 s; is a"),
+    "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
+    "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows between --from 50 and --to inf"),
+    "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "lasts 9.995 s by its time column"),
+}
+
+
+@pytest.mark.parametrize("kind", SPOILED)
+def test_a_spoiled_file_is_refused(tmp_path: Path, kind: str) -> None:
+    text, options, sentence = SPOILED[kind]
+    (tmp_path / "stage.csv").write_text(text)
+    assert re.search(sentence, refusal(tmp_path / "stage.csv", **options))
+
+
+@pytest.mark.parametrize(
+    ("drive", "sensor"),
+    [
+        (changed(X, **{f"_{k}": 20.0 for k in (300, 700, 1100, 1500)}), Y),  # a train of pulses
+        (spanned(X, 900, 950, 30.0), spanned(Y, 900, 950, 900.0)),  # a step and its way back
+        (changed(X, _900=30.0), changed(Y, _900=900.0)),  # which the sensor answers
+        (np.where(T % 1 < 0.5, 1.0, 9.0), np.where(T % 1 < 0.5, 41.5, 366.0)),
+        (X, Y + np.random.default_rng(1).normal(0, 30, N)),
+    ],
+    ids=["pulses", "step", "answered", "square wave", "noise"],
+)
+def test_real_jumps_are_no_bad_samples(tmp_path: Path, drive: np.ndarray, sensor: np.ndarray) -> None:
+    assert opened(tmp_path, table(T, drive, sensor), input_unit="V").remarks == ()
+
+
+SWEEP, HALF = slice(0, 1000), table(T[:1000], X[:1000], Y[:1000])
+PARTS: dict[str, Callable[[], str]] = {
+    "each with its header": lambda: f"# sweep\n{HALF}\n# sweep\n{HALF}",
+    "numbered headings": lambda: f"Sweep 1 of 2\n{HALF}\nSweep 2 of 2\n{HALF}",
+    "without a header between": lambda: table(np.tile(T[SWEEP], 2), np.tile(X[SWEEP], 2), np.tile(Y[SWEEP], 2)),
+    "another start": lambda: HALF + table(T[SWEEP] + 1.0, X[SWEEP], Y[SWEEP]),
+    "semicolons": lambda: 2 * table(T[SWEEP], X[SWEEP], Y[SWEEP], separator=";", decimal=","),
+}
+
+
+@pytest.mark.parametrize("kind", PARTS)
+def test_sweeps_below_each_other_are_parts(tmp_path: Path, kind: str) -> None:
+    recording = opened(tmp_path, PARTS[kind]())
+    assert (recording.length, recording.starts, recording.sample_time) == (N, (0, 1000), PERIOD)
+    for sweep in recording.sweeps():
+        np.testing.assert_allclose([sweep.x, sweep.y], [X[SWEEP], Y[SWEEP]], rtol=1e-6)
+    assert "2 sweeps below each other" in recording.describe()
+
+
+@pytest.mark.parametrize(("along", "time"), [(0, "vector"), (1, "vector"), (0, "column"), (0, "matrix"), (1, "matrix")])
+def test_a_batch_is_read_along_the_axis_of_its_times(tmp_path: Path, along: int, time: str) -> None:
+    x, y = (np.reshape(values, (20, 100)) for values in (X, Y))
+    t = T[:100] if time == "vector" else T[:100, None] if time == "column" else np.tile(T[:100], (20, 1))
+    turned = [array.T if along and array.shape == x.shape else array for array in (t, x, y)]
+    np.savez(tmp_path / "batch.npz", **dict(zip(("time", "voltage", "displacement"), turned, strict=True)))
+    recording = Recording.open(tmp_path / "batch.npz")
+    np.testing.assert_array_equal([recording.x, recording.y], [X, Y])
+    assert (recording.starts, recording.sample_time) == (tuple(range(0, N, 100)), PERIOD)
+
+
+def scope(channel: str, values: np.ndarray, unit: str = "V") -> str:
+    """A channel of an oscilloscope whose settings stand beside the first rows."""
+    settings = ["Record Length,2000", "Source," + channel, "Vertical Units," + unit, "Horizontal Units,s", "Probe,1"]
+    beside = [*settings, *[","] * (N - len(settings))]
+    return "\n".join(f"{a},,{t:.9f},{v:.5e}," for a, t, v in zip(beside, T - 0.25, values, strict=True)) + "\n"
+
+
+def test_two_files_are_one_recording(tmp_path: Path) -> None:
+    files = {
+        "u.csv": scope("CH1", X),
+        "y.csv": scope("CH3", Y, "mV"),
+        "late.csv": table(T[:1800] + 0.5025, Y[:1800], header=("t_s", "b")),
+        "bare.csv": table(Y, header=()),
+        "pair.csv": table(T - 0.25, X, Y, header=("s", "drive", "sensor")),
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    u, y, late, bare, pair = (str(tmp_path / name) for name in files)
+    joined = Recording.open(input=u, output=y)
+    assert (joined.input_unit, joined.output_unit, joined.sample_time, joined.length) == ("V", "mV", PERIOD, N)
+    np.testing.assert_allclose([joined.x, joined.y], [X, Y], rtol=1e-5)
+    assert joined.remarks == ()
+    np.testing.assert_allclose(Recording.join(u, f"{pair}:sensor").y, Y, rtol=1e-5)
+    assert Recording.join(bare, bare, sample_time=1e-3).length == N
+    interpolated = Recording.join(u, late)
+    assert "interpolated at the 1799 times of the input" in interpolated.describe()
+    np.testing.assert_allclose(interpolated.y, np.interp(T[151:1950], T[:1800] + 0.7525, Y[:1800]), rtol=1e-5)
+    (tmp_path / "other.csv").write_text(table(T + 99.0, Y, header=("t_s", "b")))
+    for output, sentence in (("other.csv", "have no time in common"), ("absent.csv", "no such file")):
+        with pytest.raises(RecordingError, match=sentence):
+            Recording.join(u, str(tmp_path / output))
+    with pytest.raises(RecordingError, match="--input FILE and --output FILE"):
+        Recording.open(input=u)
+
+
+@pytest.mark.parametrize(
+    ("header", "options", "columns", "units"),
+    [
+        ("Zeit,Soll,Ist\n[ms],[Digits],[V]", {}, ("Zeit", "Soll", "Ist"), ("Digits", "V")),
+        ("Time,Command,Position\ns,raw,um", {}, ("Time", "Command", "Position"), ("raw", "um")),
+        ("x-axis,1,2\nsecond,Volt,Volt", {}, ("second", "Volt (2)", "Volt (3)"), ("", "")),
+        ("Sec,Volt,Volt", {"input": "2", "output": "Volt (3)"}, ("Sec", "Volt (2)", "Volt (3)"), ("", "")),
+        ("time_s,drive\x1a_V,sensor\x07_V", {"input": "drive"}, ("time_s", "drive_V", "sensor_V"), ("V", "V")),
+        ("t\x00ime_s,Piezo out [V],Mess [µm]", {"output": "Mess"}, None, None),
+    ],
+)
+def test_names_are_printable_told_apart_and_found_by_a_part(
+    tmp_path: Path, header: str, options: dict[str, str], columns: tuple[str, ...] | None, units: object
+) -> None:
+    text = table(T, X, Y).replace(",".join(HEADER), header, 1)
+    if columns is None:
+        with pytest.raises(RecordingError, match="neither plain text"):
+            opened(tmp_path, text, **options)
+        return
+    recording = opened(tmp_path, text, **options)
+    assert tuple(recording.columns.values()) == columns
+    assert (recording.input_unit, recording.output_unit) == units
+    assert recording.describe().replace("\n", "").isprintable()
+
+
+def test_a_name_that_two_columns_have_is_refused_with_their_numbers(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"2 columns named 'Volt'; .* 2 for 'Volt \(2\)', 3 for 'Volt \(3\)'"):
+        opened(tmp_path, table(T, X, Y, header=("Sec", "Volt", "Volt")), input="Volt")
+
+
+def test_seconds_that_nobody_states_are_called_a_guess_and_a_unit_of_time_settles_it(tmp_path: Path) -> None:
+    stamps = np.cumsum(np.random.default_rng(0).choice([4, 5, 6], N)).astype(float)
+    text = table(stamps, X, Y, header=())
+    guessed, told = opened(tmp_path, text), opened(tmp_path, text, time_unit="ms")
+    assert re.search(r"one every 5.* s \(seconds are a guess, otherwise --time-unit\)", guessed.describe())
+    assert (guessed.guessed_seconds, told.guessed_seconds) == (True, False)
+    assert (told.sample_time, "guess," in told.describe()) == (pytest.approx(0.005, rel=0.01), False)
+    with pytest.raises(RecordingError, match="'um', which is not a unit of time; --time-unit"):
+        opened(tmp_path, text, time_unit="um")
+
+
+@pytest.mark.parametrize(
+    ("factors", "options"),
+    [((1, 1e6, 1), {"input_unit": "V"}), ((1, 1, 1e6), {"output_unit": "um"}), ((1e6, 1, 1), {"time_unit": "s"})],
+)
+def test_an_unusual_magnitude_is_read_if_its_unit_is_confirmed(
+    tmp_path: Path, factors: tuple[float, ...], options: dict[str, str]
+) -> None:
+    columns = [factor * values for factor, values in zip(factors, (T, X, Y), strict=True)]
+    assert opened(tmp_path, table(*columns, digits=12), **options).length == N
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_part_is_read_by_seconds_and_every_tenth_row(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"stage{suffix}"
+    write_table(path, dict(zip(HEADER, (T, X, Y), strict=True)))
+    part = Recording.open(path, from_s=1.0, to_s=2.0, decimate=10)
+    np.testing.assert_array_equal([part.x, part.y], [X[200:401:10], Y[200:401:10]])
+    assert part.sample_time == pytest.approx(10 * PERIOD)
+    assert "every 10th row" in part.describe()
+    monkeypatch.setattr("piezo_model.recordings.table.free_memory", lambda: 100_000.0)
+    assert "read a part of it with --from and --to (seconds), or every tenth row" in refusal(path)
+    assert Recording.open(path, to_s=1.0).length == 201
