@@ -27,7 +27,7 @@ def inspect_verb(
 ) -> None:
     """Show how a recording is read: columns, units, sampling and ranges, and which columns are guessed."""
     recording, options = recording_of(recording, input, output), ReadOptions(**reading)
-    table = joined(input or "", output or "", time, options) if recording is None else open_table(recording, options)
+    table = joined(input or "", output or "", time, options)[0] if recording is None else open_table(recording, options)
     refused, opened = None, None
     try:
         opened = Recording.open(recording, time=time, input=input, output=output, **reading)

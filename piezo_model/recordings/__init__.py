@@ -1,18 +1,18 @@
 """Recordings of an actuator: files of any format, read once into two arrays, repaired where that is safe, and said.
 
-    path
-     │   formats.open_table   first bytes → one reader a format; those of C libraries in a child (`isolated`)
-     ▼
-    Table                     named columns (`table`, `array_table`; text: `dialect`, `layout`, `text_rows`)
-     │   roles.choose_roles   by name, unit, elimination, and last by values (`evidence`)
-     │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
-     ▼
-    Rows                      times and signals
-     │   samples.sample       missing values (`missing`), order, repeats and parts (`order`), the period (`clock`),
-     │                        bad samples (`bad_samples`), an even clock
-     │   opening              a question where the numbers cannot be in their units
-     ▼
-    Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `joining`)
+path
+ │   formats.open_table   first bytes → one reader a format; those of C libraries in a child (`isolated`)
+ ▼
+Table                     named columns (`table`, `array_table`; text: `dialect`, `layout`, `text_rows`)
+ │   roles.choose_roles   by name, unit, elimination, and last by values (`evidence`)
+ │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
+ ▼
+Rows                      times and signals
+ │   samples.sample       missing values (`missing`), order, repeats and parts (`order`), the period (`clock`),
+ │                        bad samples (`bad_samples`), an even clock
+ │   opening              a question where the numbers cannot be in their units
+ ▼
+Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `joining`)
 """
 
 from piezo_model.recordings.recording import Recording, Reference, read_reference

@@ -1,7 +1,9 @@
 """One recording in two files, as an oscilloscope writes its channels: the drive of one, the sensor of the other."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,10 +11,25 @@ from piezo_model.recordings.opening import open_table, seconds_per_unit
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.roles import choose_roles
 from piezo_model.recordings.table import Column, RecordingError, Table
+from piezo_model.units import canonical, seconds
 from solvers.arrays import Vector
 
 TIME, INPUT, OUTPUT = range(3)
 """Positions of the columns in a joined table."""
+
+
+class Channel(NamedTuple):
+    """One signal of a file."""
+
+    table: Table
+    times: Vector | None
+    """In seconds; None where the file has none."""
+    values: Vector
+    column: Column
+    unit: str
+    """"s", or "" where seconds are a guess."""
+    reasons: Mapping[str, str]
+    """Of the guesses of its columns."""
 
 
 def split_name(text: str) -> tuple[Path, str | None]:
@@ -21,18 +38,19 @@ def split_name(text: str) -> tuple[Path, str | None]:
     return (Path(file), column) if file and Path(file).is_file() else (Path(text), None)
 
 
-def joined(input: str, output: str, time: str | None, options: ReadOptions) -> Table:
-    """A table of time, drive and sensor from two files, at the times of the first one that both have.
+def joined(input: str, output: str, time: str | None, options: ReadOptions) -> tuple[Table, dict[str, str]]:
+    """A table of time, drive and sensor from two files, at the times of the first one that both have, and the reasons
+    of the guesses by role.
 
     Raises
     ------
     RecordingError
         Columns that cannot be told, or files without times whose numbers of rows differ, or without a time in common.
     """
-    (first, times, x, drive, unit), (second, others, y, sensor, _) = (
-        _channel(name, time, options) for name in (input, output)
-    )
+    drive, sensor = (_channel(name, time, options) for name in (input, output))
+    first, second = drive.table, sensor.table
     path, repairs, where = f"{first.path} and {second.path}", (*first.repairs, *second.repairs), first.where
+    x, y, times, others = drive.values, sensor.values, drive.times, sensor.times
     if times is None or others is None:
         if x.size != y.size:
             raise RecordingError(f"{path}: have {x.size} and {y.size} rows, and no times by which they could be joined")
@@ -47,28 +65,29 @@ def joined(input: str, output: str, time: str | None, options: ReadOptions) -> T
         times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
         repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
     columns = (
-        Column("no time", kind="empty") if times is None else Column("time", unit),
-        replace(drive, name=f"{first.path}/{drive.name}", nested=True, rows=None),
-        replace(sensor, name=f"{second.path}/{sensor.name}", nested=True, rows=None),
+        Column("no time", kind="empty") if times is None else Column("time", drive.unit),
+        replace(drive.column, name=f"{first.path}/{drive.column.name}", nested=True, rows=None),
+        replace(sensor.column, name=f"{second.path}/{sensor.column.name}", nested=True, rows=None),
     )
-    arrays = [np.zeros(x.size) if times is None else times, x, y]
-    return Table(
-        path, f"two files, the first {first.form}", columns, lambda at: [[arrays[k] for k in at]], where, repairs
-    )
+    unit = options.time_unit or "s"
+    arrays = [np.zeros(x.size) if times is None else times / (seconds(canonical(unit) or unit) or 1.0), x, y]
+    found = {"time": drive.reasons.get("time"), "input": drive.reasons.get("reference")}
+    reasons = {role: why for role, why in {**found, "output": sensor.reasons.get("reference")}.items() if why}
+    form = f"two files, the first {first.form}"
+    return Table(path, form, columns, lambda at: [[arrays[k] for k in at]], where, repairs), reasons
 
 
-def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Table, Vector | None, Vector, Column, str]:
-    """Table, times, values and column of one file, and "s" unless seconds are a guess."""
+def _channel(name: str, time: str | None, options: ReadOptions) -> Channel:
     path, column = split_name(name)
     table = open_table(path, options)
     roles = choose_roles(table, {"time": time, "reference": column}, options.sample_time is not None)
     clock, k = roles.at.get("time"), roles.at["reference"]
     if clock is None:
-        return table, None, table.read([k])[0], table.columns[k], ""
+        return Channel(table, None, table.read([k])[0], table.columns[k], "", roles.reasons)
     times, values = table.read([clock, k])
-    known, seconds = ~np.isnan(times), seconds_per_unit(table, clock, options)
-    is_stated = options.time_unit or table.columns[clock].unit or table.columns[clock].kind == "clock"
-    return table, times[known] * seconds, values[known], table.columns[k], "s" * bool(is_stated)
+    known, factor = ~np.isnan(times), seconds_per_unit(table, clock, options)
+    unit = "s" if table.columns[clock].unit or table.columns[clock].kind == "clock" else ""
+    return Channel(table, times[known] * factor, values[known], table.columns[k], unit, roles.reasons)
 
 
 def _agree(times: Vector, others: Vector, tolerance: float) -> bool:

@@ -106,7 +106,7 @@ def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOpt
         None if time is None else columns[time],
     )
     if wanted != slice(None):
-        rows.remarks.append(f"read from {rows.where(0)} on" + f", every {step}th row" * (step > 1))
+        rows.remarks.append(f"read from {rows.where(0)} on" + f", one row in {step}" * (step > 1))
     if roles.unread is not None:
         _refuse_other_clock(table, roles.unread, columns[roles.unread], period * step, options)
     del columns

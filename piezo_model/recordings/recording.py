@@ -152,10 +152,10 @@ class Recording(Source):
         errors are those of :meth:`open`.
         """
         options = ReadOptions(**reading)
-        table = joined(input, output, time, options)
+        table, reasons = joined(input, output, time, options)
         clock = None if options.sample_time else str(TIME + 1) if table.columns[TIME].kind == "number" else NO_CLOCK
         named = {"time": clock, "input": str(INPUT + 1), "output": str(OUTPUT + 1)}
-        return cls._of(str(table.path), read_signals(table, named, options))
+        return replace(cls._of(str(table.path), read_signals(table, named, options)), reasons=reasons)
 
     @classmethod
     def _of(cls, name: str, read: Signals) -> Recording:

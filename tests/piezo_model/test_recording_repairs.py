@@ -297,7 +297,7 @@ def test_a_part_is_read_by_seconds_and_every_tenth_row(
     part = Recording.open(path, from_s=1.0, to_s=2.0, decimate=10)
     np.testing.assert_array_equal([part.x, part.y], [X[200:401:10], Y[200:401:10]])
     assert part.sample_time == pytest.approx(10 * PERIOD)
-    assert "every 10th row" in part.describe()
+    assert "one row in 10" in part.describe()
     monkeypatch.setattr("piezo_model.recordings.table.free_memory", lambda: 100_000.0)
     assert "read a part of it with --from and --to (seconds), or every tenth row" in refusal(path)
     assert Recording.open(path, to_s=1.0).length == 201
