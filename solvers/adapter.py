@@ -72,7 +72,8 @@ class LibrarySolver(Solver):
     program: Program
     rows: Any
     found: bool = False
-    _ready: bool = False
+    _ready: bool | None = None
+    """Whether the library has the data; None without a good set-up."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -88,7 +89,7 @@ class LibrarySolver(Solver):
 
     def setup(self, problem: Problem) -> None:
         """Refuse problems that the library cannot take, convert the others and make the library's object."""
-        b = self.library
+        b, self._ready, self.found = self.library, None, False
         if self.settings and not (b.tolerances or b.more or b.always):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
         if self.bounds_only:
@@ -102,7 +103,7 @@ class LibrarySolver(Solver):
             )
         if self.refuses_fixed and np.any(p.lb == p.ub):
             raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
-        self.rows, self.found, self._ready = self.form(p), False, False
+        self.rows = self.form(p)
         self.build(p, self.rows)
         self._ready = True
 
@@ -119,7 +120,7 @@ class LibrarySolver(Solver):
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Pass P (d, d) and q (d,) on, of any strides; a refusal of their numbers holds until the next good update."""
-        if not self._ready and not hasattr(self, "rows"):
+        if self._ready is None:
             self._refuse_to_work()
         data = self.program.take(P, q, copy=not self.takes_data)
         self.found = self._ready = False
@@ -127,7 +128,8 @@ class LibrarySolver(Solver):
         self._ready = True
 
     def _refuse_to_work(self) -> NoReturn:
-        raise ValueError(f"{self.name} is not ready until the next good update or setup")
+        needed = "setup" if self._ready is None else "update"
+        raise ValueError(f"{self.name} is not ready until the next good {needed}")
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the library's answer, NaN if it found none; ValueError without data that the library took."""

@@ -72,16 +72,12 @@ class BuiltInSolver(BuiltIn, Solver):
     warm_startable = True
     known: ClassVar[Mapping[str, Setting]]
     """The settings by name."""
-    state_bytes: ClassVar[Callable[[int], int]]
-    """The compiled functions: the size of a state of d variables,"""
-    begin: ClassVar[Callable[..., int]]
-    """that makes a block a state with bounds,"""
-    places: ClassVar[Callable[..., Mapping[str, tuple[int, int]]]]
-    """the places of its parts,"""
+    core: ClassVar[str]
+    """Name of its compiled functions, such as <core>_bytes, the size of a state of d variables."""
     pass_data: ClassVar[Callable[..., int]]
-    """that checks types and shapes of P and q, and takes them unless they are None,"""
+    """The one that checks types and shapes of P and q, and takes them unless they are None; a status."""
     run: ClassVar[Callable[..., int]]
-    """and that solves, warm or cold."""
+    """The one that solves, warm or cold; a status."""
     x: Vector
     """The answer of the last run."""
     _warm = False
@@ -140,10 +136,11 @@ class BuiltInSolver(BuiltIn, Solver):
         """
         P, q = dense(problem)
         lb, ub = only_box(problem, self.name)
-        state = block(type(self).state_bytes(q.size))
-        self._require(self.begin(state, lb, ub))
+        size, begin, places = (getattr(bindings, f"{self.core}_{what}") for what in ("bytes", "setup", "places"))
+        state = block(size(q.size))
+        self._require(begin(state, lb, ub))
         self._require(self.pass_data(state, P, q), P=P, q=q)
-        self.state, self._parts, self._lb, self._ub = state, parts(state, self.places(state)), lb, ub
+        self.state, self._parts, self._lb, self._ub = state, parts(state, places(state)), lb, ub
         self._missing, self._status = frozenset(), UNSOLVED
         self.prepare(P, q)
 

@@ -107,11 +107,13 @@ class BoxLeastSquares:
                 blocked[k] |= k == freed and share[first] <= 0.0  # by rounding: exactly, the cost would fall
                 continue
             x = z
-            fall, gradient = self._beyond(self._gradient(x), *factors)
+            residuals = self._A.astype(LONG) @ x - self._b
+            fall, gradient = self._beyond((self._A.T @ residuals).astype(np.float64), *factors)
             wrong = np.where(x <= self._lb, -gradient, gradient) * ~free * (self._lb < self._ub)
             if (wrong > 0.0).any():
                 fall += self._beyond(gradient, *self._factors(free | (wrong > 0.0)))[0]
-            self.found = fall <= self._negligible(x)
+            rounding = 8 * EPS * float(np.linalg.norm(self._b) + self._lengths @ np.abs(x))
+            self.found = fall <= max(GAP * 0.5 * float(residuals @ residuals), rounding**2)
             freed = int(np.argmax(np.where(blocked, 0.0, wrong)))
             if self.found or wrong[freed] <= 0.0 or blocked[freed]:
                 break
@@ -126,10 +128,6 @@ class BoxLeastSquares:
             return solver.solve().copy()
         except ValueError:
             return np.clip(np.zeros(self._lb.size), self._lb, self._ub)
-
-    def _gradient(self, x: Vector) -> Vector:
-        A = self._A.astype(LONG)
-        return (A.T @ (A @ x - self._b)).astype(np.float64)
 
     def _factors(self, which: Mask) -> tuple[Index, Matrix, Matrix]:
         """Independent columns among these, and their Q and R."""
@@ -157,8 +155,3 @@ class BoxLeastSquares:
         beyond = gradient - self._A.T @ (Q @ t)
         beyond[kept] = 0.0
         return 0.5 * float(t @ t), beyond
-
-    def _negligible(self, x: Vector) -> float:
-        """The difference of cost by which an answer may miss the optimum."""
-        rounding = 8 * EPS * float(np.linalg.norm(self._b) + self._lengths @ np.abs(x))
-        return max(GAP * 0.5 * float(np.sum((self._A @ x - self._b) ** 2)), rounding**2)

@@ -8,6 +8,7 @@ The sources of the lane kernel, ``solvers/core/descent.h``, in static memory. Ti
 
 from types import MappingProxyType
 
+from solvers.adapter import Program, Stack
 from solvers.backend import Backend
 from solvers.codegen._embedded import OurOwn
 from solvers.core import bindings
@@ -25,3 +26,7 @@ class ProjectedDifference(OurOwn):
     ladder = kernel.ProjectedDifference.ladder
     core = ("descent", "eigenvalue")
     state_bytes = bindings.descent_bytes
+
+    def build(self, p: Program, rows: Stack) -> None:
+        kernel.ProjectedDifference(**self.settings)  # refuses settings out of range
+        super().build(p, rows)

@@ -16,6 +16,7 @@ class ProjectedGradient(BuiltInSolver):
     box."""
 
     iteration_setting = "steps"
+    core = "descent"
     take_steps: ClassVar[Callable[..., int]]
     """The compiled steps."""
     timed_loop: ClassVar[Callable[..., int]]
@@ -28,10 +29,6 @@ class ProjectedGradient(BuiltInSolver):
         tolerance = self.options["tolerance"]
         self._rule = float(self.options.get("step_ratio", 0.5)), int(self.options["diagonal_scaling"])
         self._limits = self.options["steps"], self.without_test if tolerance is None else float(tolerance)
-
-    state_bytes = bindings.descent_bytes
-    begin = bindings.descent_setup
-    places = bindings.descent_places
 
     def prepare(self, P: Matrix, q: Vector) -> None:
         self._P, self._q = P, q

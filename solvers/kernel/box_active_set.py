@@ -64,9 +64,7 @@ class BoxActiveSet(BuiltInSolver):
     algorithm = "dual active set"
     known = MappingProxyType({"warm": Setting(False), "most_exchanges": Setting(0, 2**31 - 1, whole=True)})
 
-    state_bytes = bindings.box_bytes
-    begin = bindings.box_setup
-    places = bindings.box_places
+    core = "box"
     pass_data = bindings.box_set_data
     run = bindings.box_solve
 

@@ -15,6 +15,7 @@ from qpsolvers import Problem
 
 import solvers
 from solvers import Lane
+from solvers.arrays import address
 from solvers.protocol import Solver, Unsupported
 
 FOLDER = Path(solvers.__file__).parent / "codegen"
@@ -197,8 +198,38 @@ def test_an_unsupported_form_is_refused_in_a_sentence(problem: Problem, sentence
 def test_an_unknown_setting_and_data_that_are_not_finite_are_refused() -> None:
     with pytest.raises(ValueError, match="osqp has no setting 'rho' in the lane codegen; it has tolerance"):
         ready("osqp", rho=0.1)
+    with pytest.raises(ValueError, match="projected_difference: steps must be a whole number"):
+        ready("projected_difference", steps=-1)
+    solver, given = ready("box_active_set"), PAIR.problems[0]
+    x = solver.solve().copy()
     with pytest.raises(ValueError, match="P and q must be finite"):
-        ready("box_active_set").update(q=np.full(8, np.nan))
+        solver.update(q=np.full(8, np.nan))
+    with pytest.raises(ValueError, match="box_active_set is not ready until the next good update"):
+        solver.solve()
+    solver.update(q=given.q)
+    np.testing.assert_array_equal(solver.solve(), x)
+    with pytest.raises(ValueError, match="a bound must not be NaN"):
+        solver.setup(Problem(given.P, given.q, lb=np.full(8, np.nan)))
+    for call in (solver.solve, solver.update):
+        with pytest.raises(ValueError, match="box_active_set is not ready until the next good setup"):
+            call()
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_our_c_solves_nothing_after_a_refused_set_up_or_before_its_data(name: str) -> None:
+    solver, given = ready(name), PAIR.problems[0]
+    c, x, lb = solver._library, solver.solve().copy(), given.lb.copy()
+    settings = np.array([15200.0, 0.5])
+    lb[0] = np.nan
+    assert c.embedded_setup(address(lb), address(given.ub), address(settings)) != 0
+    c.embedded_update(address(given.P), address(given.q))
+    assert c.embedded_solve(None) != 0
+    assert c.embedded_solve(address(x)) != 0
+    assert c.embedded_setup(address(given.lb), address(given.ub), address(settings)) == 0
+    assert c.embedded_solve(None) != 0
+    c.embedded_update(address(given.P), address(given.q))
+    assert c.embedded_solve(None) == 0
+    np.testing.assert_array_equal(solver.solve(), x)
 
 
 @pytest.mark.needs("gcc")
