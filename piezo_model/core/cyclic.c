@@ -42,7 +42,8 @@
 int64_t cyclic_bytes(Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
-    const int64_t numbers = 7 * ld + lanes(s) + creep_lanes(s) + LANES + 2 * symmetric_nums(d + 1) + padded(d * d);
+    const int64_t numbers =
+        7 * ld + lanes(s) + creep_lanes(s) + LANES + (int64_t)2 * symmetric_nums(d + 1) + padded(d * d);
     return numbers * (int64_t)sizeof(real) + arena_bytes(descent_bytes(d));
 }
 

@@ -231,7 +231,7 @@ int64_t learner_bytes(Shape s, int block, int blocks, int way)
            + arena_bytes(sizeof(LearnerClock))
            + (int64_t)sizeof(real)
                  * (lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s)
-                    + (way == CYCLIC ? 0 : 2 * note_nums(s)))
+                    + (way == CYCLIC ? 0 : (int64_t)2 * note_nums(s)))
            + workspace_bytes(s, block, way) + (way == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
 }
 
