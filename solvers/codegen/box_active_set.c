@@ -35,7 +35,7 @@ void embedded_answer(double *x) { memcpy(x, solver.answer, D * sizeof(double)); 
 void embedded_multipliers(double *z)
 {
     for (int i = 0; i < D; ++i) {
-        z[i] = solver.side[i] == FREE ? 0 : -solver.g[i] / solver.scale[i];
+        z[i] = solver.side[i] == FREE ? 0 : -box_gradient(&solver, i);
     }
 }
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solvers.core.compile_core import digest, instruction_sets, library
 
-(OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED) = range(9)
+(OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED, UNSET) = range(10)
 UNSOLVED = -1
 REASONS = {
     UNSOLVED: "not solved yet",
@@ -31,6 +31,7 @@ REASONS = {
     ASYMMETRIC: "P is not symmetric",
     BREAKDOWN: "P is too close to indefinite even with the proximal term",
     CAPPED: "the limit of exchanges or steps was met before the optimum",
+    UNSET: "P and q are not set yet",
 }
 """Sentences for the statuses of status.h, and for data without a solve."""
 

@@ -13,6 +13,7 @@ static void places(Arguments *a, const Box *s)
     const Part parts[] = {{"answer", s->answer, s->d},
                           {"raw_q", s->raw_q, s->d},
                           {"scale", s->scale, s->d},
+                          {"cost", &s->head->cost, 1},
                           {"P", s->P, s->d * s->ld},
                           {"x", s->x, s->d},
                           {"g", s->g, s->d},

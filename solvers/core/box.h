@@ -1,10 +1,13 @@
 /* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
  *
- * box_data.c scales the data: x = S z with S_jj a power of two that brings (S P S)_jj into [1/2, 2). That is
- * exact, so lb, ub and the answer are the caller's to the last bit, and tolerances may be absolute. Diagonal scaling
- * within a factor of two of unit diagonal is within a factor of two (and d) of the best condition number a diagonal can
- * give (van der Sluis, Numer. Math. 14 (1969) 14). box_inverse.c inverts the scaled P, box_dual.c is the dual active
- * set method on the inverse, and box_proximal.c treats singular P. A cold answer depends on the data alone.
+ * box_data.c scales the data: x = r S z and the cost by c/r^2, all powers of two. S_jj brings c (S P S)_jj into
+ * [1/2, 2), where c is 1 or 1/2, so that a power of two times P, q or the bounds changes no bit of the scaled solve,
+ * and r keeps squares within the range of the numbers. That is exact, so lb, ub and the answer are the caller's to the
+ * last bit. Diagonal scaling within a factor of two of unit diagonal is within a factor of two (and d) of the best
+ * condition number a diagonal can give (van der Sluis, Numer. Math. 14 (1969) 14). A variable whose row of P is zero is
+ * apart: it goes to the bound that q points to. box_inverse.c inverts the scaled P, box_dual.c is the dual active set
+ * method on the inverse and states what OK promises, and box_proximal.c treats singular P. A cold answer depends on the
+ * data alone.
  */
 #ifndef CORE_BOX_H
 #define CORE_BOX_H
@@ -19,16 +22,20 @@ enum { LOWER = -1, FREE = 0, UPPER = 1 }; /* sides of a variable */
 typedef struct {
     int32_t kind, d;
     int64_t bytes;
-    int32_t singular;                               /* whether P has the proximal term */
+    int32_t singular;                               /* whether the last solve had the proximal term */
     int32_t cap;                                    /* exchanges after which a solve ends with CAPPED; 0 for none */
     int32_t exchanges, refinements, proximal_steps; /* of the last solve */
+    int32_t definite, inverted;                     /* whether P needs no proximal term; whether M is -P^-1 */
+    int32_t of_bounds, of_P, of_q;                  /* statuses of the data */
+    int32_t apart;                                  /* whether a row of P is zero */
+    real cost, root;                                /* c, and 1/sqrt(r) */
 } BoxHead;
 
 /* The parts of the state; vectors have ld entries, zero from d on. */
 typedef struct {
     BoxHead *head;
     int d, ld;
-    real *answer, *scale, *q, *lo, *hi; /* answer in x, the rest in z */
+    real *answer, *scale, *q, *lo, *hi; /* answer in x; S, 0 for a variable apart; in z */
     real *raw_q, *lb, *ub;              /* unscaled */
     real *x, *g;                        /* z and its gradient q + P z */
     /* Of box_dual.c: the basic quantity of each variable and its feasible interval; the bound of a held variable, else
@@ -55,7 +62,8 @@ CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
 CORE_API int box_set_data(Box *s, const real *P, const real *q);
 /* Begin a warm solve at x (d): variables that touch a bound are held there; OK or NOT_FINITE. */
 CORE_API int box_start(Box *s, const real *x);
-/* Solve into s->answer: cold from "all free", warm from the last sides or those of box_start. */
+/* Solve into s->answer: cold from "all free", warm from the last sides or those of box_start; without good data, their
+ * status. */
 CORE_API int box_solve(Box *s, int warm);
 /* Initialise a block and solve one program, warm from x (d). */
 CORE_API int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub,
@@ -63,10 +71,23 @@ CORE_API int box_solve_from(void *memory, int d, const real *P, const real *q, c
 /* Solve another program cold; the answer does not depend on the program before. */
 CORE_API int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub);
 
+/* Entry j of the gradient q + P x at the answer, in the caller's units. */
+CORE_API real box_gradient(const Box *s, int j);
+
 /* Functions that the files of this solver share. */
+
+/* c for P_00: 1/2 if its exponent is odd, else 1. */
+CORE_INLINE real box_cost(real diagonal)
+{
+    whole bits;
+    memcpy(&bits, &diagonal, sizeof bits);
+    return (bits >> MANTISSA_BITS & 1) != 0 ? (real)0.5 : 1;
+}
 
 /* Coefficient of the proximal term if P is singular, relative to a diagonal of P of about one. */
 #define BOX_PROXIMAL ((real)1e-11)
+/* Share of the cost within which an answer is the least; with the rounding of float, what that allows. */
+#define BOX_SHARE ((real)(REAL_EPSILON < 1e-10 ? 1e-10 : 1e-5))
 /* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not finite, not symmetric to
  * rounding or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
@@ -80,7 +101,7 @@ typedef struct {
     const real *linear;         /* q, or q - delta c */
     int count;                  /* columns of U */
     int exchanges;              /* since the start */
-    int precise;                /* whether g needs twice the precision */
+    int precise, strict;        /* whether g needs twice the precision; whether multipliers have no tolerance */
     real slack;                 /* tolerance on the sign of a multiplier, if W may be large */
     real most;                  /* the largest gain */
     real broken, wrong;         /* that of holding a free variable, and of freeing one whose multiplier is wrong */

@@ -60,6 +60,8 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
     new_state(memory, BOX_KIND, d, vector_bytes(padded(d))); /* matrices are written before they are read */
     Box s = box_at(memory);
     s.head->bytes = box_bytes(d);
+    s.head->of_P = s.head->of_q = UNSET;
+    s.head->cost = s.head->root = 1;
     for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one and their squares, so that v_i w_j = v_j
                                      w_i only for i = j */
         s.v[j] = v;
@@ -78,18 +80,7 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
         memset(last, 0, (size_t)s.ld * sizeof(real));
         last[d] = 1;
     }
-    return set_bounds(&s, lb, ub);
-}
-
-/* q and the bounds in the scaled variables. */
-static void rescale(const Box *s)
-{
-    for (int j = 0; j < s->ld; j += LANES) {
-        const vec8 scale = load(s->scale + j), inverse = divide(splat(1), scale);
-        store(s->q + j, mul(load(s->raw_q + j), scale));
-        store(s->lo + j, mul(load(s->lb + j), inverse));
-        store(s->hi + j, mul(load(s->ub + j), inverse));
-    }
+    return s.head->of_bounds = set_bounds(&s, lb, ub);
 }
 
 /* 2^-floor(e / 2) for v = m 2^e > 0 with m in [1/2, 1). */
@@ -105,28 +96,75 @@ static real exact_root_scale(real v)
     return factor * lanes[0];
 }
 
-/* The symmetric part of S P S for an unchecked P. */
+/* Least size of z whose squares, and those of its rounding, are safe. */
+#define LEAST_SIZE ((real)(REAL_EPSILON < 1e-10 ? 4.9e-91 : 1e-9))
+
+/* q and the bounds in the scaled variables; none for a variable apart. Their size, that of q or of the bounds that keep
+ * z from 0, is left alone unless products could leave the range of the numbers. */
+static void rescale(const Box *s)
+{
+    const vec8 cost = splat(s->head->cost), endless = splat(REAL_INFINITY), none = zeros();
+    vec8 size = none;
+    for (int j = 0; j < s->ld; j += LANES) {
+        const vec8 scale = load(s->scale + j), inverse = where_less(none, scale, divide(splat(1), scale), none);
+        const vec8 q = mul(load(s->raw_q + j), mul(cost, scale));
+        const vec8 lo = maximum(mul(load(s->lb + j), inverse), sub(none, endless)); /* 0 times infinity is NaN */
+        const vec8 hi = minimum(mul(load(s->ub + j), inverse), endless);
+        store(s->q + j, q);
+        store(s->lo + j, lo);
+        store(s->hi + j, hi);
+        size = maximum(maximum(lo, sub(none, hi)), maximum(magnitude(q), size));
+    }
+    const real most = largest8(size);
+    const int is_safe = !(most > 0 && most < REAL_INFINITY) || (most > LEAST_SIZE && most < 1 / LEAST_SIZE);
+    s->head->root = is_safe ? 1 : exact_root_scale(most);
+    for (int j = 0; !is_safe && j < s->ld; j += LANES) {
+        const vec8 root = splat(s->head->root);
+        store(s->q + j, mul(mul(load(s->q + j), root), root));
+        store(s->lo + j, mul(mul(load(s->lo + j), root), root));
+        store(s->hi + j, mul(mul(load(s->hi + j), root), root));
+    }
+}
+
+/* The symmetric part of c S P S for an unchecked P, with rows of the unit matrix for those that are zero. */
 static int copy_checked(Box *s, const real *P)
 {
-    for (int j = 0; j < s->d; ++j) {
-        const real diagonal = P[j * s->d + j];
-        s->scale[j] = diagonal > 0 && diagonal < REAL_INFINITY ? exact_root_scale(diagonal) : 1;
+    const int d = s->d;
+    s->head->cost = 0;
+    for (int j = 0; j < s->ld; ++j) {
+        const real diagonal = j < d ? P[j * d + j] : 0;
+        const int is_normal = diagonal > 0 && diagonal < REAL_INFINITY;
+        s->head->cost = is_normal && s->head->cost == 0 ? box_cost(diagonal) : s->head->cost;
+        s->scale[j] = is_normal ? exact_root_scale(s->head->cost * diagonal) : 1;
     }
-    return scaled_symmetric(P, s->d, s->ld, s->scale, s->P);
+    s->head->cost = s->head->cost > 0 ? s->head->cost : 1;
+    const int status = scaled_symmetric(P, d, s->ld, s->scale, s->P);
+    for (int i = 0; i < d; ++i) {
+        real *const row = s->P + (size_t)i * (size_t)s->ld, most = 0;
+        for (int j = 0; j < d; ++j) {
+            most = MAGNITUDE(row[j]) > most ? MAGNITUDE(row[j]) : most;
+            row[j] *= s->head->cost;
+        }
+        if (most == 0) {
+            s->head->apart = 1;
+            s->scale[i] = 0;
+            row[i] = 1;
+        }
+    }
+    return status;
 }
 
 static int set_hessian(Box *s, const real *P)
 {
     int status = OK;
-    s->head->singular = 0;
-    if (!box_invert(s, P)) {
+    s->head->apart = 0;
+    s->head->definite = box_invert(s, P);
+    if (!s->head->definite) {
         status = copy_checked(s, P);
-        if (status == OK && !box_invert(s, NULL)) {
-            status = box_regularise(s);
-        }
+        s->head->definite = status == OK && box_invert(s, NULL);
     }
-    rescale(s);
-    return status;
+    s->head->inverted = s->head->definite;
+    return status != OK || s->head->definite ? status : box_regularise(s);
 }
 
 static int set_linear(const Box *s, const real *q)
@@ -136,15 +174,17 @@ static int set_linear(const Box *s, const real *q)
     for (int j = 0; j < s->ld; j += LANES) {
         const vec8 raw = load(s->raw_q + j);
         nothing = add(nothing, sub(raw, raw)); /* NaN if q is not finite */
-        store(s->q + j, mul(raw, load(s->scale + j)));
     }
     return sum8(nothing) == 0 ? OK : NOT_FINITE;
 }
 
 int box_set_data(Box *s, const real *P, const real *q)
 {
-    const int status = P != NULL ? set_hessian(s, P) : OK;
-    return status == OK && q != NULL ? set_linear(s, q) : status;
+    BoxHead *const head = s->head;
+    head->of_P = P != NULL ? set_hessian(s, P) : head->of_P;
+    head->of_q = q != NULL ? set_linear(s, q) : head->of_q;
+    rescale(s);
+    return P != NULL && head->of_P != OK ? head->of_P : q != NULL ? head->of_q : OK;
 }
 
 int box_start(Box *s, const real *x)
@@ -153,53 +193,91 @@ int box_start(Box *s, const real *x)
         if (!(MAGNITUDE(x[j]) < REAL_INFINITY)) {
             return NOT_FINITE;
         }
+    }
+    for (int j = 0; j < s->d; ++j) {
         s->answer[j] = x[j];
         s->side[j] = x[j] >= s->ub[j] ? UPPER : x[j] <= s->lb[j] ? LOWER : FREE;
     }
     return OK;
 }
 
+/* A variable apart goes to the bound that q points to or, if q is 0, stays as near as possible to the warm start or 0.
+ * OK or UNBOUNDED. */
+static int answer_apart(const Box *s, int warm)
+{
+    for (int j = 0; j < s->d; ++j) {
+        if (s->scale[j] == 0) {
+            const real q = s->raw_q[j], lb = s->lb[j], ub = s->ub[j], near = warm ? s->answer[j] : 0;
+            const real x = q > 0 ? lb : q < 0 ? ub : near < lb ? lb : near > ub ? ub : near;
+            if (!(MAGNITUDE(x) < REAL_INFINITY)) {
+                return UNBOUNDED;
+            }
+            s->answer[j] = x;
+            s->side[j] = x == lb ? LOWER : x == ub ? UPPER : FREE;
+        }
+    }
+    return OK;
+}
+
 static void write_answer(const Box *s)
 {
+    const vec8 unit = splat(1 / s->head->root);
     for (int b = 0; b < s->ld; b += LANES) {
-        const vec8 x = maximum(minimum(load(s->x + b), load(s->hi + b)), load(s->lo + b));
-        store(s->answer + b, mul(load(s->scale + b), x));
+        const vec8 scale = load(s->scale + b), x = mul(mul(mul(load(s->x + b), unit), unit), scale);
+        const vec8 inside = clip(x, load(s->lb + b), load(s->ub + b));
+        store(s->answer + b, where_less(zeros(), scale, inside, load(s->answer + b)));
     }
+}
+
+real box_gradient(const Box *s, int j)
+{
+    const real root = s->head->root;
+    return s->scale[j] == 0 ? s->raw_q[j] : s->g[j] / root / root / (s->head->cost * s->scale[j]);
 }
 
 int box_solve(Box *s, int warm)
 {
+    BoxHead *const head = s->head;
     Search search = {.linear = s->q};
-    int status = OK;
-    s->head->refinements = 0;
-    s->head->proximal_steps = 0;
-    if (!s->head->singular) {
+    int status = head->of_bounds != OK ? head->of_bounds : head->of_P != OK ? head->of_P : head->of_q;
+    if (status != OK) {
+        return status;
+    }
+    head->refinements = 0;
+    head->proximal_steps = 0;
+    head->singular = !head->definite;
+    if (head->definite) {
+        head->inverted = head->inverted || box_invert(s, NULL);
         box_begin(s, &search, warm);
         status = box_dual_active_set(s, &search);
-        if (status == BREAKDOWN && box_regularise(s) != OK) {
-            return INDEFINITE;
+        if (status == BREAKDOWN) {
+            head->inverted = 0;
+            if (box_regularise(s) != OK) {
+                return INDEFINITE;
+            }
         }
     }
-    if (s->head->singular) {
+    if (head->singular) {
         status = box_proximal_point(s, &search, warm);
     }
-    s->head->exchanges = search.exchanges;
+    head->exchanges = search.exchanges;
     write_answer(s);
-    return status;
+    const int has_answer = status == OK || status == CAPPED;
+    return head->apart && has_answer && answer_apart(s, warm) != OK ? UNBOUNDED : status;
 }
 
 int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub, const real *x)
 {
-    int status = box_setup(memory, d, lb, ub);
+    box_setup(memory, d, lb, ub);
     Box s = box_at(memory);
-    status = status == OK ? box_set_data(&s, P, q) : status;
-    status = status == OK ? box_start(&s, x) : status;
+    box_set_data(&s, P, q);
+    const int status = box_start(&s, x);
     return status == OK ? box_solve(&s, 1) : status;
 }
 
 int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)
 {
-    int status = set_bounds(s, lb, ub);
-    status = status == OK ? box_set_data(s, P, q) : status;
-    return status == OK ? box_solve(s, 0) : status;
+    s->head->of_bounds = set_bounds(s, lb, ub);
+    box_set_data(s, P, q);
+    return box_solve(s, 0);
 }

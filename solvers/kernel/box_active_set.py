@@ -13,6 +13,11 @@ refinement with the true residual q + P x then makes rounding that of the data.
 For a singular P, a small proximal term about the previous iterate is added, which vanishes in the limit
 (``solvers/core/box_proximal.c``).
 
+``found`` means that the optimality conditions hold to rounding, by the bounds at the top of
+``solvers/core/box_dual.c``, and that the cost is above its least by no more than 1e-10 of itself, as estimated from the
+curvature of P. Powers of two times P, q or the bounds change no bit of the answer. Where curvatures below rounding or
+bounds of 1e20 keep the solver from that, it refuses the program.
+
 ``update`` is one call of a compiled function that checks, scales and inverts P, and ``solve`` is another, on work
 arrays allocated by ``setup``. Of the 1.7 µs for both at d = 18, called from Python on one machine, the two calls and
 the clock took 0.7, the checked copy 0.1, the sweeps 0.4, the first point and six exchanges 0.3, refinement and answer
@@ -102,5 +107,6 @@ class BoxActiveSet(BuiltInSolver):
     def data(self) -> tuple[Matrix, Vector]:
         """P from its scaled copy, which is exact."""
         d = self._lb.size
-        P = self.part("P").reshape(d, padded(d))[:, :d]
-        return P / self.part("scale") / self.part("scale")[:, None], self.part("raw_q").copy()
+        P, scale = self.part("P").reshape(d, padded(d))[:, :d] / self.part("cost"), self.part("scale")
+        unit = np.divide(1.0, scale, out=np.zeros(d), where=scale > 0)  # 0 for a zero row
+        return P * unit * unit[:, None], self.part("raw_q").copy()

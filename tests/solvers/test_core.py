@@ -47,6 +47,11 @@ def compiled(folder, text, *options, compiler="gcc"):
     return target
 
 
+def test_the_size_of_a_learner_grows_with_the_square_of_its_weights_up_to_the_largest():
+    large, largest = (piezo_model.core.bindings.learner_bytes(n, n, n, 1, 1, 1, 0) for n in (5000, 10_000))
+    assert largest == pytest.approx(4 * large, rel=1e-2)
+
+
 def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path):
     if not HEADERS:
         lacking("Python.h", "python3-dev")
