@@ -30,7 +30,8 @@ PROBLEM = ["problem_set", "problem"]
 def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per LANE and ``tier``, with the chosen ``setting`` ("" if the tier is not reached), its ``rung`` and
     ``margin``, the number of ``problems``, ``furthest``, the chosen setting or the one that is right on most problems,
-    ``right``, on how many that one is, and ``left_out``, the share that stays right with the judged problem left out.
+    ``right``, on how many that one is, ``worst``, the problem of its largest error, and ``left_out``, the share that
+    stays right with the judged problem left out.
     """
     rows = measured(tainted(rows))
     cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
@@ -43,7 +44,8 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
                 {**dict(zip(LANE, cast(tuple[str, ...], key), strict=True)), "tier": str(tier), **_chosen(lane)}
             )
     return pd.DataFrame(
-        lines, columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "furthest", "left_out"]
+        lines,
+        columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "worst", "furthest", "left_out"],
     )
 
 
@@ -60,6 +62,7 @@ def _chosen(rows: pd.DataFrame) -> dict[str, object]:
         "margin": margin(errors[:, furthest]) if reached else math.nan,
         "problems": len(errors),
         "right": int(counts[furthest]),
+        "worst": rows.problem[rows.number == np.unique(rows.number)[int(np.argmax(errors[:, furthest]))]].iloc[0],
         "furthest": names[rungs[furthest]],
         "left_out": left_out(errors) if reached and len(errors) >= FEWEST else math.nan,
     }

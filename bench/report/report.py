@@ -26,6 +26,8 @@ class Table:
     """Headings of the columns that can be filtered on the page."""
     note: str = ""
     """Text above the table."""
+    file: str = ""
+    """File with the same rows, which Markdown names instead of a long table."""
 
     @property
     def choices(self) -> dict[str, list[str]]:

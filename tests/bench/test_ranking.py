@@ -3,6 +3,7 @@
 import pytest
 from measured_rows import ladder, measured, row, steps
 
+from bench.derived.misses import misses
 from bench.derived.ranking import PACE, Line, Result, ranking, short_table
 from bench.messages.task import Row
 from bench.messages.verdict import Tier
@@ -18,7 +19,7 @@ def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
 
 def test_a_tier_that_is_not_reached_has_no_time_but_the_number_of_problems_that_are_right() -> None:
     rows = ladder({"p1": [1e-12, 1e-12], "p2": [1e-12, 1e-12], "p3": [NAN, 1e-5]})
-    assert cells(rows)["daqp"] == ["1", "not reached (2/3)", "not reached (2/3)", "not reached (2/3)", "–"]
+    assert cells(rows)["daqp"] == ["1", "✗2/3 p3", "✗2/3 p3", "✗2/3 p3", "–"]
     assert cells(rows, terminal=True)["daqp"] == ["1", "✗2/3", "✗2/3", "✗2/3", "–"]
 
 
@@ -79,3 +80,15 @@ def test_a_time_is_in_microseconds_and_short_on_a_terminal(us: float, wide: str,
     line = Line("daqp", "daqp", "direct", {Tier.HIGH: Result(us, 3, 3, "s0")}, NAN)
     assert short_table([line], "").rows[0][2] == wide
     assert short_table([line], "", terminal=True).rows[0][2] == narrow
+
+
+def test_a_miss_is_listed_with_its_problem_and_figures_the_nearest_lanes_first_and_hopeless_ones_not() -> None:
+    rows = [
+        *ladder({"p1": [1e-12], "p2": [1e-12], "p3": [1e-12]}, solver="right"),
+        *ladder({"p1": [1e-12], "p2": [1e-5], "p3": [1e-4]}, solver="a"),
+        *ladder({"p1": [1e-12], "p2": [1e-5], "p3": [1e-12]}, solver="near"),
+        *ladder({"p1": [1.0], "p2": [1.0], "p3": [1.0]}, solver="hopeless"),
+    ]
+    table = misses(measured(rows))
+    assert table[["solver", "problem"]].values.tolist() == [["near", "p2"], ["a", "p2"], ["a", "p3"]]
+    assert table.iloc[0].cost_gap == 1e-5

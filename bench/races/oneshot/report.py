@@ -10,12 +10,13 @@ from bench.derived import anytime, pictures
 from bench.derived import summary as summaries
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
+from bench.derived.misses import misses
 from bench.derived.ranking import ranking, short_table, yardstick
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.derived.wrapper_share import wrapper_share
 from bench.races.oneshot.figures import figures
 from bench.report.report import Report, Table
-from bench.report.words import OURS_NOTE, marked, number, settings_label
+from bench.report.words import OURS_NOTE, gap, marked, number, settings_label
 from bench.store import Run, RunError
 from piezo_model.identification.one_frequency import ONE_FREQUENCY
 
@@ -47,6 +48,7 @@ HEADINGS = {
 """Solver, accuracy and times come first, since a screen may cut off the others."""
 WRONG = ("solver", "lane", "scaling", "status", "times", "settings", "such as", "message")
 BESIDE = ("lane", "timed", "unknowns", "problems", "ours", "µs", "other", "version", "other, µs", "ratio")
+MISSES = ("solver", "lane", "problem", "settings", "status", "cost gap", "timed gap", "violation", "µs")
 WRAPPERS = ("solver", "lane", "settings", "problems", "µs", "direct, µs", "ratio")
 DEFINITIONS = (
     "lane: how the solver is called. kernel: compiled, without Python; direct: the library's own object; qpsolvers "
@@ -109,6 +111,17 @@ def report(run: Run) -> Report:
                 [[text(row, key) for key in HEADINGS] for _, row in shown.iterrows()],
                 3,
                 ("problem set", "scaling", "lane", "tier", "start", "status"),
+                file="summary.csv",
+            ),
+            Table(
+                "Misses of 1e-9",
+                MISSES,
+                _missed(measurements),
+                5,
+                ("lane", "problem", "status"),
+                "Problems on which a solver is not within 1e-9, at its setting for 1e-9 or the one that is right on "
+                "most of them; solvers that are right on none are left out. Timed gap: the largest gap or violation "
+                "among the timed answers that were judged.",
             ),
             Table(
                 "Ours beside each of the others",
@@ -208,6 +221,21 @@ def _beside(measurements: Measurements, versions: Mapping[str, str]) -> list[lis
             f"{row['ratio']:.2f}" if row["ratio"] >= 0.1 else f"{row['ratio']:.1g}",
         ]
         for row in like_with_like(measurements).to_dict("records")
+    ]
+
+
+def _missed(measurements: Measurements) -> list[list[str]]:
+    return [
+        [
+            marked(row["solver"]),
+            row["lane"],
+            f"{row['problem_set']}/{row['problem']}",
+            settings_label(row["settings"]),
+            row["status"],
+            *(gap(row[name]) for name in ("cost_gap", "timed_gap", "violation")),
+            number(row["total_us"]),
+        ]
+        for row in misses(measurements).to_dict("records")
     ]
 
 
