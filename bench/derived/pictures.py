@@ -15,15 +15,17 @@ import numpy as np
 import pandas as pd
 
 from bench.derived import ranking, summary
-from bench.derived.accuracy import TOLERANCE, worst
+from bench.derived.accuracy import worst
 from bench.derived.measurements import Measurements, at_tiers
 from bench.messages.verdict import Status, Tier
 from bench.report.plot import BEST, LEAST_GAP, together
 from bench.report.words import MARK, duration, marked
-from solvers import Lane
-from solvers.registry import FAMILIES, OURS
+from solvers.registry import OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
+KNOWN = ("osqp", "clarabel", "proxsuite", "piqp", "highspy", "scs", "qpalm", "daqp", "quadprog", "cvxopt")
+"""Libraries that people know first, which the picture of work and precision names beside OUR_BEST and the paper's."""
+OUR_BEST = "box_active_set"
 MOST_GAP = 1e3
 """Largest cost gap on a plot; larger ones are drawn at this value."""
 OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
@@ -56,10 +58,11 @@ def ranked(table: pd.DataFrame, score: pd.Series) -> pd.DataFrame:
 
 
 def work_precision(measurements: Measurements) -> pd.DataFrame:
-    """Worst cost gap against the time of an answer, one row per solver lane and setting that answers all its problems.
+    """Worst cost gap against the time of an answer, one row per solver and setting that answers all its problems, in
+    the lane in which the solver is the fastest at its most exact setting.
 
-    ``is_default`` marks the library's own settings. The paper's method appears once more at its own pace, one step per
-    sampling period; it comes first, then the others by their time to a gap of 1e-9.
+    ``is_default`` marks the library's own settings, ``front`` the lines that are named, and ``end`` the setting at
+    which the name stands. The paper's method is drawn at its own pace, one step per sampling period.
     """
     rows = measurements.field[measurements.field.start == "cold"]
     rows = rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK), paced_us=rows.periods * rows.period_us)
@@ -74,45 +77,28 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
         )
         .reset_index()
     )
-    pace = table[(table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))]
+    paper = (table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))
+    pace = table[paper].assign(total_us=table.paced_us, label=ranking.PACE)
     table = pd.concat(
-        [
-            table.assign(label=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)),
-            pace.assign(total_us=pace.paced_us, label=ranking.PACE),
-        ],
-        ignore_index=True,
+        [table.assign(label=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)), pace], ignore_index=True
     )
-    table = table[table.worst_cost_gap.notna() & table.total_us.notna()]
-    name = table.solver.map(marked) + np.where(table.lane == Lane.DIRECT, "", " (" + table.lane + ")")
-    groups = np.where(table.lane.isin([str(lane) for lane in FAMILIES]), "qpsolvers and cvxpy", "without wrappers")
+    table = table[table.worst_cost_gap.notna() & table.total_us.notna() & (table.problems == table.problems.max())]
+    line = ["scaling", "label", "solver"]
+    end = table.sort_values(["worst_cost_gap", "total_us"]).drop_duplicates([*line, "lane"])
+    best = end.sort_values("total_us").drop_duplicates(line)
+    table = table.merge(best[[*line, "lane"]], on=[*line, "lane"])
+    ends = pd.MultiIndex.from_frame(best[[*line, "setting"]])
+    paced = table.label == ranking.PACE
     table = table.assign(
-        name=name.where(table.label != ranking.PACE, ranking.PACE), view=table.scaling + " data, " + groups
+        name=table.solver.map(marked).mask(paced, ranking.PACE),
+        view=table.scaling + " data",
+        front=paced | table.solver.isin((*KNOWN, OUR_BEST)),
+        end=pd.MultiIndex.from_frame(table[[*line, "setting"]]).isin(ends),
+        drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP),
     )
-    table = table.sort_values(
-        ["scaling", "view", "label", "name", "rung"], ascending=[False, False, True, True, True], ignore_index=True
-    )
-    time = table.total_us.where(table.worst_cost_gap <= TOLERANCE[Tier.HIGH], 1e9 * (1.0 + table.worst_cost_gap))
-    table = ranked(
-        table.assign(drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP)),
-        time.where(table.label != ranking.PACE, 0.0),
-    )
-    return table[
-        [
-            "view",
-            "scaling",
-            "label",
-            "name",
-            "solver",
-            "lane",
-            "rung",
-            "is_default",
-            "settings",
-            "problems",
-            "worst_cost_gap",
-            "total_us",
-            "drawn",
-            "front",
-        ]
+    columns = ["view", "scaling", "label", "name", "solver", "lane", "rung", "is_default", "settings", "problems"]
+    return table.sort_values(["scaling", "name", "rung"], ascending=[False, True, True], ignore_index=True)[
+        [*columns, "worst_cost_gap", "total_us", "drawn", "front", "end"]
     ]
 
 

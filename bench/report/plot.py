@@ -50,7 +50,8 @@ class Axis:
 class Mark:
     """A mark for each row of the plot, or for those that ``where`` selects."""
 
-    kind: Literal["line", "step", "point", "hollow", "bar", "range"]
+    kind: Literal["line", "step", "point", "hollow", "bar", "range", "text"]
+    """A text is the row's name below its point."""
     by: str = ""
     """Column whose values determine the colour."""
     where: Where = field(default_factory=dict)
@@ -87,6 +88,7 @@ class Plot:
     height: int = HEIGHT
     where: Where = field(default_factory=dict)
     """The rows of the table to draw."""
+    legend: bool = True
 
 
 def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, along: str = "") -> tuple[Mark, ...]:

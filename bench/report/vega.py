@@ -57,6 +57,7 @@ CONFIG: dict[str, Any] = {
     "title": {"color": INK},
     "rule": {"color": INK},
 }
+CHANNELS = {"color", "shape", "strokeDash"}
 KINDS: dict[str, dict[str, Any]] = {
     "line": {"type": "line"},
     "step": {"type": "line", "interpolate": "step-after"},
@@ -64,6 +65,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "hollow": {"type": "point", "filled": False, "strokeWidth": 1},
     "bar": {"type": "bar"},
     "range": {"type": "rule", "strokeCap": "round"},
+    "text": {"type": "text", "dy": 13, "fontSize": 12},
 }
 
 
@@ -128,12 +130,12 @@ def _layers(table: pd.DataFrame, plot: Plot, filtered: Any, marks: Sequence[Mark
     within one mark."""
     layers = [_layer(table, plot, mark) for mark in marks]
     for layer in layers[1:]:
-        for channel in {"color", "shape", "strokeDash"} & layer["encoding"].keys():
+        for channel in CHANNELS & layer["encoding"].keys():
             layer["encoding"][channel]["legend"] = None
     return {
         "transform": [{"filter": filtered}] if filtered else [],
         "layer": layers,
-        "resolve": {"scale": dict.fromkeys(("color", "shape", "strokeDash"), "independent")},
+        "resolve": {"scale": dict.fromkeys(CHANNELS, "independent")},
     }
 
 
@@ -148,6 +150,10 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
     encoding |= {name: {"field": column} for name, column in (("x2", mark.x2), ("y2", mark.y2)) if column}
     if mark.by:
         encoding |= _coloured(plot, mark, is_line, is_point)
+        if not plot.legend:
+            encoding |= {name: {**encoding[name], "legend": None} for name in CHANNELS & encoding.keys()}
+    if mark.kind == "text":
+        encoding["text"] = {"field": "name"}
     if is_line:
         encoding |= {"detail": {"field": "name", "type": "nominal"}} if "name" in table else {}
     if mark.along:
@@ -160,7 +166,10 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
     test, opacity = None if _filter(plot, mark) else _selected(mark), {"value": mark.opacity}
     encoding["opacity"] = {"condition": {"test": test, **opacity}, "value": 0} if test else opacity
     colour = {} if mark.by or not mark.colour else {"color": mark.colour}
-    return {"mark": {**KINDS[mark.kind], "clip": not is_point, **size, **colour}, "encoding": encoding}
+    return {
+        "mark": {**KINDS[mark.kind], "clip": not is_point and mark.kind != "text", **size, **colour},
+        "encoding": encoding,
+    }
 
 
 def _is_number(table: pd.DataFrame, column: str) -> bool:

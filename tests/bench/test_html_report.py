@@ -148,7 +148,7 @@ def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> No
         .map(point => point.getAttribute('transform')).join()"""
     before = browser.run(points)
     browser.run("""const s = document.querySelector('#work_precision select');
-        s.value = 'raw data, without wrappers'; s.dispatchEvent(new Event('change'))""")
+        s.value = 'raw data'; s.dispatchEvent(new Event('change'))""")
     browser.wait_until(lambda: browser.run(points) != before)
 
 

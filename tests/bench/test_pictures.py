@@ -24,6 +24,21 @@ def test_a_setting_that_fails_was_not_run_or_was_caught_on_any_problem_is_not_in
     assert shown == ([] if status in ("cached", "mistimed") else [0, 2])  # a cheat counts against all settings
 
 
+def test_a_solver_is_drawn_in_its_fastest_lane_and_named_at_its_most_exact_setting_if_it_is_known() -> None:
+    gaps = {"p1": [1e-3, 1e-9], "p2": [1e-3, 1e-9]}
+    rows = [
+        *ladder(gaps, solver="osqp", solve_us_p50=30.0),
+        *ladder(gaps, solver="osqp", lane="qpsolvers", solve_us_p50=300.0),
+        *ladder(gaps, solver="unknown", solve_us_p50=5.0),
+        *ladder({"p1": [1e-12]}, solver="partial", solve_us_p50=1.0),
+    ]
+    table = pictures.work_precision(measured(rows)).set_index("name")
+    assert set(table.index) == {"osqp", "unknown"}
+    assert set(table.lane) == {"direct"}
+    assert table.front.to_dict() == {"osqp": True, "unknown": False}
+    assert table.loc["osqp"].end.tolist() == [False, True]
+
+
 def timed(solver: str, times: list[float], gaps: list[float]) -> list[Row]:
     return [
         one
