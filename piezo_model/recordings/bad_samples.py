@@ -25,11 +25,11 @@ def replace_bad_samples(rows: Rows) -> None:
     """Name isolated bad samples and draw straight lines over them."""
     if rows.length < LEAST_ROWS:
         return
-    steps = [_steps(rows, signal) for signal in rows.signals]
-    for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
+    for k, (label, values) in enumerate(zip(rows.labels, list(rows.signals), strict=True)):
         bad = np.zeros(rows.length, dtype=bool)
-        at = _isolated(values, steps[k])
-        bad[[row for row in at if len(steps) == 1 or not _answers(steps[1 - k], row)]] = True
+        others = [signal for signal in rows.signals if signal is not rows.signals[k]]
+        for row in _isolated(values, _steps(rows, values)):
+            bad[row] = not any(_answers(_steps(rows, other), row) for other in others)
         for row in np.flatnonzero(bad).tolist():
             beside = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
             found = f"{label} is {values[row]:.6g} in {rows.where(row)} beside {beside}"

@@ -82,7 +82,7 @@ class Table:
     where: RowName = field(default=lambda row: f"data row {row + 1}", repr=False)
     repairs: tuple[str, ...] = ()
     """Rows that are left out, as clauses."""
-    clocks: Callable[[list[Any], str, RowName], NDArray[Any]] | None = field(default=None, repr=False)
+    clocks: Callable[..., NDArray[Any]] | None = field(default=None, repr=False)
     """Times of a column of clocks as text, of its batches and of label and rows for error messages."""
 
     @cached_property
@@ -106,31 +106,34 @@ class Table:
             lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in at)
             raise RecordingError(f"{self.path}: the columns are not of one length: {lengths}")
         first, stop, step = rows.start or 0, rows.stop, rows.step or 1
-        parts: list[list[Any]] = [[] for _ in at]
+        numbers, clocks = [np.empty(0) for _ in at], list[list[Any]]([[] for _ in at])
         seen = kept = 0
         most = free_memory() / (8 * COPIES * max(len(at), 1))
         for batch in self.batches(at):
             begin = first - seen if seen < first else -(seen - first) % step
             end = None if stop is None else max(stop - seen, 0)
-            for part, values in zip(parts, batch, strict=True):
-                part.append(values[begin:end:step])
-            seen, kept = seen + len(batch[0]), kept + len(parts[0][-1])
+            seen, before = seen + len(batch[0]), kept
+            kept += len(batch[0][begin:end:step])
             if kept > most:
                 raise RecordingError(
                     f"{self.path}: has more than {kept} rows, too many for the free memory; read a part of it with "
                     "--from and --to (seconds), or every tenth row with --decimate 10"
                 )
+            for k, values, column, parts in zip(at, batch, numbers, clocks, strict=True):
+                if self.columns[k].kind == "clock":
+                    parts.append(values[begin:end:step])
+                    continue
+                if kept > column.size:
+                    column.resize(2 * kept, refcheck=False)  # in place, where concatenating would need a copy
+                column[before:kept] = values[begin:end:step]
             if stop is not None and seen >= stop:
                 break
-        return [self._joined(k, parts.pop(0)) for k in at]
-
-    def _joined(self, k: int, parts: list[Any]) -> Vector:
-        """One column of its parts."""
-        if self.columns[k].kind != "clock" or not parts:
-            return np.concatenate([np.empty(0), *parts], dtype=np.float64, casting="unsafe")
-        if self.clocks is None:
-            return seconds_since_first(np.concatenate(parts))
-        return seconds_since_first(self.clocks(parts, self.label(k), self.where))
+        for i, k in enumerate(at):
+            if clocks[i]:
+                read = self.clocks or (lambda parts, label, where: np.concatenate(parts))
+                numbers[i] = seconds_since_first(read(clocks[i], self.label(k), self.where))
+            numbers[i].resize(kept, refcheck=False)
+        return numbers
 
 
 def seconds_since_first(times: NDArray[Any]) -> Vector:

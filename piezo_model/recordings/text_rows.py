@@ -6,7 +6,6 @@ first wrong cell and its row as an editor counts it.
 """
 
 import codecs
-import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +22,8 @@ from piezo_model.recordings.layout import Layout, as_remark
 from piezo_model.recordings.table import RecordingError, first_line
 
 BLOCK_BYTES = LONGEST_LINE = 1 << 20
+LARGEST_BLOCK = 1 << 24
+"""Bytes of a block with the rest of the one before, in UTF-8."""
 LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 TAIL_BYTES = 1 << 16
 MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
@@ -49,35 +50,37 @@ class TextRows:
         RecordingError
             A row or a cell that cannot be read.
         """
-        layout, dialect, source = self.layout, self.layout.dialect, _Stream(map(self._for_arrow, self._blocks()))
+        layout, dialect = self.layout, self.layout.dialect
         keys = [str(k) for k in range(len(layout.columns))]  # names in the file may repeat or be empty
         clocks = {k for k in at if layout.columns[k].kind == "clock"}
-        rows = 0
-        try:
-            reader = arrow_csv.open_csv(
-                source,
-                arrow_csv.ReadOptions(column_names=keys, block_size=BLOCK_BYTES),
-                arrow_csv.ParseOptions(
-                    delimiter="\t" if dialect.separator == " " else dialect.separator,
-                    quote_char='"' if layout.quoted else False,
-                ),
-                arrow_csv.ConvertOptions(
-                    column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
-                    include_columns=list(dict.fromkeys(keys[k] for k in at)),
-                    null_values=sorted(NULLS),
-                    strings_can_be_null=True,
-                    decimal_point=dialect.decimal,
-                    check_utf8=False,
-                ),
-            )
-            for batch in reader:
-                rows += len(batch)
+        options = (
+            arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LARGEST_BLOCK),
+            arrow_csv.ParseOptions(
+                delimiter="\t" if dialect.separator == " " else dialect.separator,
+                quote_char='"' if layout.quoted else False,
+            ),
+            arrow_csv.ConvertOptions(
+                column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
+                include_columns=list(dict.fromkeys(keys[k] for k in at)),
+                null_values=sorted(NULLS),
+                strings_can_be_null=True,
+                decimal_point=dialect.decimal,
+                check_utf8=False,
+            ),
+        )
+        for block in filter(bytes.strip, map(self._for_arrow, self._blocks())):
+            try:
+                table = arrow_csv.read_csv(pa.BufferReader(block), *options)
+            except (pa.ArrowException, UnicodeError) as error:
+                raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
+            lines = (block.count(b"\n") or block.count(b"\r")) + (not block.endswith((b"\n", b"\r")))
+            if layout.quoted and len(table) != lines:
+                raise RecordingError(
+                    f"{self.path}: has a quote that is not closed, {lines} lines are {len(table)} rows"
+                )
+            for batch in table.to_batches():
                 columns = {k: batch.column(keys[k]) for k in at}
                 yield [columns[k] if k in clocks else array_of(columns[k]) for k in at]
-        except (pa.ArrowException, UnicodeError) as error:
-            raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
-        if layout.quoted and rows != source.lines:
-            raise RecordingError(f"{self.path}: has a quote that is not closed: {source.lines} lines are {rows} rows")
 
     def where(self, row: int) -> str:
         """Row of the file as an editor counts it, and data row counted from 0."""
@@ -170,27 +173,6 @@ class TextRows:
         if dialect.separator == " ":
             block = re.sub(r"[ \t]+", "\t", MARGINS.sub("", block))
         return block.encode()
-
-
-class _Stream(io.RawIOBase):
-    """Blocks of bytes as a file, and the number of their lines."""
-
-    def __init__(self, blocks: Iterator[bytes]) -> None:
-        self._blocks, self._rest = blocks, b""
-        self.lines = 0
-
-    def readable(self) -> bool:
-        """Arrow asks."""
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        """At most so many bytes; none at the end."""
-        while not self._rest and (block := next(self._blocks, None)) is not None:
-            self._rest = block
-            self.lines += block.count(b"\n") or block.count(b"\r")
-            self.lines += bool(block) and not block.endswith((b"\n", b"\r"))
-        data, self._rest = self._rest[:size], self._rest[size:]
-        return data
 
 
 def end_of_rows(path: Path, encoding: str, layout: Layout, start: int) -> tuple[int, int]:
