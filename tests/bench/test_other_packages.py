@@ -10,6 +10,7 @@ import pytest
 
 from bench.derived.table import ONESHOT
 from bench.store import Run
+from solvers import registry
 
 ROOT = Path(__file__).parents[2]
 
@@ -26,6 +27,16 @@ def installed(target: Path, entry_points: str, package: str = "tiny-solvers", ve
     (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n")
     (metadata / "entry_points.txt").write_text(f"[piezobench.solvers]\n{entry_points}\n")
     return target
+
+
+def test_no_name_of_a_file_hides_a_solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for lane, name in (("direct", "x.py"), ("direct", "x_shared.c"), ("kernel", "y.py"), ("kernel", "y_z.c")):
+        (tmp_path / lane).mkdir(exist_ok=True)
+        (tmp_path / lane / name).touch()
+    monkeypatch.setattr(registry, "__file__", str(tmp_path / "registry.py"))
+    found = {(entry.lane, entry.name) for entry in registry.entries()}
+    assert {("direct", "x"), ("kernel", "y")} <= found
+    assert not {("direct", "x_shared"), ("kernel", "y_z")} & found
 
 
 def piezobench(target: Path, *words: object) -> subprocess.CompletedProcess[str]:
