@@ -92,42 +92,44 @@ class BoxLeastSquares:
         """Return the minimiser (d,), one of them if there are several, for a new b (m,) or the last one; a refused b
         changes nothing."""
         self._b = self._b if b is None else self._taken(b)
-        x, self.found, freed = self._guess(), False, -1
-        free, blocked = (x > self._lb) & (x < self._ub), np.zeros(x.size, dtype=bool)
+        unit = np.exp2(np.frexp(np.abs(self._b).max())[1])  # a power of two; costs of any scale are near one
+        right, lb, ub = self._b / unit, self._lb / unit, self._ub / unit
+        x, self.found, freed = self._guess(right, lb, ub), False, -1
+        free, blocked = (x > lb) & (x < ub), np.zeros(x.size, dtype=bool)
         for _ in range(STEPS * (x.size + 1)):
             factors = self._factors(free)
-            z = self._minimum(x, *factors)
-            outside = np.flatnonzero((z < self._lb) | (z > self._ub))
+            z = self._minimum(x, right, *factors)
+            outside = np.flatnonzero((z < lb) | (z > ub))
             if outside.size:
-                bound = np.where(z < self._lb, self._lb, self._ub)[outside]
+                bound = np.where(z < lb, lb, ub)[outside]
                 share = (bound - x[outside]) / (z - x)[outside]
                 first = int(np.argmin(share))
-                x, k = np.clip(x + share[first] * (z - x), self._lb, self._ub), outside[first]
+                x, k = np.clip(x + share[first] * (z - x), lb, ub), outside[first]
                 x[k], free[k] = bound[first], False
                 blocked[k] |= k == freed and share[first] <= 0.0  # by rounding: exactly, the cost would fall
                 continue
             x = z
-            residuals = self._A.astype(LONG) @ x - self._b
+            residuals = self._A.astype(LONG) @ x - right
             fall, gradient = self._beyond((self._A.T @ residuals).astype(np.float64), *factors)
-            wrong = np.where(x <= self._lb, -gradient, gradient) * ~free * (self._lb < self._ub)
+            wrong = np.where(x <= lb, -gradient, gradient) * ~free * (lb < ub)
             if (wrong > 0.0).any():
                 fall += self._beyond(gradient, *self._factors(free | (wrong > 0.0)))[0]
-            rounding = 8 * EPS * float(np.linalg.norm(self._b) + self._lengths @ np.abs(x))
-            self.found = fall <= max(GAP * 0.5 * float(residuals @ residuals), rounding**2)
+            rounding = 8 * EPS * float(np.linalg.norm(right) + self._lengths @ np.abs(x))
+            self.found = fall <= max(GAP * 0.5 * float(residuals @ residuals), rounding * rounding) < np.inf
             freed = int(np.argmax(np.where(blocked, 0.0, wrong)))
             if self.found or wrong[freed] <= 0.0 or blocked[freed]:
                 break
             free[freed] = True
-        return x * self._scale
+        return np.clip(x * unit, self._lb, self._ub) * self._scale
 
-    def _guess(self) -> Vector:
+    def _guess(self, b: Vector, lb: Vector, ub: Vector) -> Vector:
         """The answer of the box solver on AᵀA, or the point of the box next to 0 if it refuses that."""
         solver = BoxActiveSet()
         try:
-            solver.setup(Problem(self._A.T @ self._A, -self._A.T @ self._b, lb=self._lb, ub=self._ub))
+            solver.setup(Problem(self._A.T @ self._A, -self._A.T @ b, lb=lb, ub=ub))
             return solver.solve().copy()
         except ValueError:
-            return np.clip(np.zeros(self._lb.size), self._lb, self._ub)
+            return np.clip(np.zeros(lb.size), lb, ub)
 
     def _factors(self, which: Mask) -> tuple[Index, Matrix, Matrix]:
         """Independent columns among these, and their Q and R."""
@@ -137,11 +139,11 @@ class BoxLeastSquares:
         rank = int(np.count_nonzero(sizes > max(R.shape) * EPS * sizes.max(initial=0.0)))
         return columns[order[:rank]], Q[:, :rank], R[:rank, :rank]
 
-    def _minimum(self, x: Vector, kept: Index, Q: Matrix, R: Matrix) -> Vector:
+    def _minimum(self, x: Vector, b: Vector, kept: Index, Q: Matrix, R: Matrix) -> Vector:
         """x with these variables at their least-squares solution."""
         A, x, r = self._A.astype(LONG), x.copy(), np.zeros(len(Q))
         for _ in range(REFINEMENTS):
-            f = (self._b - r - A @ x).astype(np.float64)
+            f = (b - r - A @ x).astype(np.float64)
             h = solve_triangular(R, -(A[:, kept].T @ r).astype(np.float64), trans=1)
             along = Q.T @ f
             x[kept] += solve_triangular(R, along - h)

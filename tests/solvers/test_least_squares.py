@@ -94,13 +94,19 @@ def test_where_the_normal_equations_lose_their_digits_it_does_not(seed):
     assert cost(A, b, fit.solve()) < Fraction(1 + 1e-9) * least
 
 
-@pytest.mark.parametrize("scale", [1e-150, 1e-6, 1e6, 1e120])
-def test_powers_of_two_in_the_columns_change_nothing_else(scale):
+@pytest.mark.parametrize("scale", [1e-250, 1e-6, 1e6, 1e250])
+def test_powers_of_two_in_the_columns_or_in_all_rows_change_nothing_else(scale):
     A, b, lb, ub = data(5, 20, 7, 4.0, 0.1)
+    power = np.exp2(np.round(np.log2(scale)))
+    whole = BoxLeastSquares(A * power, b * power, lb, ub)
+    long = BoxLeastSquares(A, b * power, lb * power, ub * power)
     factor = np.exp2(np.round(np.log2(scale) * np.linspace(0, 1, 7)))
     plain, scaled = BoxLeastSquares(A, b, lb, ub), BoxLeastSquares(A * factor, b, lb / factor, ub / factor)
-    np.testing.assert_array_equal(scaled.solve() * factor, plain.solve())
+    for answer in (scaled.solve() * factor, whole.solve(), long.solve() / power):
+        np.testing.assert_array_equal(answer, plain.solve())
     assert scaled.found
+    assert whole.found
+    assert long.found
 
 
 def test_dependent_and_zero_columns_and_an_empty_matrix_of_free_variables_are_solved():
