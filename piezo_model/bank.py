@@ -64,7 +64,7 @@ class BankFile(Versioned):
     """The content of a file besides the arrays."""
 
     FORMAT = "piezobench-bank"
-    VERSION = 4
+    VERSION = 5
     AGAIN = "load it with the program that wrote it, and take its models over"
     structure: ModelStructure
     tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]

@@ -1,6 +1,6 @@
 """The file of a self-learning compensator in operation: JSON, replaced as a whole, with arrays to the bit.
 
-    {"format": "piezobench-learner", "version": 6,
+    {"format": "piezobench-learner", "version": 7,
      "settings": {…},     fields of `learning.settings.LearningSettings`
      "memory": {…},       the state, including the model and its structure
      "checksum": "…"}     SHA-256 of the rest
@@ -24,7 +24,7 @@ class LearnerFile(json_file.Versioned):
     """The content of the file."""
 
     FORMAT = "piezobench-learner"
-    VERSION = 6
+    VERSION = 7
     AGAIN = "save its model, the field memory.compensator.model, as a file of its own, and start from that"
     settings: dict[str, Any]
     memory: dict[str, Any]

@@ -61,7 +61,7 @@ LEARNER = (
     "descent.c",
     "acceleration.c",
     "regressors.h",
-    *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "optimum")),
+    *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "noise", "optimum")),
     "learner.h",
 )
 """Files of the core: always, and with a learner; preprocessor conditions select the code for the kind of learning."""

@@ -32,7 +32,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
                           {"memory", l->memory, sizeof *l->memory / sizeof(real)},
                           {"in_use", l->in_use, l->d * LANES},
                           {"candidate", l->candidate, l->d * LANES},
-                          {"gram", l->gram, symmetric_nums(l->d + 1) * LANES}};
+                          {"gram", l->gram, data_nums(s) * LANES}};
     RETURN_PARTS(memory, parts);
 }
 
@@ -51,7 +51,7 @@ static int sound(const Bank *b, int64_t tile)
                      && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
     return fine && nums_finite(c->play, play_vectors(b->shape)) && nums_finite(c->creep, creep_vectors(b->shape))
            && nums_finite(c->inverse.w_H, inverse_nums(b->shape)) && nums_finite(l->in_use, 3 * NUMS(l->d))
-           && nums_finite(l->gram, symmetric_nums(l->d + 1)) && nums_finite(l->older.gram, 2 * note_nums(b->shape))
+           && nums_finite(l->gram, data_nums(b->shape)) && nums_finite(l->older.gram, 2 * note_nums(b->shape))
            && all_finite(l->mailbox.offer.inverse, LANES * inverse_nums(b->shape));
 }
 

@@ -87,7 +87,7 @@ static int sound(const Learner *l, const LearnerHead *head)
     const LearnerClock *const t = l->clock;
     const ProjectedGradientHead *const steps = l->cyclic.descent.head;
     const Block block = block_in(&l->mailbox, 0); /* the ring of Python has one */
-    const int cyclic = head->way == CYCLIC, gram = symmetric_nums(l->d + 1);
+    const int cyclic = head->way == CYCLIC, gram = data_nums(l->shape);
     return m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0
            && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->skipped >= 0
            && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1

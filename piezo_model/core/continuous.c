@@ -39,6 +39,10 @@ void N(learner_begin_anew)(const Learner *l, num which, num level)
             set_where(which, row + d, times(constant(-BELIEF), greatest(l->in_use[i], constant(lower_bound(l, i)))));
         }
     }
+    for (int i = 0; i < NUMS(l->shape.zones) + NOISE; ++i) {
+        set_where(which, l->pieces + i, constant(0));
+    }
+    set_where(which, m->recent, constant((real)NAN));
     copy_where(which, l->candidate, l->in_use, d);
     N(learner_forget_direction)(m, which);
     set_where(which, &m->level, level);
@@ -72,7 +76,7 @@ static void fall_back(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
     const num noted = both(which, m->noted);
-    const int entries = symmetric_nums(l->d + 1);
+    const int entries = data_nums(l->shape);
     copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* the pending offer will not be taken */
     set_where(which, &m->pending, constant(0));
     copy_where(noted, l->gram, l->older.gram, entries);
@@ -92,7 +96,7 @@ static void note(const Learner *l, num which)
     LearnerMemory *const m = l->memory;
     const num first = both(which, is_not(m->noted)), again = both(which, m->noted);
     copy_where(again, l->older.gram, l->newer.gram, note_nums(l->shape));
-    copy_where(which, l->newer.gram, l->gram, symmetric_nums(l->d + 1));
+    copy_where(which, l->newer.gram, l->gram, data_nums(l->shape));
     copy_where(which, l->newer.in_use, l->in_use, l->d);
     copy_where(which, l->newer.level, &m->level, 1);
     copy_where(first, l->older.gram, l->newer.gram, note_nums(l->shape));
@@ -103,7 +107,8 @@ static void note(const Learner *l, num which)
 static num end_probation(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
-    const num lasted = minus(constant((real)l->settings->reset_lasts), m->left), error = divided(m->probation, lasted);
+    const num lasted = minus(constant((real)l->settings->reset_lasts), m->left);
+    const num error = greatest(divided(m->probation, lasted), constant(0));
     /* sqrt(e) > T sqrt(l) + tau  iff  s = e - T^2 l - tau^2 > 0 and s^2 > 4 T^2 tau^2 l */
     const num s = minus(minus_times(error, constant(TRUST * TRUST), m->level), constant(TOLERANCE * TOLERANCE));
     const num beyond = both(less(constant(0), s),
@@ -135,18 +140,19 @@ static num excites(const Learner *l, const BlockSummary *b, num counts)
 }
 
 /* Learn from the rows of a block. */
-static void learn(const Learner *l, const BlockSummary *b, num which)
+static void learn(const Learner *l, const Block *block, const BlockSummary *b, num which)
 {
     LearnerMemory *const m = l->memory;
     const num smoothing = lowest(times(constant(l->settings->smoothing), b->good), constant(1));
     const num mean = divided(b->squares_in_use, greatest(b->good, constant(1)));
-    set_where(which, &m->level, plus_times(m->level, smoothing, minus(mean, m->level)));
+    set_where(which, &m->level, greatest(plus_times(m->level, smoothing, minus(mean, m->level)), constant(0)));
     set_where(which, &m->squares_in_use, plus(m->squares_in_use, b->squares_in_use));
     set_where(which, &m->squares_candidate, plus(m->squares_candidate, b->squares_candidate));
     set_where(which, &m->predicted, plus(m->predicted, b->good));
     set_where(which, &m->wait, greatest(minus(m->wait, b->good), constant(0)));
     span_widen(m->span, b->span, which);
     N(learner_add_rows)(l, b->count, which);
+    N(noise_add)(l, block, which);
 }
 
 /* Offer the candidate where it predicted at least as well as the weights in use, and compute the next one. */
@@ -187,7 +193,7 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
     return events | (checkpoint && any(is_not(less(constant(0), m->left))) && !(events & FIRST) ? LOOK : 0);
 }
 
-int N(continuous_block)(const Learner *l, const BlockSummary *b)
+int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary *b)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
@@ -210,7 +216,7 @@ int N(continuous_block)(const Learner *l, const BlockSummary *b)
         events |= OTHER_SENSOR;
     }
     if (any(learns)) {
-        learn(l, b, learns);
+        learn(l, block, b, learns);
     }
     if (b->end >= l->clock->next_interval) { /* an interval that ends together with its phase is not judged */
         l->clock->next_interval = (b->end / p->interval + 1) * p->interval;

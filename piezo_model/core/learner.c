@@ -25,7 +25,7 @@
 static Note note_at(Arena *arena, Shape s)
 {
     Note n;
-    n.gram = nums(arena, symmetric_nums(unknowns(s) + 1));
+    n.gram = nums(arena, data_nums(s));
     n.in_use = nums(arena, NUMS(unknowns(s)));
     n.level = nums(arena, NUMS(1));
     return n;
@@ -38,7 +38,9 @@ void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes)
     l->in_use = nums(own, NUMS(l->d));
     l->before = nums(own, NUMS(l->d));
     l->candidate = nums(own, NUMS(l->d));
-    l->gram = nums(own, symmetric_nums(l->d + 1));
+    l->gram = nums(own, data_nums(s));
+    l->pieces = l->gram + symmetric_nums(l->d + 1);
+    l->noise = l->pieces + NUMS(s.zones);
     l->older = note_at(notes, s);
     l->newer = note_at(notes, s);
 }
@@ -60,23 +62,17 @@ static BlockSummary pass_through(const Learner *l, const Block *block, int judge
     const Workspace work = workspace_of(l), *const w = &work;
     BlockSummary b = count_good(block);
     span_clear(b.span, SPAN, constant(1));
-    for (int i = 0; i < play_vectors(s) * (LANES / WIDTH); ++i) {
+    for (int i = 0; i < state_nums(s); ++i) { /* play, then creep */
         w->play[i] = from_shared(block->play, i);
-    }
-    for (int i = 0; i < creep_vectors(s) * (LANES / WIDTH); ++i) {
-        w->creep[i] = from_shared(block->creep, i);
     }
     for (int k = 0; k < b.count; ++k) {
         num *const row = w->rows + k * row_nums(s);
         const num x = from_shared(block->x, k), y = from_shared(block->y, k), good = is_finite(y);
         write_row(&l->regressors, s, good, x, choose(good, y, constant(0)), w->play, w->creep, row);
-        if (judges) {
-            const num error = plus(dot(l->in_use, row + 1, VECTORS(l->d)), row[0]);
-            const num other = plus(dot(l->candidate, row + 1, VECTORS(l->d)), row[0]);
-            b.squares_in_use = plus_times(b.squares_in_use, error, error);
-            b.squares_candidate = plus_times(b.squares_candidate, other, other);
-        }
         span_widen(b.span, (const num[]){x, x, y, y}, good);
+    }
+    if (judges) {
+        N(noise_judge)(l, block, &b);
     }
     return b;
 }
@@ -186,6 +182,7 @@ int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, in
     }
     to_shared(o->which, 0, which);
     to_shared(o->fallback, 0, fallback);
+    to_shared(o->variance, 0, N(noise_variance)(l));
     to_shared(o->faults, 0, l->memory->fault_count);
     *o->due = due;
     *o->epoch = m->epoch;
@@ -215,9 +212,9 @@ int N(learner_learn)(const Learner *l)
         }
         events = counts ? judge_direction(l, &block, b.span) : 0;
 #ifdef CORE_TILE
-        events |= tile_continuous_block(l, &b);
+        events |= tile_continuous_block(l, &block, &b);
 #else
-        events |= cyclic ? cyclic_block(l, &b) : continuous_block(l, &b);
+        events |= cyclic ? cyclic_block(l, &b) : continuous_block(l, &block, &b);
 #endif
     }
     CORE_RELEASE(&m->consumed, m->consumed + 1);

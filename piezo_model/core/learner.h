@@ -56,6 +56,8 @@ typedef struct {
     real smoothing, step_ratio;                  /* of the error's level; of the projected step */
 } LearnerSettings;
 
+/* Sums of squares whose quotient is the variance of the noise (noise.c): of third differences, and of slopes. */
+enum { SQUARES, SLOPES, NOISE };
 /* A span is the lowest and highest drive, then the lowest and highest output. */
 enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH, SPAN };
 /* Evidence of the direction: sums over the samples of the present stretch, the faded ones of the stretches before it
@@ -82,6 +84,7 @@ typedef struct {
     num span[SPAN];                             /* span since the last fault or range check */
     num evidence[EVIDENCE];
     num stretch[2 * SPAN]; /* spans of the present stretch, and of all */
+    num recent[3];         /* last errors (5) of the weights in use, the newest first; NaN for a bad sample */
 } LearnerMemory;
 
 /* State that all learners of a tile share. */
@@ -103,6 +106,7 @@ typedef struct {
     num *rows, *play, *creep;
     Inverse inverse;
     real *P, *q, *lb, *ub, *start; /* the program of one learner */
+    real *noise;                   /* what noise adds to the diagonal of P */
     void *solver;                  /* the state of box.h */
 } Workspace;
 
@@ -130,6 +134,7 @@ typedef struct {
     LearnerMemory *memory;
     num *in_use, *before, *candidate; /* the unknowns in use, in use before the last offer, and the next ones */
     num *gram;                        /* of rows (Xi, x) */
+    num *pieces, *noise;              /* n of each piece, and s and t (noise.c); they follow gram */
     Note older, newer;
     void *workspace;
 #ifndef CORE_TILE
@@ -146,6 +151,12 @@ typedef struct {
     num squares_in_use, squares_candidate; /* sums of squared errors */
     num span[SPAN];                        /* of the good samples */
 } BlockSummary;
+
+/* One lane of entry i of a vector of nums. */
+CORE_INLINE real *entry(const num *vector_of_nums, int i, int lane)
+{
+    return (real *)(uintptr_t)(vector_of_nums + i) + lane;
+}
 
 /* Empty `count` entries of spans where `which` is 1. */
 CORE_INLINE void span_clear(num *span, int count, num which)
@@ -164,12 +175,14 @@ CORE_INLINE void span_widen(num *span, const num *by, num which)
     }
 }
 
+/* Of what is learned from: the Gram matrix, and what noise adds to it. */
+CORE_INLINE int data_nums(Shape s) { return symmetric_nums(unknowns(s) + 1) + NUMS(s.zones) + NUMS(NOISE); }
 CORE_INLINE int learner_nums(Shape s)
 {
     const int d = unknowns(s);
-    return NUMS((int)(sizeof(LearnerMemory) / sizeof(num))) + 3 * NUMS(d) + symmetric_nums(d + 1);
+    return NUMS((int)(sizeof(LearnerMemory) / sizeof(num))) + 3 * NUMS(d) + data_nums(s);
 }
-CORE_INLINE int note_nums(Shape s) { return symmetric_nums(unknowns(s) + 1) + NUMS(unknowns(s)) + NUMS(1); }
+CORE_INLINE int note_nums(Shape s) { return data_nums(s) + NUMS(unknowns(s)) + NUMS(1); }
 /* Without the room in which the optimum of an interval is found, which cyclic operation has none of. */
 CORE_INLINE int64_t rows_nums(Shape s, int block)
 {
@@ -178,7 +191,7 @@ CORE_INLINE int64_t rows_nums(Shape s, int block)
 CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
 {
     const int d = unknowns(s);
-    const int64_t optimum = way == CYCLIC ? 0 : (int64_t)sizeof(real) * (padded(d * d) + 4 * padded(d));
+    const int64_t optimum = way == CYCLIC ? 0 : (int64_t)sizeof(real) * (padded(d * d) + 5 * padded(d));
     return arena_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
 CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
@@ -194,8 +207,8 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
     if (way == CYCLIC) {
         return w;
     }
-    const Extent extents[] = {
-        {&w.P, padded(d * d)}, {&w.q, padded(d)}, {&w.lb, padded(d)}, {&w.ub, padded(d)}, {&w.start, padded(d)}};
+    const Extent extents[] = {{&w.P, padded(d * d)}, {&w.q, padded(d)},     {&w.lb, padded(d)},
+                              {&w.ub, padded(d)},    {&w.start, padded(d)}, {&w.noise, padded(d)}};
     LAY_OUT(&arena, extents);
     return w;
 }
@@ -216,8 +229,16 @@ CORE_API void N(learner_begin_anew)(const Learner *l, num which, num level);
 /* Offer the unknowns `v` where `which` is 1; `fallback` where after a fault. Whether the last offer was answered, so
  * that it could be done. */
 CORE_API int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, int64_t due);
+/* The variance of the sensor's noise. */
+CORE_API num N(noise_variance)(const Learner *l);
+/* Sum the squared errors of the weights in use and the candidate over the rows of a block, less what noise adds. */
+CORE_API void N(noise_judge)(const Learner *l, const Block *block, BlockSummary *b);
+/* Add the samples of a judged block where it `learns`. */
+CORE_API void N(noise_add)(const Learner *l, const Block *block, num learns);
+/* Subtract from the program of one lane what noise adds to it. */
+CORE_API void N(noise_subtract)(const Learner *l, const Workspace *w, int lane);
 /* What the two ways make of a block, and the optimum of an interval. */
-CORE_API int N(continuous_block)(const Learner *l, const BlockSummary *b);
+CORE_API int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary *b);
 CORE_API int N(learner_optimum)(const Learner *l, num which);
 /* Write that program of one lane to the work space. */
 CORE_API void N(learner_program)(const Learner *l, int lane);

@@ -58,12 +58,12 @@ typedef struct {
     shared *play, *creep, *x, *y, *faults;
 } Block;
 
-/* Weights and their inverse for the actuators where `which` is 1; the number of faults that the learner knew, and 1
- * where it falls back after a fault. */
+/* Weights and their inverse for the actuators where `which` is 1; the number of faults that the learner knew, 1 where
+ * it falls back after a fault, and the variance of the sensor's noise. */
 typedef struct {
     int64_t *due;
     uint32_t *epoch;
-    shared *inverse, *which, *faults, *fallback;
+    shared *inverse, *which, *faults, *fallback, *variance;
 } Offer;
 
 typedef struct {
@@ -84,7 +84,7 @@ CORE_INLINE int64_t block_bytes(Shape s, int block) { return 64 + shared_bytes(s
 CORE_INLINE int64_t mailbox_size(Shape s, int block, int blocks, int64_t each)
 {
     return arena_bytes(sizeof(MailboxHead)) + arena_bytes(each * GUARD_NUMS) + 64
-           + arena_bytes(each * (inverse_nums(s) + 3))
+           + arena_bytes(each * (inverse_nums(s) + 4))
            + blocks * (64 + arena_bytes(each * (state_nums(s) + 2 * block + 1)));
 }
 CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
@@ -104,8 +104,8 @@ CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
         .guard = guard,
         .faults = guard + WIDTH * (GUARD_NUMS - 1),
         .offer = {(int64_t *)(void *)offered, (uint32_t *)(void *)(offered + 8), inverse, which, which + WIDTH,
-                  which + 2 * WIDTH},
-        .ring = offered + 64 + shared_bytes(inverse_nums(s) + 3),
+                  which + 2 * WIDTH, which + 3 * WIDTH},
+        .ring = offered + 64 + shared_bytes(inverse_nums(s) + 4),
     };
 }
 

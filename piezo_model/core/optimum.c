@@ -16,9 +16,6 @@
 #define ONLY(lane) ((void)(lane), (num)1)
 #endif
 
-/* One lane of entry i of a vector of nums. */
-CORE_INLINE real *entry(num *vector_of_nums, int i, int lane) { return (real *)(vector_of_nums + i) + lane; }
-
 void N(learner_program)(const Learner *l, int lane)
 {
     const int d = l->d;
@@ -40,6 +37,7 @@ void N(learner_program)(const Learner *l, int lane)
         w->lb[i] = lower_bound(l, i);
         w->ub[i] = REAL_INFINITY;
     }
+    N(noise_subtract)(l, w, lane);
 }
 
 /* Solve the program of a lane; its optimum becomes the candidate. Whether there is one. */

@@ -2,9 +2,9 @@
  *
  * A sample that is not a finite number is missing, which has no other consequence. A sample is refused if it lies far
  * outside the range, or if the sensor is frozen: the output is unchanged to the last bit while the drive covered a
- * noticeable share of its range. A jump is a change of the output that the drive since the last good sample does not
- * explain (an interrupted connection, a re-zeroed sensor): earlier data may not fit later ones. Refused samples and
- * jumps are faults, after which a learner waits until samples have been good for a while.
+ * noticeable share of its range. A jump is a change of the output that neither the drive since the last good sample nor
+ * the noise explains (an interrupted connection, a re-zeroed sensor): earlier data may not fit later ones. Refused
+ * samples and jumps are faults, after which a learner waits until samples have been good for a while.
  */
 #ifndef CORE_SENSOR_GUARD_H
 #define CORE_SENSOR_GUARD_H
@@ -21,16 +21,19 @@ enum { GOOD, MISSING, REFUSED, JUMPED };
     ((real)0.25) /* largest change of the output since the last good sample, plus FOLLOWING times the path of the      \
                     drive */
 #define FOLLOWING ((real)4)
+#define NOISY                                                                                                          \
+    ((real)72) /* a change that noise does not explain: 6 standard deviations, squared; a change has 2 variances */
 
-/* The last drive; the last changed output; path, minimum and maximum of the drive since then; counts of verdicts. */
+/* The last drive; the last changed output; path, minimum and maximum of the drive since then; the variance of the
+ * noise, which comes with the learner's weights; counts of verdicts. */
 typedef struct {
-    num last_x, last_y, way, x_low, x_high, verdicts[4];
+    num last_x, last_y, way, x_low, x_high, variance, verdicts[4];
 } SensorGuard;
 
 CORE_INLINE void guard_forget(SensorGuard *g)
 {
     g->last_x = g->last_y = g->x_low = g->x_high = constant((real)NAN);
-    g->way = constant(0);
+    g->way = g->variance = constant(0);
 }
 
 /* 1 where the sample is good; `fault` is 1 where it is refused or a jump. */
@@ -43,8 +46,9 @@ CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
     const num moved = either(less(y, g->last_y), less(g->last_y, y));
     const num same = both(plausible, both(known, is_not(moved))), changed = both(plausible, is_not(same));
     const num frozen = both(same, less(constant(FROZEN_DRIVE), minus(high, low)));
-    const num explained = plus_times(constant(JUMP), constant(FOLLOWING), way);
-    const num jumped = both(changed, less(explained, absolute(minus(y, g->last_y))));
+    const num rest = minus_times(absolute(minus(y, g->last_y)), constant(FOLLOWING), way);
+    const num noisy = less(times(rest, rest), times(constant(NOISY), g->variance));
+    const num jumped = both(both(changed, is_not(noisy)), less(constant(JUMP), rest));
     const num refused = either(both(there, is_not(plausible)), frozen),
               good = both(plausible, is_not(either(frozen, jumped)));
     g->last_x = x;

@@ -4,4 +4,5 @@
 #include "controller.c"
 #include "learner.c"
 #include "continuous.c"
+#include "noise.c"
 #include "optimum.c"

@@ -55,6 +55,7 @@ MEMORY = np.dtype(
         ("span", REAL, 4),
         ("evidence", REAL, 12),
         ("stretch", REAL, 8),
+        ("recent", REAL, 3),
     ]
 )
 CLOCK = np.dtype(

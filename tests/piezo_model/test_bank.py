@@ -36,8 +36,8 @@ MIN_SLOPE, PROXIMAL, BELIEF = 0.1, 1e-8, 1e-6
 class Actuators:
     """Vectorised actuators: four plays of individual weights, a curved output, and sensor noise."""
 
-    def __init__(self, count: int, seed: int = 1) -> None:
-        self.random = np.random.default_rng(seed)
+    def __init__(self, count: int, seed: int = 1, noise_um: float = 0.004) -> None:
+        self.random, self.noise_um = np.random.default_rng(seed), noise_um
         self.r = np.array([0.0, 10.0, 25.0, 50.0])[:, None]
         self.w = self.random.uniform(0.2, 1.0, (4, count))
         self.z = np.full((4, count), 75.0)
@@ -45,7 +45,7 @@ class Actuators:
     def __call__(self, x: Vector) -> Vector:
         self.z = np.maximum(x - self.r, np.minimum(x + self.r, self.z))
         u = ((self.w * self.z).sum(axis=0) / self.w.sum(axis=0) - 75.0) / 75.0
-        return 20.0 * (u + 0.1 * u**2) + self.random.normal(scale=0.004, size=x.size)
+        return 20.0 * (u + 0.1 * u**2) + self.random.normal(scale=self.noise_um, size=x.size)
 
 
 def references(samples: int, count: int, seed: int = 0) -> Matrix:
@@ -66,13 +66,19 @@ def close_loop(bank: CompensatorBank, actuators: Actuators, y_ref: Matrix) -> tu
     return x, y
 
 
-def optimum(gram: Matrix, before: Vector) -> Vector:
-    """The program of core/optimum.c, (Ξ, x) last, by the exact solver for one program."""
+def optimum(gram: Matrix, before: Vector, noise: Vector, held: Vector) -> Vector:
+    """The program of core/optimum.c and core/noise.c, (Ξ, x) last, by the exact solver for one program."""
     P, q = gram[:-1, :-1].copy(), gram[:-1, -1].copy()
     rho = PROXIMAL * np.minimum(np.diag(P), np.trace(P) / len(q))
+    P, q, lb, share = P + np.diag(rho), q - rho * before, STRUCTURE.lower_bounds(MIN_SLOPE), 1.0
+    free = np.diag(P) >= 4.0 * noise
+    while np.linalg.eigvalsh((P - (share + 0.02) * np.diag(noise))[np.ix_(free, free)])[0] <= 0.0:
+        share *= 0.7
+    answer: Vector = held.copy()
     solver = solvers.get("box_active_set")
-    solver.setup(Problem(P + np.diag(rho), q - rho * before, lb=STRUCTURE.lower_bounds(MIN_SLOPE)))
-    answer: Vector = solver.solve()
+    P_free = (P - share * np.diag(noise))[np.ix_(free, free)]
+    solver.setup(Problem(P_free, q[free] + P[np.ix_(free, ~free)] @ held[~free], lb=lb[free]))
+    answer[free] = solver.solve()
     return answer
 
 
@@ -87,19 +93,28 @@ def oracle(x: Vector, y: Vector) -> list[Vector]:
     candidate, gram = in_use.copy(), BELIEF * np.eye(d + 1)
     gram[:-1, -1] = gram[-1, :-1] = -BELIEF * np.maximum(in_use, STRUCTURE.lower_bounds(MIN_SLOPE))
     left, errors, found = RESET_SAMPLES, np.zeros(2), []
+    piece = 5 + np.digitize(y, [edge for edge in s["dead_zone_thresholds"] if edge != 0.0])
+    inner = np.array([*range(5), 6, 7, 8, 8, 8, 9, 10, *range(12, d)])
+    n, squares, slopes, recent = np.zeros(d), 0.0, 0.0, [np.nan] * 3
     for begin in range(0, x.size - BLOCK + 1, BLOCK):
-        block, ended = rows[begin : begin + BLOCK], False
+        block, p, ended = rows[begin : begin + BLOCK], piece[begin : begin + BLOCK], False
+        variance = squares / max(slopes, 1e-30)
+        recent = [*recent[-3:], *(block @ np.append(in_use, 1.0))]
+        third = np.fmin(np.diff(recent, 3) ** 2 / 20.0, 9.0 * max(variance, 1e-6) * in_use[p] ** 2)
         if left > 0:
             left -= BLOCK
             ended = left <= 0
         else:
-            errors += [np.sum((block @ np.append(v, 1.0)) ** 2) for v in (in_use, candidate)]
-            for row in block:
+            errors += [np.sum((block @ np.append(v, 1.0)) ** 2 - variance * v[p] ** 2) for v in (in_use, candidate)]
+            for row, each, square in zip(block, p, third, strict=True):
                 gram = forgetting * gram + (1.0 - forgetting) * np.outer(row, row)
+                n = forgetting * n + (1.0 - forgetting) * np.eye(d)[each]
+                squares = forgetting * squares + (1.0 - forgetting) * square
+                slopes = forgetting * slopes + (1.0 - forgetting) * in_use[each] ** 2
         if (begin + BLOCK) % INTERVAL == 0:
             if not ended and left <= 0 and errors.any():
                 in_use = candidate if errors[1] <= errors[0] else in_use
-                candidate = optimum(gram, candidate)
+                candidate = optimum(gram, candidate, squares / slopes * n, in_use[inner])
             errors[:] = 0.0
             found.append(in_use)
     return found
@@ -130,8 +145,9 @@ def test_without_learning_each_drive_is_that_of_a_compensator_to_the_last_bit() 
         np.testing.assert_allclose(bank.models[i].simulate(x[:, i]), single.model.simulate(x[:, i]), rtol=0, atol=0)
 
 
-def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_the_same_samples() -> None:
-    bank, plant = CompensatorBank(STRUCTURE, 1), Actuators(1)
+@pytest.mark.parametrize("noise_um", [0.004, 0.6])
+def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_the_same_samples(noise_um: float) -> None:
+    bank, plant = CompensatorBank(STRUCTURE, 1), Actuators(1, noise_um=noise_um)
     assert (bank.block, bank.interval) == (BLOCK, INTERVAL)
     y_ref, before = references(1600, 1), np.array([np.nan])
     x, y, weights = np.empty(1600), np.empty(1600), []

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from faulty_sensor import rms_percent, steps
-from learning_loops import error_of, learner_for, sensor
+from learning_loops import T, error_of, learner_for, sensor
 
-from piezo_model import SelfLearningCompensator, plants
+from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
+from piezo_model.signals import multi_sine
 
 
 def learned(share: float = 1.0) -> tuple[plants.Sensor, SelfLearningCompensator, np.ndarray, float]:
@@ -38,6 +39,26 @@ def test_hours_at_rest_cause_no_wind_up() -> None:
     y = learner.run(y_ref, plant.run)[1]
     assert rms_percent(y[500:5000], y_ref[500:5000], plant) < 3.0 * before
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+@pytest.mark.parametrize("falling", [False, True])
+def test_noise_of_the_sensor_biases_no_weight(noise: float, falling: bool) -> None:
+    s = ModelStructure.equidistant(5, 3, (0.0, 100.0), (24.0, -2.0) if falling else (-2.0, 24.0), (), T, offset=True)
+    weights = [0.05, 0.08, 0.04, 0.06, 0.05, 0.03, -0.02, 0.04, 1.12, -0.05, 0.06, 0.03, 0.02]
+    truth, start = HysteresisCreepModel.from_weights(s, weights), OperatorState.settled_at(s, 0.0)
+    x = multi_sine(duration_s=20.0, highest_Hz=6.0, sample_time=T, low=0.0, high=100.0)
+    y, random, state = truth.simulate(x, start.copy()), np.random.default_rng(1), start.copy()
+
+    def measured(x: np.ndarray) -> np.ndarray:
+        nonlocal state
+        clean, state = truth.advance(x, state)
+        return clean + noise * np.ptp(y) * random.normal(size=x.size)
+
+    learner = SelfLearningCompensator(s, mode="continuous", memory_s=5.0, state=start.copy(), follow_range=False)
+    learner.run(y.mean() + 0.97 * (y - y.mean()), measured)
+    error = HysteresisCreepModel.from_weights(s, learner.learned_weights).simulate(x, start) - y
+    assert np.sqrt(np.mean(error**2)) < 3.0 * noise * np.ptp(y) * np.sqrt(s.d * T / (2.0 * 5.0))
 
 
 def test_a_hand_over_drops_no_sample_and_the_log_has_the_first_one_only() -> None:

@@ -27,6 +27,7 @@
 #include "core/continuous.c"
 #include "core/cyclic.c"
 #include "core/learner.c"
+#include "core/noise.c"
 #include "core/optimum.c"
 
 static const double thresholds[] = PIEZO_R_H, zone_low[] = PIEZO_ZONE_LOW, zone_high[] = PIEZO_ZONE_HIGH;
