@@ -77,7 +77,8 @@ static int find_offer(const Controller *c, Change *change, uint32_t *answered)
         const num unknown = differs(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
         change->inverse = inverse_at(&arena, c->compensator.shape);
         change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
-        set_where(change->which, &guard_of(c)->variance, from_shared(o->variance, 0));
+        set_where(change->which, &guard_of(c)->jump,
+                  greatest(times(constant(NOISY), from_shared(o->noise, 0)), constant(JUMP)));
         CORE_RELEASE(&m->late, m->late + (m->samples > *o->due));
     }
     *answered = offered;

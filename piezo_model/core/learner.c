@@ -176,13 +176,17 @@ int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, in
     if (m->offered != CORE_ACQUIRE(&m->answered)) {
         return 0;
     }
+    num noise = N(noise_variance)(l);
     const Inverse inverse = invert_unknowns(l, v);
     for (int i = 0; i < inverse_nums(l->shape); ++i) {
         to_shared(o->inverse, i, inverse.w_H[i]);
     }
     to_shared(o->which, 0, which);
     to_shared(o->fallback, 0, fallback);
-    to_shared(o->variance, 0, N(noise_variance)(l));
+    for (int lane = 0; lane < WIDTH; ++lane) {
+        *entry(&noise, 0, lane) = ROOT(*entry(&noise, 0, lane));
+    }
+    to_shared(o->noise, 0, noise);
     to_shared(o->faults, 0, l->memory->fault_count);
     *o->due = due;
     *o->epoch = m->epoch;

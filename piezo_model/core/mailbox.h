@@ -59,11 +59,12 @@ typedef struct {
 } Block;
 
 /* Weights and their inverse for the actuators where `which` is 1; the number of faults that the learner knew, 1 where
- * it falls back after a fault, and the variance of the sensor's noise. */
+ * it falls back after a fault, and the standard deviation of the sensor's
+ * noise. */
 typedef struct {
     int64_t *due;
     uint32_t *epoch;
-    shared *inverse, *which, *faults, *fallback, *variance;
+    shared *inverse, *which, *faults, *fallback, *noise;
 } Offer;
 
 typedef struct {

@@ -17,23 +17,23 @@ enum { GOOD, MISSING, REFUSED, JUMPED };
 /* Range of the drive over which the output must change, 1 % of the whole: after a turning point an actuator has about
  * half its mean slope, so the converter's step may be up to 0.5 % of the range. */
 #define FROZEN_DRIVE ((real)0.02)
-#define JUMP                                                                                                           \
-    ((real)0.25) /* largest change of the output since the last good sample, plus FOLLOWING times the path of the      \
-                    drive */
+/* Largest change of the output since the last good sample, besides FOLLOWING times the path of the drive: JUMP, or
+ * NOISY standard deviations of the noise, which are 6 of a change. */
+#define JUMP ((real)0.25)
 #define FOLLOWING ((real)4)
-#define NOISY                                                                                                          \
-    ((real)72) /* a change that noise does not explain: 6 standard deviations, squared; a change has 2 variances */
+#define NOISY ((real)8.5)
 
-/* The last drive; the last changed output; path, minimum and maximum of the drive since then; the variance of the
- * noise, which comes with the learner's weights; counts of verdicts. */
+/* The last drive; the last changed output; path, minimum and maximum of the drive since then; the largest change, which
+ * follows the noise that the learner finds; counts of verdicts. */
 typedef struct {
-    num last_x, last_y, way, x_low, x_high, variance, verdicts[4];
+    num last_x, last_y, way, x_low, x_high, jump, verdicts[4];
 } SensorGuard;
 
 CORE_INLINE void guard_forget(SensorGuard *g)
 {
     g->last_x = g->last_y = g->x_low = g->x_high = constant((real)NAN);
-    g->way = g->variance = constant(0);
+    g->way = constant(0);
+    g->jump = constant(JUMP);
 }
 
 /* 1 where the sample is good; `fault` is 1 where it is refused or a jump. */
@@ -46,9 +46,8 @@ CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
     const num moved = either(less(y, g->last_y), less(g->last_y, y));
     const num same = both(plausible, both(known, is_not(moved))), changed = both(plausible, is_not(same));
     const num frozen = both(same, less(constant(FROZEN_DRIVE), minus(high, low)));
-    const num rest = minus_times(absolute(minus(y, g->last_y)), constant(FOLLOWING), way);
-    const num noisy = less(times(rest, rest), times(constant(NOISY), g->variance));
-    const num jumped = both(both(changed, is_not(noisy)), less(constant(JUMP), rest));
+    const num explained = plus_times(g->jump, constant(FOLLOWING), way);
+    const num jumped = both(changed, less(explained, absolute(minus(y, g->last_y))));
     const num refused = either(both(there, is_not(plausible)), frozen),
               good = both(plausible, is_not(either(frozen, jumped)));
     g->last_x = x;
