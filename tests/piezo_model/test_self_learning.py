@@ -141,10 +141,10 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
     path, learner = tmp_path / "learner.json", fresh("continuous", "box_active_set")
     learner.save(path)
     content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "version": 5}))
+    path.write_text(json.dumps({**content, "version": 6}))
     with pytest.raises(
         ModelError,
-        match=r"version 5 is not 6, the one this program reads; save its model, the field "
+        match=r"version 6 is not 7, the one this program reads; save its model, the field "
         r"memory\.compensator\.model, as",
     ):
         SelfLearningCompensator.load(path)
