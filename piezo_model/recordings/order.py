@@ -1,5 +1,7 @@
 """The order of rows in time: sorted rows, repeated stamps, and sweeps or pauses, at which a part begins."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from piezo_model.recordings.rows import LEAST_ROWS, Rows
@@ -12,6 +14,10 @@ LEAST_RETURN = 0.5
 """Smallest share of a sweep's duration by which the times fall back after it."""
 LEAST_PAUSE = 100.0
 """Shortest pause between two parts, in sampling periods; a shorter one is a gap."""
+SAME_RATE = 0.02
+"""Largest relative difference of the sampling periods of two parts."""
+PART = 65536
+"""Rows that tell the usual step."""
 SAME_VALUES = 0.9
 """Smallest share of repeated stamps that repeat the values, too."""
 TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
@@ -57,37 +63,56 @@ def _monotonic(values: Vector) -> bool:
     return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
 
 
-def begin_parts(rows: Rows) -> None:
-    """Begin a part where the times start again or after a pause, and let the times flow on from part to part."""
+def begin_parts(rows: Rows, even: bool = True) -> None:
+    """Begin a part where the times start again or after a pause, and let the times flow on from part to part.
+
+    Raises
+    ------
+    RecordingError
+        With ``even``, parts that are sampled at different rates.
+    """
     times = rows.times
     if times is None or rows.length < 2:
         return
     steps = np.diff(times)
+    positive = steps[:PART][steps[:PART] > 0.0]
+    usual = float(np.median(positive)) if positive.size else 0.0
     back = np.flatnonzero(steps < 0.0) + 1
     sweeps = [0, *back.tolist()]
     returns = [
-        times[at] - times[at - 1] < -LEAST_RETURN * (times[at - 1] - times[a])
+        times[at] - times[at - 1] < -LEAST_RETURN * (times[at - 1] - times[a]) and steps[at - 2] <= LEAST_PAUSE * usual
         for a, at in zip(sweeps, back, strict=False)
     ]
     if back.size and min(np.diff([*sweeps, rows.length])) >= LEAST_SWEEP and all(returns):
         rows.starts = sorted({*rows.starts, *sweeps})
         rows.remarks.append(f"{len(sweeps)} sweeps below each other: the times start again in {rows.named(back)}")
-    positive = steps[: LEAST_ROWS * 1024]
-    positive = positive[positive > 0.0]
-    usual = float(np.median(positive)) if positive.size else 0.0
-    pauses = np.flatnonzero(steps > LEAST_PAUSE * usual) + 1
-    pauses = pauses[~np.isin(pauses, rows.starts)]
+    pauses = np.setdiff1d(np.flatnonzero(steps > LEAST_PAUSE * usual) + 1, rows.starts)
     if pauses.size and min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_ROWS:
         rows.starts = sorted({*rows.starts, *pauses.tolist()})
-        rows.repairs.append(
-            f"{pauses.size} pauses in its times, before {rows.named(pauses)}: the states begin anew there"
-        )
+        many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
+        rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: the states begin anew there")
     if later := rows.starts[1:]:
+        if even:
+            _refuse_other_rates(rows, times)
         first = later[0]
         period = (times[first - 1] - times[0]) / (first - 1) if (steps[: first - 1] > 0.0).all() else usual
         leap = np.zeros(rows.length)
         leap[later] = period - steps[np.array(later) - 1]
         rows.times = times + np.cumsum(leap)
+
+
+def _refuse_other_rates(rows: Rows, times: Vector) -> None:
+    """Refuse parts whose mean periods differ by more than the rounding of their ends."""
+    bounds = [*rows.starts, rows.length]
+    means = [(times[end - 1] - times[a]) / max(end - a - 1, 1) for a, end in pairwise(bounds)]
+    for start, end, mean in zip(bounds[1:], bounds[2:], means[1:], strict=False):
+        allowed = SAME_RATE + 1.0 / max(end - start - 1, 1) + 1.0 / max(bounds[1] - 1, 1)
+        if abs(mean - means[0]) > allowed * means[0]:
+            raise RecordingError(
+                f"{rows.path}: {rows.time_label} has two sampling rates: one sample every {means[0]:.6g} in the first "
+                f"part and one every {mean:.6g} in that from {rows.where(start)} on; --resample interpolates to an "
+                "even clock"
+            )
 
 
 def drop_repeats(rows: Rows) -> bool:

@@ -221,8 +221,10 @@ def words_of(column: Column) -> set[str]:
 
 def _find_time_by_name(search: _Search) -> None:
     ranks = {k: rank for k in search.free() if (rank := _time_rank(search.table.columns[k])) is not None}
-    best = min(ranks.values(), default=None)
-    search.assign("time", [k for k, rank in ranks.items() if rank == best], "by name")
+    best = [k for k, rank in ranks.items() if rank == min(ranks.values())]
+    if len(best) > 1 and len(set(profiles(search.table, best).values())) == 1:
+        best = best[:1]  # an oscilloscope repeats the times beside each channel
+    search.assign("time", best, "by name")
 
 
 def _find_time_by_values(search: _Search) -> None:
@@ -258,13 +260,14 @@ def _find_reference(search: _Search, clockless: bool) -> None:
 
 def _find_signals(search: _Search) -> None:
     columns = search.table.columns
-    likely = [k for k in search.free() if words_of(columns[k]).isdisjoint(OTHER_WORDS) or vote(columns[k])]
-    likely = [k for k in likely if columns[k].kind == "number"]
+    signals = [k for k in search.free() if columns[k].kind == "number" and _time_rank(columns[k]) is None]
+    likely = [k for k in signals if words_of(columns[k]).isdisjoint(OTHER_WORDS) or vote(columns[k])]
     _find_signals_by_name(search, likely)
     if {"input", "output"} <= search.at.keys():
         return
     _find_time_by_values(search)
-    varying = [k for k, profile in search.free_profiles().items() if profile.high > profile.low and not profile.counts]
+    profiled = {k: profile for k, profile in search.free_profiles().items() if k in signals}
+    varying = [k for k, profile in profiled.items() if profile.high > profile.low and not profile.counts]
     likely = [k for k in likely if k in varying]
     _find_signals_by_name(search, likely)
     for group in (likely, varying):

@@ -55,7 +55,7 @@ def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> S
     sort_by_time(rows)
     fill(rows)
     refuse_sorted(rows)
-    begin_parts(rows)
+    begin_parts(rows, even=options.resample is None)
     if rows.times is None:
         if rows.length < 2:
             raise RecordingError(

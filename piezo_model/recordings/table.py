@@ -175,7 +175,7 @@ def printable(text: str) -> str:
     >>> printable("drive\x1a_V")
     'drive_V'
     """
-    return " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split(" ")).strip()
+    return "".join(c if c.isprintable() else " " * (c in "\t\r\n") for c in text).strip()
 
 
 def check_sample_time(label: str, seconds: float) -> None:

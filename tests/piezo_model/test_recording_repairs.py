@@ -89,7 +89,7 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
         0,
     ),
     "a logger quicker than its clock": (TWICE, "4000 of 6000 rows repeat the time", slice(0), 0),
-    "a long pause": (table(T + 3.0 * (T > 6), X, Y), "1 pauses in its times, before row 120[23]", slice(0), 0),
+    "a long pause": (table(T + 3.0 * (T > 6), X, Y), "a pause in its times, before row 120[23]", slice(0), 0),
     "a row cut off": (CLEAN + "10.0,1", "the last line is incomplete and was left out", slice(0), 0),
 }
 
@@ -110,6 +110,7 @@ def test_a_repair_is_named_with_its_row_and_refused_if_strict(tmp_path: Path, ki
     assert opened(tmp_path, CLEAN, strict=True).remarks == ()
 
 
+HALF_RATE = table(T, X, Y) + table(T * 2, X, Y)
 SHUFFLED = np.random.default_rng(0).permutation(N)
 SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "shuffled rows": (table(T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED]), {}, "runs backwards"),
@@ -134,8 +135,9 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "a drive missing here and there": (table(T, np.where(np.arange(N) % 40, X, np.nan), Y), {}, "in all 50 of 2000"),
     "overloads": (table(T, X, spanned(Y, 100, 104, 9.9e37)), {}, "too large for a measured value"),
     "times that are missing": (table(changed(T, _40=np.nan), X, Y), {}, "time_s' is missing .or NaN. in row 42"),
-    "a time that jumps": (table(changed(T, _40=3.0), X, Y), {}, "has a gap of 2.8"),
+    "a time that jumps": (table(changed(T, _40=3.0), X, Y), {}, "runs backwards in row 43"),
     "a short gap": (table(T + 0.02 * (T > 6), X, Y), {}, "has a gap of 0.025 s before row"),
+    "sweeps at two rates": (HALF_RATE, {}, "has two sampling rates: one sample every 0.005 in the first part"),
     "a sweep of three rows": (table(changed(T, _1997=0.0, _1998=0.005, _1999=0.01), X, Y), {}, "runs backwards"),
     "a stray text": (CLEAN.replace(f",{X[50]:.7g},", ",over,", 1), {}, "holds 'over' in row"),
     "an open quote": (CLEAN.replace(f",{X[50]:.7g},", ',"1,', 1), {}, "row 52|quote"),
@@ -206,6 +208,13 @@ def scope(channel: str, values: np.ndarray, unit: str = "V") -> str:
     settings = ["Record Length,2000", "Source," + channel, "Vertical Units," + unit, "Horizontal Units,s", "Probe,1"]
     beside = [*settings, *[","] * (N - len(settings))]
     return "\n".join(f"{a},,{t:.9f},{v:.5e}," for a, t, v in zip(beside, T - 0.25, values, strict=True)) + "\n"
+
+
+def test_two_channels_of_an_oscilloscope_beside_each_other_are_one_recording(tmp_path: Path) -> None:
+    pair = (scope(channel, values).splitlines() for channel, values in (("CH1", X), ("CH3", Y)))
+    recording = opened(tmp_path, "\n".join(",".join(lines) for lines in zip(*pair, strict=True)) + "\n")
+    assert recording.columns == {"time": "Time (4)", "input": "CH1", "output": "CH3"}
+    assert (recording.input_unit, recording.output_unit, recording.length) == ("V", "V", N)
 
 
 def test_two_files_are_one_recording(tmp_path: Path) -> None:
