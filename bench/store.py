@@ -122,11 +122,11 @@ class Planned(TypedDict):
 
 
 class ModelNote(TypedDict):
-    """As of ``ProblemSet.model`` and ``digests``, and whether the recording leaves creep undetermined; or the reason
+    """As of ``ProblemSet.model`` and ``digests``, and what the recording says of creep; or the reason
     why there is no model."""
 
     error_percent: NotRequired[float]
-    one_frequency: NotRequired[bool]
+    creep: NotRequired[str]
     refused: NotRequired[str]
     digests: dict[str, str]
 

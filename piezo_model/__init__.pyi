@@ -1,7 +1,7 @@
 from .bank import CompensatorBank
 from .compensator import Compensator
 from .data_basis import DataBasis
-from .identification.fitting import IdentificationError
+from .identification.error_model import IdentificationError
 from .identification.identify import identify
 from .identification_problem import IdentificationProblem
 from .model import HysteresisCreepModel, ModelError

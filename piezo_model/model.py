@@ -22,15 +22,13 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model import checks, json_file
+from piezo_model import checks, json_file, simulation
 from piezo_model.atomic_file import write_text
-from piezo_model.core import Immutable, bindings
-from piezo_model.inverse import invert_superposition
+from piezo_model.core import Immutable
 from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
-from piezo_model.operator_state import OperatorState, States, operator_arrays, pad
+from piezo_model.operator_state import OperatorState, States
 from piezo_model.structure import SMALLEST, ModelStructure
 from solvers.arrays import Vector, read_only, reals
-from solvers.core import padded
 
 if TYPE_CHECKING:
     from piezo_model.identification.validation import Validation
@@ -132,14 +130,12 @@ class HysteresisCreepModel(Immutable):
         w = reals("w", w)
         if w.shape != (structure.d,):
             raise ModelError(f"w must have {structure.d} values for this structure, not shape {w.shape}")
-        return cls.from_all_weights(structure, np.concatenate([[1.0], w, [0.0] * (not structure.offset)]))
+        return cls.from_all_weights(structure, simulation.all_weights(structure, w))
 
     @classmethod
     def from_all_weights(cls, structure: ModelStructure, weights: Vector) -> HysteresisCreepModel:
         """Make the model that has these :attr:`all_weights`."""
-        w_H, w_S, w_K, offset = np.split(
-            weights, np.cumsum([structure.n + 1, structure.dead_zones, structure.creep_weights])
-        )
+        w_H, w_S, w_K, offset = simulation.split(structure, weights)
         return cls(structure, w_H, w_S, w_K, float(offset[0]))
 
     @property
@@ -160,13 +156,9 @@ class HysteresisCreepModel(Immutable):
         return read_only(s.inverse_slope_map[block, block] @ self.w_S_inverse)
 
     @cached_property
-    def _arrays(self) -> tuple[Vector | float, ...]:
-        """The first arguments of the core's ``model_simulate``."""
-        s = self.structure
-        w_S, r_S = invert_superposition(self.w_S_inverse, np.array(s.dead_zone_thresholds))
-        w_K = np.tile(pad(self.w_K, s.lanes), len(s.creep_rates))  # for every state, rate by rate
-        weights = pad(w_S, padded(w_S.size)), pad(self.w_H, s.lanes), w_K
-        return *operator_arrays(s, r_S).values(), *weights, float(self.offset)
+    def arrays(self) -> simulation.Arrays:
+        """The parameters of the core."""
+        return simulation.arrays_of(self.structure, self.all_weights)
 
     def simulate(self, x: ArrayLike | Recording, state: OperatorState | None = None) -> Vector:
         """Output of the model.
@@ -195,11 +187,13 @@ class HysteresisCreepModel(Immutable):
         [0.0, 0.75, 0.25]
         """
         if _is_recording(x):
-            from piezo_model.identification.fitting import simulate  # which uses this class
-            from piezo_model.identification.validation import start_and_transient
+            from piezo_model.identification.forward import simulate  # which uses this class
+            from piezo_model.identification.start import start_and_transient
 
             x, model = x.in_units(self.structure.input_unit, self.structure.output_unit), self.at(x.sample_time)
-            return simulate(model, x, start_and_transient(model, x)[0] if state is None else state)
+            return simulate(
+                model.structure, model.arrays, x, start_and_transient(model, x)[0] if state is None else state
+            )
         return self.advance(x, self.initial_state() if state is None else state)[0]  # type: ignore[arg-type]
 
     def advance(self, x: ArrayLike, state: OperatorState) -> tuple[Vector, OperatorState]:
@@ -228,13 +222,9 @@ class HysteresisCreepModel(Immutable):
         >>> y.tolist(), model.advance([0.0], state)[0].tolist()
         ([0.0, 0.75], [0.25])
         """
-        s = self.structure
-        OperatorState.require(state, s)
-        state = state.copy()
-        unit_x = s.unit_input(*checks.vectors(x=x))
-        y = np.empty_like(unit_x)
-        bindings.model_simulate(*self._arrays, state.play, state.creep, unit_x, y)
-        return s.y_centre + s.y_scale * y, state
+        OperatorState.require(state, self.structure)
+        (x,) = checks.vectors(x=x)
+        return simulation.advance(self.structure, self.arrays, x, state)
 
     @property
     def warning(self) -> str:
@@ -294,6 +284,24 @@ class HysteresisCreepModel(Immutable):
         from piezo_model.identification.validation import validate  # which simulates with this class
 
         return validate(self, recording)
+
+    def figures(self) -> dict[str, tuple[float, float | None, float | None]]:
+        """What a data sheet says, by name: its value and the ends of its interval at 95 %, if there is one.
+
+        Gain in output unit per input unit, hysteresis in % of the loop, creep in % a decade of time, and the offset in
+        the input unit; see :mod:`piezo_model.figures`.
+
+        Examples
+        --------
+        >>> structure = ModelStructure.equidistant(n=1, m=0, x_range=(0, 100), y_range=(0, 20), creep_rates=(),
+        ...                                        sample_time=1e-3)
+        >>> HysteresisCreepModel.from_weights(structure, [0.0, 1.0]).figures()["gain"]
+        (0.2, None, None)
+        """
+        from piezo_model.figures import figures_of  # which uses the operators' states
+
+        known = (self.report.get("intervals") or {}).get("figures", {})
+        return {name: (value, *known.get(name, (None, None))) for name, value in figures_of(self).items()}
 
     def to_dict(self) -> dict[str, Any]:
         """The model as JSON types; floats are kept to the bit."""

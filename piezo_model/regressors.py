@@ -48,10 +48,15 @@ def full_gram(upper: Vector, s: ModelStructure) -> Matrix:
     return full
 
 
-def regressor_rows(structure: ModelStructure, state: OperatorState, x: Vector, y: Vector) -> Matrix:
-    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes; advances the state."""
+def regressor_rows(
+    structure: ModelStructure, state: OperatorState, x: Vector, y: Vector, *, slopes: bool = False
+) -> Matrix:
+    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes and weight or slope
+    coordinates; advances the state."""
     stride = padded(structure.d + 2) + 8  # the core writes blocks of eight beyond the last column
     core, rows = new_basis(structure), np.empty((x.size, stride))
+    if slopes:
+        write_slope_regressors(core, structure)
     core["play"][:], core["creep"][:] = state.play, state.creep
     bindings.basis_rows(
         core.block, *(np.ascontiguousarray(v) for v in (structure.unit_input(x), structure.unit_output(y))), rows

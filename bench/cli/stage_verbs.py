@@ -29,11 +29,11 @@ from bench.fleet.works import FOLLOWED, Compensating, Identifying
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, console, print_result, print_table, progress_bar
 from piezo_model.identification.fit_review import review
-from piezo_model.identification.identify import LagChoice
+from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.units import quantity
 
 SHOWN = 8
-"""Rows of the table of cross-validated structures; the page has all."""
+"""Rows of the table of candidates; the page has all."""
 
 
 @reads_a_recording
@@ -49,17 +49,18 @@ def identify_verb(
     input: Input = None,
     output: Output = None,
     n: Annotated[
-        int | None, typer.Option(min=0, help="Order of hysteresis and creep; by cross-validation by default.")
+        int | None, typer.Option(min=0, help="Order of hysteresis and creep; by an information criterion by default.")
     ] = None,
     m: Annotated[
-        int | None, typer.Option(min=0, help="Order of the superposition on each side; by cross-validation by default.")
+        int | None,
+        typer.Option(min=0, help="Order of the superposition on each side; by an information criterion by default."),
     ] = None,
     creep_rates: Annotated[
         str | None,
         typer.Option(
             "--rates",
             "--creep-rates",
-            help="Creep rates in 1/s, separated by commas, or 'none'; by cross-validation by default.",
+            help="Creep rates in 1/s, separated by commas, or 'none'; where the data determine creep by default.",
         ),
     ] = None,
     skip: Annotated[
@@ -68,6 +69,9 @@ def identify_verb(
     lag: Annotated[
         LagChoice, typer.Option(help="Whether to estimate a lag of the sensor, to remove it too, or to ignore it.")
     ] = "estimate",
+    estimator: Annotated[
+        Estimator, typer.Option(help="Whether to minimise the error of the output, or the paper's error model alone.")
+    ] = "forward",
     solver: SolverName = "box_active_set",
     force: Annotated[
         bool, typer.Option("--force", help="Write the model even if it does not describe the data.")
@@ -84,7 +88,7 @@ def identify_verb(
     """
     file = recording_of(next(iter(recording or ()), None), input, output)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, solver, force)
+    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, estimator, solver, force)
     if out is None:
         process(
             work,
@@ -116,7 +120,7 @@ def identify_verb(
     selection = model.report.get("selection")
     if selection and not as_json:
         print_table(
-            ("n", "m", "creep rates, 1/s", "unknowns", "error of the drive, % of range", "standard error", ""),
+            ("n", "m", "creep rates, 1/s", "unknowns", "error of the output, % of range", "criterion", ""),
             [
                 (
                     str(c["n"]),
@@ -124,7 +128,7 @@ def identify_verb(
                     ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]),
                     str(c["d"]),
                     f"{c['error_percent']:.3g}",
-                    f"{c['standard_error']:.2g}",
+                    f"{c['bic']:.1f}",
                     c["standing"],
                 )
                 for c in selection["table"][:SHOWN]

@@ -18,7 +18,6 @@ from bench.races.metrics import relative_gap
 from bench.races.stream.race import KIND as STREAM_KIND
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel
-from piezo_model.identification.one_frequency import ONE_FREQUENCY
 
 WORSE = 1.1
 """Largest ratio of another model's error to that of the model of the first four fifths."""
@@ -49,9 +48,9 @@ class ChosenModel:
 
     @property
     def sentence(self) -> str:
-        """What is known of the model: its error, and whether creep could not be determined; "" if nothing is."""
+        """What is known of the model: its error, and what it says of creep; "" if nothing is."""
         error = SENTENCES.get(self.last_fifth, "").format(self.error_percent)
-        return f"{error} {ONE_FREQUENCY}".strip() if self.model.report.get("one_frequency") else error
+        return f"{error} {self.model.report.get('creep', {}).get('sentence', '')}".strip()
 
     def evidence(self) -> dict[str, Any]:
         """Evidence for the file of the decision."""

@@ -14,7 +14,7 @@ from bench.messages.progress import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
 from piezo_model.deployment import open_model
 from piezo_model.identification.fit_review import Review, review
-from piezo_model.identification.identify import LagChoice, check_direction
+from piezo_model.identification.identify import Estimator, LagChoice, check_direction
 from piezo_model.identification.validation import Validation
 from piezo_model.model import StartChoice
 from piezo_model.recordings import RecordingError, read_reference, write_table
@@ -49,6 +49,7 @@ class Identifying(Work):
     creep_rates: tuple[float, ...] | None = None
     skip: int | None = None
     lag: LagChoice = "estimate"
+    estimator: Estimator = "forward"
     solver: str = "box_active_set"
     force: bool = False
     made = "{}.json"
@@ -90,6 +91,7 @@ class Identifying(Work):
             creep_rates=self.creep_rates,
             skip=self.skip,
             lag=self.lag,
+            estimator=self.estimator,
             solver=self.solver,
             force=self.force,
             progress=progress,

@@ -1,16 +1,16 @@
 """Problems of a user's recording, for models of several orders over several windows.
 
 The last fifth of the recording is unseen data for validation. The operators follow the rest from its first sample on,
-with the initial states and the sign that `piezo_model.identification.preprocessing` finds; samples count from the end
-of a switch-on transient or the start of the window, whichever is later. A recording has an unknown constant, so every
-model has an offset, a variable without bounds.
+with the initial states and the sign that `piezo_model.identification.start` finds; samples count from the end of a
+switch-on transient or the start of the window, whichever is later. A recording has an unknown constant, so every model
+has an offset, a variable without bounds.
 
-The set also has a model: the one that `identify` fits to the whole recording, with the orders and rates of the first
-problem, so that the race's times apply to its size. Its error is that of the model of the same orders that `identify`
-fits to the fitted part, by ``HysteresisCreepModel.validate`` on the unseen part.
+The set also has a model: the one that `identify` makes of the whole recording. Its error is that of the model that
+`identify` makes of the fitted part, by ``HysteresisCreepModel.validate`` on the unseen part; all problems have the
+creep rates of the latter, and the last ones its orders, so that the race's times apply to that size.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, ClassVar, get_args, get_type_hints
 
@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
-from piezo_model.identification.identify import check_direction, choose_creep_rates, structure_of
-from piezo_model.identification.preprocessing import Preprocessed, preprocess
+from piezo_model.identification.creep import candidate_rates
+from piezo_model.identification.error_model import IdentificationError, Solving
+from piezo_model.identification.identify import check_direction, structure_of
+from piezo_model.identification.start import Prepared, prepare
 from piezo_model.recordings.options import ReadOptions
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
@@ -57,7 +59,7 @@ class Recorded(ProblemSet):
 
     def __len__(self) -> int:
         """Number of orders times number of windows."""
-        return len(ORDERS) * len(WINDOWS)
+        return len(self._orders) * len(WINDOWS)
 
     @cached_property
     def _whole(self) -> Recording:
@@ -74,12 +76,34 @@ class Recorded(ProblemSet):
         fitted = round((1.0 - KEPT_BACK) * self._whole.length)
         return part(self._whole, slice(fitted)), part(self._whole, slice(fitted, fitted + LONGEST_VALIDATION))
 
+    @cached_property
+    def _of_fitted(self) -> HysteresisCreepModel | IdentificationError:
+        """The model of the fitted part, or the reason for its absence."""
+        try:
+            return identify(self._parts[0])
+        except IdentificationError as refusal:
+            return refusal
+
+    @cached_property
+    def _orders(self) -> tuple[tuple[int, int], ...]:
+        """The orders of all problems, those of the identified model last."""
+        if isinstance(self._of_fitted, IdentificationError):
+            return ORDERS
+        s = self._of_fitted.structure
+        return tuple(dict.fromkeys((*ORDERS, (s.n, s.dead_zones // 2))))
+
+    @property
+    def _rates(self) -> tuple[float, ...]:
+        """Creep rates of all problems."""
+        if isinstance(self._of_fitted, IdentificationError):
+            return candidate_rates(self._whole.sample_time, self._whole.duration_s)
+        return self._of_fitted.structure.creep_rates
+
     def model(self) -> tuple[HysteresisCreepModel, float]:
         """The model of the whole recording, and the error of that of the fitted part on the unseen part."""
-        (fitted, unseen), (n, m) = self._parts, ORDERS[0]
-        rates = choose_creep_rates(fitted)
-        judged, model = (identify(data, n=n, m=m, creep_rates=rates) for data in (fitted, self._whole))
-        return model, judged.validate(unseen).fit.rms_percent
+        if isinstance(self._of_fitted, IdentificationError):
+            raise self._of_fitted
+        return identify(self._whole), self._of_fitted.validate(self._parts[1]).fit.rms_percent
 
     def digests(self) -> dict[str, str]:
         """What the unseen part is to a model of the fitted part and to one of the whole recording."""
@@ -90,8 +114,8 @@ class Recorded(ProblemSet):
         recording, unseen = self._parts
         x, y, fitted = recording.x, recording.counted_y, recording.length
         noise = sensor_noise(self._whole.counted_y)
-        for n, m in ORDERS:
-            fitted_part = preprocessed(recording, n, m)
+        for n, m in self._orders:
+            fitted_part = preprocessed(recording, n, m, self._rates)
             s = fitted_part.structure
             for window, share in WINDOWS.items():
                 name, start = f"n{n}-m{m}-{window}", max(fitted_part.skip, round((1.0 - share) * fitted))
@@ -150,6 +174,7 @@ def part(whole: Recording, samples: slice) -> Recording:
     )
 
 
-def preprocessed(recording: Recording, n: int, m: int) -> Preprocessed:
+def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> Prepared:
     """Model structure with the ranges after the transient, length of the transient, and initial states."""
-    return preprocess(recording, structure_of(recording, n, m), SOLVER, PROXIMAL, None, fit_range=True)
+    structure = structure_of(recording, n, m, creep_rates)
+    return prepare(recording, structure, Solving(SOLVER, PROXIMAL), fit_range=True)

@@ -60,7 +60,7 @@ def _save_model(run: Run, problem_set: ProblemSet, progress: Progress) -> None:
         path = run.model_path(problem_set.name)
         path.parent.mkdir(exist_ok=True)
         model.save(path)
-        note["error_percent"], note["one_frequency"] = error_percent, model.report["one_frequency"]
+        note["error_percent"], note["creep"] = error_percent, model.report["creep"]["sentence"]
     run.note_of_set(problem_set.name, models=note)
 
 

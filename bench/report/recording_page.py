@@ -44,7 +44,7 @@ def report(name: str, review: Review) -> Report:
 
 
 def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
-    """Figure and table of the cross-validated structures, if cross-validation chose one."""
+    """Figure and table of the candidates, if the orders were chosen."""
     selection = review.model.report.get("selection")
     if not (selection and review.fitted):
         return [], []
@@ -52,25 +52,22 @@ def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
     rates = data.pop("creep_rates")
     data = data.assign(
         rates=[f"{len(values)} creep rate{'s' if len(values) != 1 else ''}" for values in rates],
-        low=data.error_percent - data.standard_error,
-        high=data.error_percent + data.standard_error,
         per_s=[", ".join(f"{rate:.3g}" for rate in values) for values in rates],
     )
     marks = (
-        Mark("range", "rates", y="low", y2="high", opacity=0.5),
         Mark("point", "rates", size=60.0),
         Mark("hollow", where={"standing": ["chosen"]}, colour=INK, size=160.0),
     )
     figure = Figure(
         "orders",
-        "Orders and creep rates",
-        "Error of the drive on data left out, with its standard error, against the number of unknowns; a point is a "
-        "model, the ring the one chosen.",
+        "Orders",
+        "Error of the output to first order against the number of unknowns; a point is a model, the ring the one "
+        "chosen.",
         data.sort_values("rates", kind="stable", ignore_index=True),
         [
             Plot(
                 Axis("d", "unknowns"),
-                Axis("error_percent", "error of the drive, % of range"),
+                Axis("error_percent", "error of the output, % of range"),
                 marks,
                 ("n", "m", "per_s", "error_percent"),
                 height=300,
@@ -84,7 +81,7 @@ def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
             c["per_s"],
             str(c["d"]),
             f"{c['error_percent']:.4f}",
-            f"{c['standard_error']:.4f}",
+            f"{c['bic']:.1f}",
             c["standing"],
         ]
         for c in data.to_dict("records")
@@ -94,13 +91,11 @@ def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
         "m",
         "creep rates, 1/s",
         "unknowns",
-        "error of the drive on data left out, % of range",
-        "standard error",
+        "error of the output, % of range",
+        "information criterion above the smallest",
         "",
     )
-    return [figure], [
-        Table("Orders and creep rates by cross-validation", headings, rows, 0, note=selection["sentence"])
-    ]
+    return [figure], [Table("Orders by information criterion", headings, rows, 0, note=selection["sentence"])]
 
 
 def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
@@ -171,6 +166,8 @@ def _weights(review: Review) -> Figure:
             {
                 "weight": w.name,
                 "value": w.value,
+                "low": w.low,
+                "high": w.high,
                 "excitation": w.excitation,
                 "zero": 0.0,
                 "standing": "never reached" if not w.reached else "at its bound" if w.at_bound else "free",
@@ -183,14 +180,15 @@ def _weights(review: Review) -> Figure:
     return Figure(
         "weights",
         "Weights",
-        "In normalised units with w_H0 = 1. Excitation is the RMS of the operator's signal: a weight whose operator "
+        "In normalised units with w_H0 = 1, with intervals at 95 % for these orders. Excitation is the RMS of the "
+        "operator's signal: a weight whose operator "
         "hardly moves is hardly known.",
         table,
         [
             Plot(
                 Axis("value", "weight, normalised units"),
                 names,
-                (Mark("point", "standing", size=70.0),),
+                (Mark("range", "standing", x="low", x2="high", opacity=0.5), Mark("point", "standing", size=70.0)),
                 tips,
                 STANDING,
                 height=height,

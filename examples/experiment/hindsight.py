@@ -9,7 +9,7 @@ from copy import deepcopy
 import numpy as np
 
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState
-from piezo_model.identification.fitting import optimum
+from piezo_model.identification.error_model import optimum
 from piezo_model.plants import Plant
 from solvers.arrays import Vector
 

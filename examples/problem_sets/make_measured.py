@@ -18,6 +18,7 @@ from bench.problems.measured import FOLDER
 from bench.problems.protocol import Validation
 from bench.problems.recorded import KEPT_BACK, part, preprocessed, sensor_noise
 from piezo_model import DataBasis, IdentificationProblem, Recording
+from piezo_model.identification.creep import candidate_rates
 
 ORDERS = (5, 3)
 PROGRAMS = 7
@@ -32,7 +33,7 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     whole = in_micrometres(Recording.open(source))
     fitted = round((1.0 - KEPT_BACK) * whole.length)
     recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + UNSEEN))
-    found = preprocessed(recording, *ORDERS)
+    found = preprocessed(recording, *ORDERS, candidate_rates(recording.sample_time, recording.duration_s))
     x, y = recording.x, recording.counted_y
     ends = {found.skip + round(share * (x.size - found.skip)) for share in WINDOWS}
     programs: list[list[IdentificationProblem]] = []

@@ -8,23 +8,20 @@ output biases the slope of (6) and not that of the line.
 
 For cross-validation the drive is cut into blocks of equal travel, up or down, or of equal time at rest, so that every
 branch of every loop has several blocks and one loop is enough. Line, cubic and model are fitted to every second block
-and judged on the others, and vice versa; the operators of the model run through all blocks.
+and judged on the others, and vice versa; the operators of the model run through all blocks, and its fit begins with
+that to all of them.
 """
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from piezo_model.data_basis import DataBasis
 from piezo_model.identification import alternative_models as models
-from piezo_model.identification.fit_report import Baseline, Fit, percent
-from piezo_model.identification.fitting import optimum
-from piezo_model.identification.initial_state import HEAD, moving_from
-from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
+from piezo_model.identification.error_model import Solving, counted_from
+from piezo_model.identification.forward import ForwardFit, fit_forward
+from piezo_model.identification.report import Baseline, Fit, percent
+from piezo_model.identification.start import HEAD, moving_from
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
@@ -51,17 +48,10 @@ NEGLIGIBLE = 0.1
 """Largest ratio of the model's error to the line's at which turning points between samples do not matter."""
 REVERSED = -0.5
 """Largest sense of loops in which the output leads."""
+STEPS = 2
+"""Gauss–Newton steps from the fit to all blocks to that of every second one."""
 ONE_WAY = 0.9
 """Smallest share of the drive's travel in one direction that counts as a single branch."""
-
-
-class Refusal(NamedTuple):
-    """The reason against a model."""
-
-    why: str
-    """One sentence without its full stop."""
-    explained: float = math.inf
-    """Error of the alternative explanation, as a share of the range; infinite without one."""
 
 
 @dataclass(frozen=True)
@@ -72,41 +62,27 @@ class Adequacy:
     hysteresis: bool
     straight: bool
     """Whether a line is as good as the model."""
-    refusal: Refusal | None
+    refusal: str | None
+    """The reason against the model, one sentence without its full stop."""
     one_way: bool
     """Whether the data are nearly a single branch."""
 
 
-def check_adequacy(
-    recording: Recording,
-    model: HysteresisCreepModel,
-    skip: int,
-    state: OperatorState,
-    fit: Fit,
-    solver: str,
-    proximal: float,
-) -> Adequacy:
+def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, solving: Solving, fit: Fit) -> Adequacy:
     """Compare a fit with a line, a cubic and other explanations of the recording."""
-    s = model.structure
+    s = fitted.structure
     moving = moving_from(recording, skip)
     # with many samples and few weights, the error of the fit is near that on held-out data
-    held_out = (
-        cross_validate(recording, s, skip, state, solver, proximal, fit.span) if recording.length <= HEAD else None
-    )
+    held_out = cross_validate(recording, fitted, skip, solving, fit.span) if recording.length <= HEAD else None
     baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent, held_out=False)
-    head = recording.head(HEAD + moving)
-    x, y = head.x, head.y
-    own = ((y - model.simulate(x, state)) / fit.span)[skip:]
-    x, y = x[skip:], y[skip:]
+    counted = slice(skip, HEAD + moving)
+    x, y = recording.x[counted], recording.y[counted]
+    own = (y - s.y_centre - s.y_scale * fitted.y_model[counted]) / fit.span
     first = max(0, min(moving - skip - 1, x.size - WINDOW))  # while the drive rests, explanations cannot differ
     window = slice(first, first + WINDOW)
     stride = math.ceil(x.size / WINDOW)
     u, v = 0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span
     thin_u, thin_v = u[::stride], v[::stride]
-    travel = np.diff(thin_u)
-    one_way = max(float(travel[travel > 0].sum()), -float(travel[travel < 0].sum())) / max(
-        float(np.abs(travel).sum()), 1e-300
-    )
     error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
     curve = models.rms(models.residual(models.hats(thin_u), thin_v))
     noise = curve < EXACT or models.is_noise(u[window], models.residual(models.hats(u[window]), v[window]), WHITE)
@@ -114,7 +90,7 @@ def check_adequacy(
     on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal, at = None, models.outlier(y)
     if at is not None and models.outlier(x) != at:
-        refusal = Refusal(models.outlier_sentence(y, at, skip, s.output_unit))
+        refusal = models.outlier_sentence(y, at, skip, s.output_unit)
     elif not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
         refusal = _refusal(u, v, own, window, s, error, line)
     elif on_curve and curve > NOISY:
@@ -122,12 +98,19 @@ def check_adequacy(
         if resonant.error < MUCH_BETTER * curve:
             refusal = _of_resonance(resonant, s, f"this model leaves {percent(100.0 * error)} of the range")
     on_curve = on_curve and refusal is None
-    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, one_way > ONE_WAY)
+    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, is_one_way(thin_u))
+
+
+def is_one_way(x: Vector) -> bool:
+    """Whether a drive (N,) is nearly a single branch."""
+    travel = np.diff(x)
+    up, down = float(travel[travel > 0].sum()), -float(travel[travel < 0].sum())
+    return max(up, down) > ONE_WAY * max(up + down, 1e-300)
 
 
 def _refusal(
     u: Vector, v: Vector, own: Vector, window: slice, s: ModelStructure, error: float, line: float
-) -> Refusal | None:
+) -> str | None:
     """The reason against a model; None without one.
 
     Alternative models are fitted to all data, thinned, and to a window of consecutive samples.
@@ -145,10 +128,10 @@ def _refusal(
     if (noise or undersampled) and (resonant := models.resonance(u, v)).error < far_better:
         return _of_resonance(resonant, s, compared)
     if noise:
-        return Refusal(f"the output is noise that does not follow the drive: {compared}")
+        return f"the output is noise that does not follow the drive: {compared}"
     if undersampled:
         period = 2.0 * math.pi / math.acos(max(1.0 - models.roughness(u), -1.0))
-        return Refusal(
+        return (
             f"the drive is undersampled, with {period:.1f} samples a period, or aliased: its turning points, on which "
             f"hysteresis depends, are lost; {compared}"
         )
@@ -156,21 +139,20 @@ def _refusal(
         backlash = models.backlash(thin_u, thin_v)
         if backlash.error < far_better:
             width = quantity(2.0 * s.x_scale * backlash.parameter, s.input_unit, 3)
-            return Refusal(
+            return (
                 f"the output follows the drive with a backlash of {width}, as of a gear or a loose coupling, which "
-                f"leaves {percent(100.0 * backlash.error)} of the range: {compared}",
-                backlash.error,
+                f"leaves {percent(100.0 * backlash.error)} of the range: {compared}"
             )
         if models.sense(thin_u, thin_v) < REVERSED:
             if (resonant := models.resonance(u, v)).error < MUCH_BETTER * far_better:
                 return _of_resonance(resonant, s, compared)
             phase, frequency = models.phase_lag(u, v)
             if models.is_tonal(u) and phase > 90.0:
-                return Refusal(
+                return (
                     f"the output lags by {phase:.0f}° at {frequency / s.sample_time:.3g} Hz, as above a resonance, or "
                     f"falls as the drive rises and leads it, as where the columns are swapped: {compared}"
                 )
-            return Refusal(
+            return (
                 "the output leads the drive round its loops, as where the columns of input and output are swapped: "
                 f"{compared}"
             )
@@ -197,12 +179,12 @@ def _refusal(
             "a field",
             "delay": f"the output is the drive with a delay of {delay}",
         }
-        return Refusal(f"{why[name]}, which {left}", best.error)
-    return Refusal(f"the model class does not describe these data: {compared}") if no_better else None
+        return f"{why[name]}, which {left}"
+    return f"the model class does not describe these data: {compared}" if no_better else None
 
 
-def _of_resonance(model: models.AlternativeModel, s: ModelStructure, why: str) -> Refusal:
-    return Refusal(f"the output has a resonance at {model.parameter / s.sample_time:.3g} Hz: {why}", model.error)
+def _of_resonance(model: models.AlternativeModel, s: ModelStructure, why: str) -> str:
+    return f"the output has a resonance at {model.parameter / s.sample_time:.3g} Hz: {why}"
 
 
 def alternate_blocks(x: Vector) -> Mask:
@@ -215,37 +197,20 @@ def alternate_blocks(x: Vector) -> Mask:
 
 
 def cross_validate(
-    recording: Recording,
-    s: ModelStructure,
-    skip: int,
-    state: OperatorState,
-    solver: str,
-    proximal: float,
-    span: float,
+    recording: Recording, fitted: ForwardFit, skip: int, solving: Solving, span: float
 ) -> Baseline | None:
     """Errors of line, cubic and model of a recording on every second block, fitted to the others, per cent of ``span``;
     None with too few samples."""
-    x, y = recording.x, recording.y
-    even = alternate_blocks(x)
-    counted = (np.arange(x.size) >= skip) & ~recording.uncounted
+    s, x, y = fitted.structure, recording.x, recording.y
+    even, counted = alternate_blocks(x), counted_from(recording, skip)
     squares = np.zeros(3)
-    for fitted in (even & counted, ~even & counted):
-        held_out = counted & ~fitted
-        if fitted.sum() <= s.d or not held_out.any():
+    for inside in (even & counted, ~even & counted):
+        held_out = counted & ~inside
+        if np.count_nonzero(inside) <= s.d or not held_out.any():
             return None
-        model = HysteresisCreepModel.from_weights(s, _weights(x, y, s, fitted, state, solver, proximal))
-        errors = [models.residual(models.polynomials(s.unit_input(x), degree), y, fitted) for degree in (1, 3)]
-        errors.append(model.simulate(x, state) - y)
+        errors = [models.residual(models.polynomials(s.unit_input(x), degree), y, inside) for degree in (1, 3)]
+        model = fit_forward(recording, inside, s, fitted.state, fitted.v, solving, steps=STEPS)
+        errors.append(s.y_scale * model.error)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
-    line, cubic, model_error = 100.0 * np.sqrt(squares / counted.sum()) / span
+    line, cubic, model_error = 100.0 * np.sqrt(squares / np.count_nonzero(counted)) / span
     return Baseline(float(line), float(cubic), float(model_error), held_out=True)
-
-
-def _weights(
-    x: Vector, y: Vector, s: ModelStructure, fitted: Mask, state: OperatorState, solver: str, proximal: float
-) -> Vector:
-    basis = DataBasis(s, state)
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(fitted)) + 1, [x.size]])
-    for start, stop in pairwise(edges):
-        basis.update(x[start:stop], y[start:stop], count=bool(fitted[start]))
-    return optimum(basis.problem(proximal=proximal), solver)

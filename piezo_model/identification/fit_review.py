@@ -1,12 +1,14 @@
 """A fit in detail: the model's output, the weights with the excitation of their operators, and the residual."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import welch
 
-from piezo_model.identification.fitting import accumulate, filled
+from piezo_model.identification.error_model import accumulate, counted_from
+from piezo_model.identification.forward import simulate
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
@@ -25,6 +27,9 @@ class Weight:
     name: str
     value: float
     """Weight in unit amplitudes, with w_H0 = 1."""
+    low: float
+    high: float
+    """Its interval at 95 %; NaN without one."""
     excitation: float
     """RMS of the operator's signal in unit amplitudes."""
     reached: bool
@@ -39,7 +44,8 @@ class Review:
     x: Vector
     y: Vector
     y_model: Vector
-    """Input, measured and modelled output in the model's units, shape (N,), without a removed lag or offset."""
+    """Input, measured and modelled output in the model's units, shape (N,), without a removed lag or offset; straight
+    lines where an output is missing."""
     skipped: int
     """Samples at the start that are not counted."""
     weights: tuple[Weight, ...]
@@ -50,8 +56,8 @@ class Review:
 
     @property
     def error(self) -> Vector:
-        """Measured minus modelled, output unit, shape (N,); straight lines where the output is missing."""
-        return filled(self.y - self.y_model)
+        """Measured minus modelled, output unit, shape (N,)."""
+        return self.y - self.y_model
 
     def spectrum(self) -> tuple[Vector, Vector]:
         """Frequencies in Hz and amplitude density of the counted error, output unit per √Hz; by Welch's method."""
@@ -92,25 +98,26 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         assert model.start is not None  # every identification sets it
         state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
     if (lag := report.get("lag")) is not None and lag["removed"]:
-        part, _, state = without_lag(part, s, lag["samples"], 0, state)
-    x, y = part.x, part.counted_y
-    y_model, y = model.simulate(x, state), y - shift
-    problem = accumulate(Recording.from_arrays(x, y, part.sample_time), s, skip, state, 1e-10)
+        part = without_lag(part, lag["samples"])
+    part = replace(part, y=part.y - shift)
+    problem = accumulate(part, counted_from(part, skip), s, state, 1e-10)
+    known = (report.get("intervals") or {}).get("weights") or [None] * s.d
     return Review(
         model,
-        x,
-        y,
-        y_model,
+        part.x,
+        part.y,
+        simulate(s, model.arrays, part, state),
         skip,
-        tuple(_weights(problem, model.weights)),
+        tuple(_weights(problem, model.weights, known)),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.remarks)),
         validation is None,
     )
 
 
-def _weights(problem: IdentificationProblem, w: Vector) -> Iterator[Weight]:
+def _weights(problem: IdentificationProblem, w: Vector, known: Sequence[Sequence[float] | None]) -> Iterator[Weight]:
     s = problem.structure
     at_bound = s.inverse_slope_map @ w <= s.lower_bounds(problem.min_slope) + 1e-9
     excitation = np.sqrt(np.maximum(np.diag(problem.P), 0.0))
-    for i, name in enumerate(s.weight_names):
-        yield Weight(name, float(w[i]), float(excitation[i]), bool(problem.reached[i]), bool(at_bound[i]))
+    for i, (name, interval) in enumerate(zip(s.weight_names, known, strict=True)):
+        low, high = (math.nan, math.nan) if interval is None else interval
+        yield Weight(name, float(w[i]), low, high, float(excitation[i]), bool(problem.reached[i]), bool(at_bound[i]))

@@ -1,101 +1,109 @@
-"""From a recording to a model: equations (3) to (6) in one call.
+"""From a recording to a model: equations (3) to (6) and the forward fit, in one call.
 
-Unknown properties of a recording are estimated and reported: the sign, a transient and the initial state
-(`preprocessing`), a constant term, a lag of the sensor (`sensor_lag`), and the creep rates that its length can
-distinguish. Data that the model class does not describe are refused (`adequacy`).
+    start    sign, transient, states before the first sample, a first fit        `start`
+    creep    creep and drift, where the data determine them                      `creep`
+    orders   n and m, from one Gram matrix of all candidates                     `selection`
+    fit      program (6) with its proof, then the smallest error of the output   `error_model`, `forward`
+    report   lag, adequacy, intervals, figures of a data sheet                   `sensor_lag`, `adequacy`, `intervals`
+
+Data that the model class does not describe are refused.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
-from piezo_model.identification.adequacy import check_adequacy
-from piezo_model.identification.fit_report import Fit, FitReport, Offset, percent
-from piezo_model.identification.fitting import (
+from piezo_model.figures import figures_of
+from piezo_model.identification.adequacy import check_adequacy, is_one_way
+from piezo_model.identification.creep import Determined, determine
+from piezo_model.identification.error_model import (
     IdentificationError,
+    Solving,
     accumulate,
-    error_percent,
-    forward_error,
-    optimum,
+    counted_from,
+    offset,
     prove,
 )
-from piezo_model.identification.initial_state import moving_from, y_range
-from piezo_model.identification.model_selection import (
+from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
+from piezo_model.identification.intervals import intervals
+from piezo_model.identification.output_error import output_error
+from piezo_model.identification.report import CreepFinding, Drift, Fit, FitReport, percent
+from piezo_model.identification.selection import (
     HYSTERESIS_ORDERS,
-    SAMPLES,
     SUPERPOSITION_ORDERS,
     Progress,
-    candidate_rates,
+    Selection,
     select,
+    state_on,
 )
-from piezo_model.identification.one_frequency import has_one_frequency
-from piezo_model.identification.preprocessing import Preprocessed, preprocess, require
-from piezo_model.identification.remedies import remedy
 from piezo_model.identification.sensor_lag import estimate_lag, without_lag
+from piezo_model.identification.start import Prepared, clear_gain, prepare, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.evidence import REASONS
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Vector
+from solvers.arrays import Mask, Vector
 
 LagChoice = Literal["estimate", "remove", "ignore"]
+Estimator = Literal["forward", "error-model"]
 
 USUAL = 5, 3
-"""Default orders n and m."""
+"""Orders n and m of the first fit."""
 DIRECTION_SAMPLES = 20_000
 """Samples from the start to which both directions are fitted."""
-CLEAR = 1.25
+CLEAR = 1.15
 """Smallest ratio of the two errors that contradicts a guess."""
+STEPS = 6
+"""Most Gauss–Newton steps of the final fit."""
 
 
-class InadequateError(IdentificationError):
-    """The model class does not describe the data, or the options do not suit them; ``explained`` is the error of
-    another explanation, as a share of the range."""
-
-    def __init__(self, sentence: str, explained: float) -> None:
-        super().__init__(sentence)
-        self.explained = explained
-
-
-def choose_creep_rates(recording: Recording) -> tuple[float, ...]:
-    """Creep rates in 1/s, one per decade, from the length of the recording to ten sampling periods; none if its drive
-    has one frequency.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> t = np.arange(10_000) / 1000
-    >>> [choose_creep_rates(Recording.from_arrays(x, x, 1e-3)) for x in (np.sin(t * t), np.sin(t))]
-    [(100.0, 10.0, 1.0), ()]
-    """
-    if has_one_frequency(recording):
-        return ()
-    return candidate_rates(recording.sample_time, recording.duration_s, per_decade=1)
-
-
-def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] | None = None) -> ModelStructure:
-    """Structure with a free offset over the ranges of a recording; by default with the creep rates of
-    `choose_creep_rates`."""
-    rates = choose_creep_rates(recording) if creep_rates is None else creep_rates
+def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] = ()) -> ModelStructure:
+    """Structure with a free offset over the ranges of a recording."""
     return ModelStructure.equidistant(
         n,
         m,
         recording.x_range,
         recording.y_range,
-        rates,
+        creep_rates,
         recording.sample_time,
         offset=True,
         input_unit=recording.input_unit,
         output_unit=recording.output_unit,
     )
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The options of `identify`."""
+
+    structure: ModelStructure | None
+    n: int | None
+    m: int | None
+    creep_rates: Sequence[float] | None
+    skip: int | None
+    lag: LagChoice
+    state: OperatorState | None
+    solver: str
+    estimator: Estimator
+    proximal: float
+    force: bool
+
+    @property
+    def first(self) -> tuple[int, int]:
+        """Orders of the first fit."""
+        return USUAL[0] if self.n is None else self.n, USUAL[1] if self.m is None else self.m
+
+    @property
+    def chooses_creep(self) -> bool:
+        """Whether the data decide about creep."""
+        return self.structure is None and self.creep_rates is None
 
 
 def identify(
@@ -109,6 +117,7 @@ def identify(
     creep_rates: Sequence[float] | None = None,
     skip: int | None = None,
     lag: LagChoice = "estimate",
+    estimator: Estimator = "forward",
     state: OperatorState | None = None,
     proximal: float = 1e-10,
     force: bool = False,
@@ -128,15 +137,16 @@ def identify(
     n, m : int, optional
         Orders of hysteresis and creep, and of the superposition on each side.
     creep_rates : sequence of float, optional
-        In 1/s; empty for a model without creep. Orders and rates that are not given are chosen by cross-validation
-        (`model_selection`) if the drive makes at least ten excursions, and otherwise n = 5, m = 3 and one rate per
-        decade (`choose_creep_rates`). A drive of one frequency determines no creep, so no rates are chosen for it.
+        In 1/s; empty for a model without creep. By default creep is in the model if the data determine it beside any
+        hysteresis (`creep`), and orders that are not given are chosen by an information criterion (`selection`).
     solver : str
         Any registered solver.
     skip : int, optional
         Samples at the start that move the operators and are not counted; by default those of a switch-on transient.
     lag : "estimate", "remove" or "ignore"
         Whether a lag of the sensor is estimated and reported, also removed from the output, or ignored.
+    estimator : "forward" or "error-model"
+        Whether the weights minimise the error of the output, or are those of the paper's program (6).
     state : OperatorState, optional
         States before the first sample if they are known, as in a simulation; estimated by default.
     proximal : float
@@ -148,8 +158,8 @@ def identify(
     Returns
     -------
     HysteresisCreepModel
-        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset and sentences about them,
-        and the ``digest`` of the recording.
+        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset, creep, drift, figures of a
+        data sheet with intervals, sentences about them, and the ``digest`` of the recording.
         Its structure is inverted if the output falls as the input rises.
 
     Raises
@@ -169,81 +179,14 @@ def identify(
     """
     with checks.refusing(IdentificationError):
         checks.one_of(get_args(LagChoice), lag=lag)
+        checks.one_of(get_args(Estimator), estimator=estimator)
         checks.whole(0, skip=0 if skip is None else skip)
         checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
     recording = check_direction(_recording_of(x, y, structure))
-    usual_n, usual_m = (usual if order is None else order for order, usual in zip((n, m), USUAL, strict=True))
-    fitted = partial(
-        _fitted,
-        recording,
-        structure=structure,
-        n=usual_n,
-        m=usual_m,
-        creep_rates=creep_rates,
-        skip=skip,
-        solver=solver,
-        lag=lag,
-        state=state,
-        proximal=proximal,
-        force=force,
-    )
-    progress("identifying", 0, 1)
-    try:
-        model = fitted()
-    except InadequateError as refusal:
-        way_out = remedy(fitted, recording, skip or 0, usual_m if structure is None else 0, refusal.explained)
-        raise IdentificationError(f"{refusal}{way_out}") from None
-    if (
-        structure is None
-        and None in (n, m, creep_rates)
-        and model.report["hysteresis"]
-        and model.report["refusal"] is None
-    ):
-        model = _selected(recording, model, fitted, n, m, creep_rates, solver, progress)
+    options = Identification(structure, n, m, creep_rates, skip, lag, state, solver, estimator, proximal, force)
+
+    model = _identified(recording, options, progress)
     return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.remarks]})
-
-
-def _selected(
-    recording: Recording,
-    model: HysteresisCreepModel,
-    fitted: Callable[..., HysteresisCreepModel],
-    n: int | None,
-    m: int | None,
-    creep_rates: Sequence[float] | None,
-    solver: str,
-    progress: Progress,
-) -> HysteresisCreepModel:
-    """The model with the orders and rates chosen by cross-validation, except given ones, and the choice in its
-    report."""
-    assert model.start is not None  # every fit sets it
-    first = int(model.report["fit"]["skipped"])
-    s, head = model.structure, recording.head(moving_from(recording, first) + SAMPLES)
-    selection = select(
-        head.x,
-        head.counted_y,
-        s,
-        model.start,
-        first,
-        solver,
-        ns=HYSTERESIS_ORDERS if n is None else (s.n,),
-        ms=SUPERPOSITION_ORDERS if m is None else (s.dead_zones // 2,),
-        rates=None if creep_rates is None and s.creep_rates else s.creep_rates,
-        progress=progress,
-    )
-    if selection is None:
-        return model
-    chosen = selection.chosen
-    if chosen != selection.default:
-        progress("identifying", 0, 1)
-        other = None
-        with suppress(InadequateError):
-            other = fitted(n=chosen.n, m=chosen.m, creep_rates=chosen.creep_rates)
-        if other and other.report["baseline"]["model_percent"] <= model.report["baseline"]["model_percent"]:
-            model = other
-        else:  # the default has the smaller error of the output on held-out data
-            selection = replace(selection, chosen=selection.default, rejected=chosen)
-    sentences = [*model.report["sentences"], selection.sentence]
-    return replace(model, report={**model.report, "selection": selection.to_dict(), "sentences": sentences})
 
 
 def check_direction(recording: Recording) -> Recording:
@@ -261,14 +204,11 @@ def check_direction(recording: Recording) -> Recording:
     if recording.uncounted.any() or not {recording.reasons.get(role) for role in ("input", "output")} <= {*REASONS}:
         return recording
     part = recording.head(DIRECTION_SAMPLES)
-    rates = candidate_rates(part.sample_time, part.duration_s, per_decade=1)  # of one frequency too: creep lags as well
-    reports = [
-        _fitted(direction, None, *USUAL, rates, None, "box_active_set", "ignore", None, 1e-10, force=True).report
-        for direction in (part, part.swapped())
-    ]
-    errors = [float(report["fit"]["rms_percent"]) for report in reports]
+    ways = [part, part.swapped()]
+    fits = [prepare(way, structure_of(way, *USUAL), Solving(), fit_range=True) for way in ways]
+    errors = [50.0 * math.sqrt(prepared.fit.cost) for prepared in fits]
     either = f"{percent(errors[0])} of the range as they were guessed and {percent(errors[1])} the other way round"
-    if any(report["one_way"] for report in reports) or errors[1] < errors[0] <= CLEAR * errors[1]:
+    if any(is_one_way(way.x) for way in ways) or errors[1] < errors[0] <= CLEAR * errors[1]:
         raise RecordingError(
             f"{recording.name}: cannot tell which column is the input and which the output: a model "
             f"leaves {either}; name them with --input and --output"
@@ -281,70 +221,192 @@ def check_direction(recording: Recording) -> Recording:
     return replace(recording if errors[0] <= errors[1] else recording.swapped(), reasons=reasons)
 
 
-def _fitted(
-    recording: Recording,
-    structure: ModelStructure | None,
-    n: int,
-    m: int,
-    creep_rates: Sequence[float] | None,
-    skip: int | None,
-    solver: str,
-    lag: LagChoice,
-    state: OperatorState | None,
-    proximal: float,
-    force: bool,
-) -> HysteresisCreepModel:
-    """The model of a recording; InadequateError for a recording that it does not describe."""
-    own_structure = structure is None
-    structure = structure_of(recording, n, m, creep_rates) if structure is None else structure
-    recording = recording.in_units(structure.input_unit, structure.output_unit)
-    one_frequency = not structure.creep_rates and has_one_frequency(recording)
-    if not math.isclose(structure.sample_time, recording.sample_time, rel_tol=1e-3):
+def _identified(recording: Recording, options: Identification, progress: Progress) -> HysteresisCreepModel:
+    """The model of a recording; IdentificationError for a recording that it does not describe."""
+    first = options.structure or structure_of(recording, *options.first, options.creep_rates or ())
+    recording = recording.in_units(first.input_unit, first.output_unit)
+    if not math.isclose(first.sample_time, recording.sample_time, rel_tol=1e-3):
         raise IdentificationError(
             f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
-            f"structure is {structure.sample_time:g} s"
+            f"structure is {first.sample_time:g} s"
         )
-    if state is None:
-        counted = preprocess(recording, structure, solver, proximal, skip, fit_range=own_structure)
-    else:
-        counted = Preprocessed(structure, skip or 0, state, None)
-        require(recording, structure, counted.skip)
-    structure, skip, state, rest = counted
-    low, high = y_range(recording, skip)
-    start, found_lag = state, None
-    if lag != "ignore":
-        found_lag = estimate_lag(recording, structure, skip, solver, state, proximal, remove=lag == "remove")
-        if found_lag is not None and found_lag.removed:
-            recording, skip, state = without_lag(recording, structure, found_lag.samples, skip, state)
-    problem = accumulate(recording, structure, skip, state, proximal)
-    w = optimum(problem, solver)
-    model = HysteresisCreepModel.from_weights(structure, w)
-    fit, _ = forward_error(model, recording, skip, state, high - low)
-    verdict = check_adequacy(recording, model, skip, state, fit, solver, proximal)
-    if verdict.refusal is not None and not force:
-        raise InadequateError(f"{recording.name}: {verdict.refusal.why}", verdict.refusal.explained)
-    straight = verdict.straight and fit.line[1] > 0.0
+    solving, own = Solving(options.solver, options.proximal), options.structure is None
+    progress("start", 0, 4)
+    prepared = prepare(recording, first, solving, options.skip, options.state, fit_range=own)
+    counted = counted_from(recording, prepared.skip)
+    progress("creep", 1, 4)
+    determined = determine(recording, counted, prepared.fit, solving)
+    progress("orders", 2, 4)
+    selection, near = _chosen(recording, counted, prepared, determined, options, solving)
+    progress("fit", 3, 4)
+    return _reported(recording, prepared, determined, selection, near, options, solving)
+
+
+def _chosen(
+    recording: Recording,
+    counted: Mask,
+    prepared: Prepared,
+    determined: Determined,
+    options: Identification,
+    solving: Solving,
+) -> tuple[Selection | None, tuple[ModelStructure, OperatorState, Vector]]:
+    """The choice of the orders, and structure, states and weights from which the final fit begins."""
+    fit, s = prepared.fit, prepared.structure
+    rates = s.creep_rates
+    if options.chooses_creep and determined.creep is not None:
+        rates = determined.rates
+    if options.structure is not None or (rates == s.creep_rates and None not in (options.n, options.m)):
+        return None, (s, fit.state, fit.v)
+    ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
+    ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
+    selection = select(recording, counted, fit, determined, rates, solving, ns, ms)
+    best = selection.chosen
+    choice = selection if None in (options.n, options.m) else None
+    return choice, (best.structure, state_on(s, fit.state, best.structure), best.v)
+
+
+@dataclass(frozen=True)
+class Final:
+    """The final fit, and the program (6) beside it."""
+
+    recording: Recording
+    problem: IdentificationProblem
+    optimal: Vector
+    """Weights (d,) of the program."""
+    fit: ForwardFit
+    drift: Columns | None
+
+
+def _final(
+    recording: Recording,
+    skip: int,
+    near: tuple[ModelStructure, OperatorState, Vector],
+    drift: Columns | None,
+    creep_limits: Vector | None,
+    free_start: bool,
+    options: Identification,
+    solving: Solving,
+) -> Final:
+    """Solve (6) and minimise the error of the output from given states and weights, with a drift if the gain is
+    clear."""
+    (s, state, v), counted = near, counted_from(recording, skip)
+    solving.passes += 1
+    problem = accumulate(recording, counted, s, state, solving.proximal)
+    optimal = solving.optimum(problem)
+    if options.estimator == "error-model":
+        v = s.inverse_slope_map @ optimal
+        return Final(recording, problem, optimal, fit_forward(recording, counted, s, state, v, solving, steps=0), None)
+
+    def fitted(state: OperatorState, v: Vector, further: Columns | None) -> ForwardFit:
+        return fit_forward(
+            recording,
+            counted,
+            s,
+            state,
+            v,
+            solving,
+            steps=STEPS,
+            free_start=free_start,
+            further=further,
+            creep_limits=creep_limits,
+        )
+
+    fit = fitted(state, v, None)
+    if drift is not None:
+        drifting = fitted(fit.state, fit.v, drift)
+        if drifting.cost < (1.0 - clear_gain(fit.error[counted], 1)) * fit.cost:
+            return Final(recording, problem, optimal, drifting, drift)
+    return Final(recording, problem, optimal, fit, None)
+
+
+def _reported(
+    recording: Recording,
+    prepared: Prepared,
+    determined: Determined,
+    selection: Selection | None,
+    near: tuple[ModelStructure, OperatorState, Vector],
+    options: Identification,
+    solving: Solving,
+) -> HysteresisCreepModel:
+    """The final fit with its report; IdentificationError if the model class does not describe the recording."""
+    skip, (low, high) = prepared.skip, y_range(recording, prepared.skip)
+    slope = float(np.mean(prepared.fit.v[prepared.structure.slices[1]]))
+    limits = determined.creep_limits(near[0], slope) if options.chooses_creep else None
+    searched, span = prepared.start == "searched", high - low
+    final = _final(recording, skip, near, _drift(recording, determined), limits, searched, options, solving)
+    lag = None
+    if options.lag != "ignore":
+        lag = estimate_lag(recording, final.fit, skip, final.drift, solving, remove=options.lag == "remove")
+        if lag is not None and lag.removed:
+            near = near[0], final.fit.state, final.fit.v
+            advanced = without_lag(recording, lag.samples)
+            final = _final(advanced, skip, near, final.drift, limits, searched, options, solving)
+    recording, fit, drift, s = final.recording, final.fit, final.drift, near[0]
+    problem, optimal, model = final.problem, final.optimal, HysteresisCreepModel.from_weights(s, final.fit.weights)
+    found, _ = output_error(model, recording, skip, fit.state, span)
+    straightened = recording if drift is None else _without_drift(recording, fit, drift)
+    verdict = check_adequacy(straightened, fit, skip, solving, found)
+    if verdict.refusal is not None and not options.force:
+        raise IdentificationError(f"{recording.name}: {verdict.refusal}")
+    straight = verdict.straight and found.line[1] > 0.0
     if straight:
-        w = line(structure, fit)
-        model = HysteresisCreepModel.from_weights(structure, w)
-        fit, _ = forward_error(model, recording, skip, state, high - low)
+        model = HysteresisCreepModel.from_weights(s, line(s, found))
+        found, _ = output_error(model, recording, skip, fit.state, span)
+    known = options.estimator == "forward" and not straight and fit.cost > 0.0
     report = FitReport(
-        solver,
-        fit,
-        verdict.baseline,
-        verdict.hysteresis,
-        verdict.refusal and verdict.refusal.why,
-        verdict.one_way,
-        problem.excitation_report(),
-        None if straight else prove(problem, w),
-        found_lag,
-        _offset(problem, w, solver) if structure.offset else None,
-        None if rest is None else structure.x_centre + structure.x_scale * rest,
-        own_structure and creep_rates is None,
-        recording.units,
-        one_frequency,
+        solver=options.solver,
+        estimator=options.estimator,
+        fit=found,
+        baseline=verdict.baseline,
+        hysteresis=verdict.hysteresis,
+        refusal=verdict.refusal,
+        one_way=verdict.one_way,
+        excitation=problem.excitation_report(),
+        certificate=None if straight else prove(problem, optimal),
+        lag=lag,
+        offset=offset(problem, solving, optimal) if s.offset else None,
+        start=prepared.start,
+        creep=CreepFinding(
+            determined.creep is not None,
+            options.chooses_creep,
+            determined.rates,
+            determined.share,
+            determined.chi_square,
+        ),
+        drift=None if drift is None else _drift_finding(fit, determined, recording, span),
+        intervals=intervals(fit, fit.error[counted_from(recording, skip)]) if known else None,
+        figures=figures_of(model),
+        units=recording.units,
+        passes=solving.passes,
+        programs=solving.programs,
+    ).to_dict(s)
+    if selection is not None:
+        report["selection"] = selection.to_dict()
+        report["sentences"].append(selection.sentence)
+    return replace(model, report=report, start=fit.state)
+
+
+def _drift(recording: Recording, determined: Determined) -> Columns | None:
+    """The column of a drift, with its bounds."""
+    if determined.drift is None:
+        return None
+    time = np.linspace(-1.0, 1.0, recording.length)
+    return Columns.of(time, determined.drift.lowest, determined.drift.highest)
+
+
+def _without_drift(recording: Recording, fit: ForwardFit, drift: Columns) -> Recording:
+    s = fit.structure
+    return replace(recording, y=recording.y - s.y_scale * (drift.signals @ fit.further))
+
+
+def _drift_finding(fit: ForwardFit, determined: Determined, recording: Recording, span: float) -> Drift:
+    assert determined.drift is not None  # where there is a column, there is an estimate
+    per_s = 2.0 * fit.structure.y_scale / recording.duration_s
+    return Drift(
+        per_s * float(fit.further[0]),
+        abs(per_s) * determined.drift.se,
+        100.0 * abs(fit.structure.y_scale) * math.sqrt(fit.cost) / span,
     )
-    return replace(model, report=report.to_dict(structure), start=start)
 
 
 def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: ModelStructure | None) -> Recording:
@@ -357,15 +419,6 @@ def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: Mode
     return Recording.from_arrays(
         x, y, structure.sample_time, input_unit=structure.input_unit, output_unit=structure.output_unit
     )
-
-
-def _offset(problem: IdentificationProblem, w: Vector, solver: str) -> Offset:
-    """The offset, with the error of the optimum without it."""
-    s = problem.structure
-    without = replace(
-        problem, structure=replace(s, offset=False), P=problem.P[:-1, :-1].copy(), q=problem.q[:-1].copy()
-    )
-    return Offset(float(w[-1]) * s.x_scale, error_percent(problem, w), error_percent(without, optimum(without, solver)))
 
 
 def line(s: ModelStructure, fit: Fit) -> Vector:

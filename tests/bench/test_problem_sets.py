@@ -123,8 +123,9 @@ def test_the_optimum_moves_with_the_gain_and_a_warm_start_is_nearer_to_it_than_t
 
 
 def test_a_recording_gives_problems_of_every_order_over_every_window(recorded: list[RaceProblem]) -> None:
-    assert len(recorded) == len(ORDERS) * len(WINDOWS) == len({problem.name for problem in recorded})
-    assert sorted({problem.d for problem in recorded}) == [9, 19, 27, 39, 61]
+    names = [problem.name for problem in recorded]
+    assert len(names) == len({*names}) == (len(ORDERS) + 1) * len(WINDOWS)  # and those of identify's own model
+    assert {f"n{n}-m{m}-{window}" for n, m in ORDERS for window in WINDOWS} < {*names}
     for problem in recorded[:4]:
         for form in problem.forms.values():
             verify(form.qp, form.certificate)
@@ -202,7 +203,7 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
     write_table(tmp_path / "short.csv", {"time_s": np.arange(100) / 100, "voltage_V": x, "displacement_um": x**2})
     made = make("recorded", options={"recording": str(tmp_path / "short.csv")})
     found = [problem.name for problem in made.problems()]
-    assert sorted([*found, *made.left_out]) == sorted(f"n{n}-m{m}-{window}" for n, m in ORDERS for window in WINDOWS)
+    assert {*found, *made.left_out} >= {f"n{n}-m{m}-{window}" for n, m in ORDERS for window in WINDOWS}
     assert made.left_out["n5-m3-tenth"] == "8 samples are too few for 13 weights"
 
 

@@ -10,7 +10,7 @@ from qpsolvers import Problem
 
 import solvers
 from piezo_model import SelfLearningCompensator
-from piezo_model.identification.fitting import optimum
+from piezo_model.identification.error_model import optimum
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.learning.events import Phase
 from piezo_model.learning.solving import solved, step_ratio

@@ -6,7 +6,7 @@ import pytest
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.fitting import optimum
+from piezo_model.identification.error_model import optimum
 from piezo_model.identification_problem import Coordinates, IdentificationProblem, Scaling
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.structure import ModelStructure

@@ -10,11 +10,10 @@ from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, d
 from scipy.signal import lfilter
 
 from piezo_model import IdentificationError, ModelStructure, Recording, identify
-from piezo_model.identification import adequacy, initial_state
+from piezo_model.identification import adequacy
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import structure_of
 from piezo_model.model import HysteresisCreepModel
-from piezo_model.operators import play
 from piezo_model.recordings import RecordingError
 from piezo_model.units import UnitError, quantity
 
@@ -270,7 +269,7 @@ def test_a_recording_without_units_is_taken_in_those_of_the_model_with_a_sentenc
     made = recording(DESCRIBABLE["hysteresis"], 3)
     model = identify(made)
     found = model.validate(Recording.from_arrays(made.x, made.y, SAMPLE_TIME, name="bare.csv"))
-    assert found.fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-9)
+    assert found.fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-5)  # its mean error is 0 to first order
     assert (
         "bare.csv: the input is taken as it is, since only one unit is known (V) and the output is taken as it is, "
         "since only one unit is known (µm)."
@@ -299,36 +298,16 @@ def test_a_transient_of_twenty_samples_is_left_out_however_large_it_is(size: flo
     assert fit["rms_percent"] < 0.3
 
 
-def test_more_first_samples_may_be_skipped_than_starts_are_tried_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("HEAD", "LONGEST_HEAD"):
-        monkeypatch.setattr(initial_state, name, 500)
+def test_more_first_samples_may_be_skipped_than_a_transient_has() -> None:
     fit = identify(switched_on(470.0, 3.0, 20), skip=1500).report["fit"]
     assert fit["skipped"] == 1500
     assert fit["rms_percent"] < 0.3
 
 
-def test_a_refusal_for_a_transient_names_it_and_the_option_that_helps() -> None:
-    recording = switched_on(18.0, 20.0, 60)
-    with pytest.raises(
-        IdentificationError,
-        match=r"its first (\d+) samples seem to hold a transient: with --skip \1 "
-        r"the model leaves 0\.",
-    ) as caught:
-        identify(recording)
-    skip = int(str(caught.value).partition("--skip ")[2].split()[0])
-    assert identify(recording, skip=skip).report["fit"]["rms_percent"] < 1.0
-
-
-def test_a_refusal_names_an_order_that_gives_a_model() -> None:
-    rng, k = np.random.default_rng(1), np.arange(3000)
-    u = np.sin(2 * np.pi * k / 91) * (0.7 + 0.3 * np.sin(2 * np.pi * k / 700))
-    y = noisy(rng, loops(rng, u, 0.2), 0.001)
-    y[1500:1520] += np.ptp(y) * np.exp(-k[:20] / 5)  # a knock at the table
-    recording = Recording.from_arrays(75.0 + 70.0 * u, 3.0 + 8.0 * y, SAMPLE_TIME)
-    with pytest.raises(IdentificationError, match=r"with --m 2 the model leaves") as caught:
-        identify(recording, n=5, m=3)
-    assert "\n" not in str(caught.value)
-    assert identify(recording, n=5, m=2).report["fit"]["rms_percent"] < 3.0
+def test_a_transient_longer_than_the_drive_takes_to_erase_the_initial_states_is_left_out() -> None:
+    fit = identify(switched_on(18.0, 20.0, 60)).report["fit"]
+    assert 55 <= fit["skipped"] <= 200
+    assert fit["rms_percent"] < 0.3
 
 
 def excited(rate: int, highest: float, damping: float) -> Recording:
@@ -351,22 +330,6 @@ def test_a_butterfly_is_named_with_soft_and_with_sharp_switching(sharpness: floa
     strain = noisy(rng, 0.6 * polarisation * field + 0.4 * polarisation**2)
     with pytest.raises(IdentificationError, match="as the butterfly of a strain over a field"):
         identify(Recording.from_arrays(75.0 * field, strain, SAMPLE_TIME))
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("form", "width"), [(1, 0.6), (4, 0.6), (4, 0.7)])
-def test_the_backlash_of_a_motor_is_named_with_its_width_and_no_option_that_does_not_help(
-    form: int, width: float
-) -> None:
-    rng = np.random.default_rng(0)
-    u = drive(rng, form=form)
-    y = play(u, [width], [u[0]])[0][:, 0]
-    made = Recording.from_arrays(75.0 + 70.0 * u, noisy(rng, y, 0.001), SAMPLE_TIME, input_unit="V")
-    with pytest.raises(IdentificationError, match=r"with a backlash of ([\d.]+) V, as of a gear") as caught:
-        identify(made)
-    found = float(str(caught.value).partition("backlash of ")[2].split()[0])
-    assert found == pytest.approx(2.0 * 70.0 * width, rel=0.02)
-    assert "--" not in str(caught.value)
 
 
 def tones(*frequencies: float, damping: float, seed: int = 3) -> Recording:

@@ -84,7 +84,7 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
     model, samples = a_model(), 1000
     x = np.sin(np.arange(samples) / 30) * np.cos(np.arange(samples) / 170)
     basis, compensator = DataBasis(STRUCTURE, forgetting=0.999), Compensator(model, (0.0, 150.0), rate_limit=5e4)
-    states, arrays = (basis._core, compensator._core), np.hstack(model._arrays)
+    states, arrays = (basis._core, compensator._core), np.hstack(model.arrays)
     given = b"".join([arrays.tobytes(), *(state.block.tobytes() for state in states), x.tobytes()])
     sizes = ",".join(str(state.block.size) for state in states)
 
@@ -94,7 +94,7 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
         np.zeros(STRUCTURE.lanes),
         np.zeros(3 * STRUCTURE.lanes),
     )
-    bindings.model_simulate(*model._arrays, play, creep, x, y)
+    bindings.model_simulate(*model.arrays, play, creep, x, y)
     bindings.basis_update(basis._core.block, x, y)
     for k in range(samples):
         drive[k] = bindings.compensator_step(compensator._core.block, float(y[k]))

@@ -18,7 +18,6 @@ from bench.races.oneshot.figures import figures
 from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number, settings_label
 from bench.store import Run, RunError
-from piezo_model.identification.one_frequency import ONE_FREQUENCY
 
 HEADINGS = {
     "solver": "solver",
@@ -198,8 +197,8 @@ def _models(run: Run) -> list[str]:
     """Sentences about the models of recordings: their errors, or the reasons for their absence."""
     return [
         f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} "
-        "% of the range (RMS) on the last fifth; deploy takes the one that it makes of the whole recording."
-        f"{f' {ONE_FREQUENCY}' * note.get('one_frequency', False)}"
+        "% of the range (RMS) on the last fifth; deploy takes the one that it makes of the whole recording. "
+        f"{note.get('creep', '')}".rstrip()
         if "error_percent" in note
         else f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
         for note in run.settings.get("models", {}).values()

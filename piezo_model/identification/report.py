@@ -4,17 +4,29 @@ Errors are those of the output over the counted samples, as a share of the outpu
 then the findings in order of the errors that they cause.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from piezo_model.identification.one_frequency import ONE_FREQUENCY
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
-from piezo_model.units import quantity
+from piezo_model.units import quantity, shown
+
+UNDETERMINED = "Creep is not determined by this recording; hold a step for a minute."
 
 FINDINGS = 4
 """Largest number of findings after the headline; the page has all of them."""
+STARTS = {
+    "after an ascent": "The first sample lies on a branch after a long ascent.",
+    "after a descent": "The first sample lies on a branch after a long descent.",
+    "searched": "The states before the first sample were searched, and fit the data best.",
+}
+FIGURES = {
+    "gain": "Gain",
+    "hysteresis_percent": "hysteresis",
+    "creep_percent_per_decade": "creep",
+    "offset": "offset",
+}
 FAR_MORE = 3.0
 """Smallest ratio of the largest errors of skipped and counted samples that indicates a transient."""
 
@@ -84,7 +96,7 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Lag:
-    """The sensor's delay that fits best, in samples, and the error (5) without and with its removal."""
+    """The sensor's delay that fits best, in samples, and the error of the output without and with its removal."""
 
     samples: float
     removed: bool
@@ -125,14 +137,46 @@ class Offset:
 
 
 @dataclass(frozen=True)
+class CreepFinding:
+    """What the recording says of creep (`creep`)."""
+
+    determined: bool
+    chosen: bool
+    """Whether creep was left out or taken in by that, and not by given rates."""
+    rates: tuple[float, ...]
+    """Rates in 1/s that the drive can determine beside any hysteresis."""
+    share: float
+    chi_square: float
+
+    def sentence(self, rates: Sequence[float]) -> str:
+        """What a user of a model with these rates should know; "" if nothing."""
+        if self.determined:
+            return "" if rates else "The recording holds creep, which the model leaves out."
+        if rates:
+            return f"The creep of the given rates is a guess. {UNDETERMINED}"
+        return UNDETERMINED * self.chosen
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A drift of the sensor, output unit per second; it is no part of the model."""
+
+    per_s: float
+    se: float
+    rms_percent: float
+    """Error of the model without the drift, per cent of the output's range."""
+
+
+@dataclass(frozen=True)
 class FitReport:
     """The ``report`` that is stored with an identified model.
 
-    ``refusal`` is the reason against a forced model; ``resting_input`` is the input at which creep had rested, None if
-    it rested with the plays.
+    ``refusal`` is the reason against a forced model; ``start`` says how the states before the first sample were found;
+    ``passes`` and ``programs`` count the passes of the operators over the samples and the quadratic programs solved.
     """
 
     solver: str
+    estimator: str
     fit: Fit
     baseline: Baseline
     hysteresis: bool
@@ -142,11 +186,14 @@ class FitReport:
     certificate: Certificate | None
     lag: Lag | None
     offset: Offset | None
-    resting_input: float | None
-    creep_rates_chosen: bool
+    start: str
+    creep: CreepFinding
+    drift: Drift | None
+    intervals: Mapping[str, Any] | None
+    figures: Mapping[str, float]
     units: str
-    one_frequency: bool
-    """Whether the model is without creep and the drive does not determine creep."""
+    passes: int
+    programs: int
 
     def to_dict(self, structure: ModelStructure) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
@@ -155,6 +202,7 @@ class FitReport:
         return {
             **asdict(self),
             "headline": headline,
+            "creep": {**asdict(self.creep), "sentence": self.creep.sentence(structure.creep_rates)},
             "findings": findings[:FINDINGS],
             "advice": list(self._advice()),
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(structure)],
@@ -189,8 +237,14 @@ class FitReport:
                 "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
                 "barely be separated from curvature.",
             )
-        if self.one_frequency:
-            yield 95.0, ONE_FREQUENCY
+        if sentence := self.creep.sentence(s.creep_rates):
+            yield 85.0, sentence
+        if self.drift is not None:
+            yield (
+                fit.rms_percent - self.drift.rms_percent + 1.0,
+                f"The sensor drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s, which is no part of the "
+                f"model; without the drift, the RMS error is {percent(self.drift.rms_percent)} of the range.",
+            )
         if self.offset is not None and self.offset.pays:
             yield (
                 self.offset.error_without_offset_percent - self.offset.error_percent,
@@ -201,18 +255,16 @@ class FitReport:
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
-        if self.resting_input is not None:
-            yield (
-                f"Creep starts as if the actuator had rested at {quantity(self.resting_input, s.input_unit, 3)}, "
-                f"which fits the data best."
-            )
+        if self.start in STARTS:
+            yield STARTS[self.start]
         if self.offset is not None and not self.offset.pays:
             yield _offset_sentence(self.offset, s.input_unit)
         if self.lag is not None and not self.lag.pays:
             yield "The sensor shows no lag that is worth removing."
-        if self.creep_rates_chosen and not self.one_frequency:
-            rates = ", ".join(f"{rate:g}" for rate in s.creep_rates) or "none"
-            yield f"Creep rates chosen to span sampling period and length of the recording: {rates} per second."
+        if self.creep.determined and self.creep.chosen:
+            rates = ", ".join(f"{rate:g}" for rate in s.creep_rates)
+            yield f"Creep is in the data beside any hysteresis, at the rates that they determine: {rates} per second."
+        yield from self._figures(s)
         if self.excitation.unreached:
             yield (
                 f"The drive never reached the thresholds of {', '.join(self.excitation.unreached)}; these weights "
@@ -227,12 +279,28 @@ class FitReport:
             f"{percent(b.cubic_percent)} with a cubic, {percent(b.model_percent)} with this model."
         )
         if self.certificate is None:
-            yield "The model is the best straight line, since the fit of (6) is no better on these data."
+            yield "The model is the best straight line, since the fit is no better on these data."
             return
+        steps = ", from which Gauss–Newton steps minimise the error of the output" * (self.estimator == "forward")
         yield (
-            f"Solved by {self.solver}; relative cost gap to the proven optimum {self.certificate.cost_gap:.1e}, "
-            f"condition of P {self.excitation.condition:.1e}."
+            f"Program (6) solved by {self.solver}{steps}; relative cost gap to its proven optimum "
+            f"{self.certificate.cost_gap:.1e}, condition of P {self.excitation.condition:.1e}."
         )
+        yield f"{self.passes} passes over the samples and {self.programs} quadratic programs."
+
+    def _figures(self, s: ModelStructure) -> Iterator[str]:
+        """What a data sheet says, with intervals where there are some."""
+        between = {} if self.intervals is None else self.intervals["figures"]
+        gain = f"{s.output_unit or 'output'}/{s.input_unit or 'input'}".replace("um", "µm")
+        units = dict(zip(self.figures, (gain, "% of the loop", "% a decade", s.input_unit), strict=True))
+        shown = [
+            f"{FIGURES[name]} {value:.3g}"
+            + (f" ({between[name][0]:.3g} to {between[name][1]:.3g})" if name in between else "")
+            + f" {units[name]}".rstrip()
+            for name, value in self.figures.items()
+            if name != "creep_percent_per_decade" or s.creep_rates
+        ]
+        yield f"{', '.join(shown)}{'; in brackets the 95 % intervals for these orders' * bool(between)}."
 
     def _advice(self) -> Iterator[str]:
         """Recommendations, the most useful first."""
@@ -269,7 +337,7 @@ def _lag_sentence(lag: Lag, sample_time: float) -> str:
         else f"{lag.samples:.2f} samples"
     )
     how = (
-        f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the drive is "
+        f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the output is "
         f"{lag.error_percent:.3f} % with the lag and {lag.error_without_lag_percent:.3f} % without"
     )
     return how + ("; it was removed before the fit." if lag.removed else ".")

@@ -1,0 +1,255 @@
+"""Whether a recording determines creep, or a drift of the sensor, whatever its hysteresis is.
+
+Over a drive of one frequency, creep and hysteresis have the same loops, so a fit tells them apart by its noise alone,
+and a model with creep is then wrong at every other speed. Creep is therefore judged against *any* rate-independent
+operator: a regression of the output on piecewise linear functions of plays,
+
+    y = Σ_i f_i(H_ri [x]) + c + d t,   r_i = i / 11,   with knots over the range of each play,
+
+and what that leaves of y and of the creep states z_a, one rate a a decade. A rate is admissible if at least INFORMATION
+of its state is left. The creep of all admissible rates, κ Σ_a z_a with 0 ≤ κ ≤ LARGEST, is in the data if it explains
+the larger share of what the regression leaves beyond noise, and κ is far from 0. The variance of the noise is that of
+the third differences of the residual, in which all that is slow cancels. A drift d is judged beside creep, not before
+it, since over a held step the two are alike.
+
+An actuator without return-point memory is no function of plays, but while the drive is held any rate-independent
+operator rests. So creep that the whole does not show is judged again over the held samples, beside a level of each.
+
+Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.4, for a Preisach operator as a
+superposition of functions of plays.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_model.identification.error_model import Solving, part_states
+from piezo_model.identification.forward import EXACT, STILL, ForwardFit
+from piezo_model.identification.start import independent_samples
+from piezo_model.operator_state import OperatorState
+from piezo_model.operators import creep, play
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+from solvers.arrays import Mask, Matrix, Vector
+
+UNDETERMINED = "Creep is not determined by this recording; hold a step for a minute."
+
+PLAYS, KNOTS = 10, 6
+"""Thresholds above zero of the regression, and knots of each function over the whole range; twice as many for r = 0."""
+ENOUGH = 2000
+"""Samples from which the regression has all of them."""
+SAMPLES = 20_000
+"""Samples, spread over the recording, of the regression."""
+RANK = 1e-12
+"""Smallest eigenvalue of the columns' Gram matrix, as a share of the largest, that is no rounding error."""
+INFORMATION = 0.03
+"""Smallest share of a creep state that the regression leaves."""
+LARGEST = 0.1
+"""Largest creep that is admitted, as a share of the movement in a decade of time."""
+SHARE, CHI_SQUARE = 0.5, 25.0
+"""Smallest share of the explainable error that creep explains, and smallest (κ / se)²."""
+DRIFT_INFORMATION, DRIFT_CHI_SQUARE = 0.3, 16.0
+SHORTEST_HOLD, STEADY = 100, 1e-3
+"""Fewest samples of a hold, and largest range of the drive in it, as a share of its whole range."""
+HELD_SHARE = 0.1
+"""Smallest share of held samples at which they are judged alone."""
+MARGIN = 2.0
+"""Standard errors by which the weight of a model may differ from its estimate here."""
+
+Columns = list[tuple[Vector, float]]
+"""Columns (M,), each with the limit of its coefficient."""
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """An estimate with its standard error."""
+
+    value: float
+    se: float
+
+    @property
+    def highest(self) -> float:
+        """Upper limit of the weight in a model."""
+        return self.value + MARGIN * self.se
+
+    @property
+    def lowest(self) -> float:
+        """Lower limit of the weight in a model."""
+        return self.value - MARGIN * self.se
+
+
+@dataclass(frozen=True)
+class Determined:
+    """What a recording determines beside hysteresis."""
+
+    rates: tuple[float, ...]
+    """Admissible creep rates in 1/s, whether there is creep or not; fastest first."""
+    creep: Bounded | None
+    """κ, the share of the output's movement that creep adds in a decade of time; None if it is not determined."""
+    drift: Bounded | None
+    """Drift over half the recording, unit amplitudes; None without one."""
+    share: float
+    chi_square: float
+    independent: float
+    """Number of independent samples in what is left of the output."""
+
+    def creep_limits(self, s: ModelStructure, slope: float) -> Vector | None:
+        """Upper bounds (n + 1,) of the creep weights of a structure with these rates; None for those without."""
+        if self.creep is None or not s.creep_rates:
+            return None
+        limits = np.zeros(s.n + 1)
+        limits[0] = self.creep.highest * slope
+        return limits
+
+
+def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
+    """Rates in 1/s, one a decade, from the length of the recording to ten sampling periods, fastest first.
+
+    Examples
+    --------
+    >>> candidate_rates(1e-2, 1.0)
+    (10.0, 1.0)
+    """
+    slowest, fastest = math.log10(1.0 / duration_s), math.log10(0.1 / sample_time)
+    return tuple(float(f"{10.0**k:.6g}") for k in range(math.floor(fastest + 1e-9), math.ceil(slowest - 1e-9) - 1, -1))
+
+
+def memory_curve(s: ModelStructure, state: OperatorState, thresholds: Vector) -> Vector:
+    """Play states of a structure read at other thresholds, all in unit amplitudes."""
+    curve = np.interp(thresholds, s.thresholds, state.play[: s.n + 1])
+    first: float = state.play[0]
+    within: Vector = np.clip(curve, first - thresholds, first + thresholds)
+    return within
+
+
+def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Solving) -> Determined:
+    """Judge creep and drift over all samples beside the memory curve of a fit, and over the held ones alone, where any
+    hysteresis rests."""
+    s, count = fit.structure, int(np.count_nonzero(counted))
+    rates = candidate_rates(recording.sample_time, recording.duration_s)
+    at = np.flatnonzero(counted)[:: math.ceil(count / SAMPLES)]
+    solving.passes += 1
+    null, states = _columns(recording, at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
+    signals = np.column_stack([s.unit_output(recording.y), np.linspace(-1.0, 1.0, recording.length)])[at]
+    whole = _judged(null, signals, states, rates)
+    hold = holds(recording.x)[at]
+    held = hold >= 0
+    if whole.creep is None and np.count_nonzero(held) > HELD_SHARE * at.size:
+        levels = (hold[held, None] == np.unique(hold[held])).astype(np.float64)
+        resting = _judged(levels, signals[held], states[held], rates)
+        if resting.creep is not None:
+            return replace(resting, independent=whole.independent)
+    return whole
+
+
+def holds(x: Vector) -> NDArray[np.int64]:
+    """Number of the hold that each sample of a drive (N,) lies in, and −1 where it moves.
+
+    Examples
+    --------
+    >>> holds(np.concatenate([np.zeros(200), np.linspace(0, 1, 50), np.ones(300)]))[[0, 220, 400]].tolist()
+    [0, -1, 1]
+    """
+    span = STEADY * float(np.ptp(x))
+    ahead = np.lib.stride_tricks.sliding_window_view(x, SHORTEST_HOLD) if x.size >= SHORTEST_HOLD else x[:0, None]
+    numbers = np.full(x.size, -1)
+    steady = np.concatenate([[False], np.ptp(ahead, axis=1) <= span, [False]])
+    edges = np.flatnonzero(np.diff(steady.astype(np.int8)))
+    for i, (first, last) in enumerate(zip(edges[::2], edges[1::2] + SHORTEST_HOLD - 1, strict=True)):
+        if np.ptp(x[first:last]) <= 2.0 * span:
+            numbers[first:last] = i
+    return numbers
+
+
+def _judged(null: Matrix, signals: Matrix, states: Matrix, rates: tuple[float, ...]) -> Determined:
+    """Judge creep and drift beside the columns of a null (M, p); the signals (M, 2) are output and time."""
+    left, used = _residual(null, np.hstack([signals, states]))
+    error, drift, states_left = left[:, 0], left[:, 1], left[:, 2:]
+    informed = _norms(states_left) >= INFORMATION * _norms(states - states.mean(axis=0))
+    known = float(np.linalg.norm(drift) / np.linalg.norm(signals[:, 1]))
+    admitted = tuple(rate for rate, good in zip(rates, informed, strict=True) if good)
+    creeping = [(states_left[:, informed].sum(axis=1), LARGEST)] if admitted else []
+    drifting = [(drift, math.inf)] if known >= INFORMATION else []
+    freedom = len(null) - used
+    share, chi_square = _gain(error, drifting, creeping, freedom)
+    if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
+        creeping = []
+    explained, significance = _gain(error, creeping, drifting, freedom)
+    if not (known >= DRIFT_INFORMATION and explained >= SHARE and significance >= DRIFT_CHI_SQUARE):
+        drifting = []
+    estimates, left_over = _fit(error, creeping + drifting, freedom)
+    return Determined(
+        admitted,
+        estimates[0] if creeping else None,
+        estimates[-1] if drifting else None,
+        share,
+        chi_square,
+        independent_samples(left_over),
+    )
+
+
+def _norms(columns: Matrix) -> Vector:
+    """Euclidean norm of each column (M, k)."""
+    norms: Vector = np.linalg.norm(columns, axis=0)
+    return norms
+
+
+def _fit(error: Vector, columns: Columns, freedom: int) -> tuple[list[Bounded], Vector]:
+    """Coefficients of the columns by least squares, one after another within 0 and its limit, and the residual (M,)."""
+    matrix, found = np.column_stack([column for column, _ in columns] or [error]), []
+    for i, (column, limit) in enumerate(columns):
+        value = float(np.linalg.lstsq(matrix[:, i:], error, rcond=None)[0][0])
+        found.append(value if math.isinf(limit) else min(max(value, 0.0), limit))
+        error = error - found[-1] * column
+    variance = float(error @ error) / max(min(independent_samples(error), freedom), 3.0)
+    ses = np.sqrt(np.diag(np.linalg.pinv(matrix.T @ matrix)) * variance).tolist()
+    return [Bounded(value, se) for value, se in zip(found, ses, strict=False)], error
+
+
+def _gain(error: Vector, columns: Columns, more: Columns, freedom: int) -> tuple[float, float]:
+    """The share of the error left by some columns, beyond noise, that further columns explain, and its χ²."""
+    fewer, residual = (_fit(error, each, freedom)[1] for each in (columns, columns + more))
+    before, after = float(fewer @ fewer), float(residual @ residual)
+    noise = residual.size * float(np.mean(np.diff(residual, 3) ** 2)) / 20.0  # 20 = 1² + 3² + 3² + 1²
+    explainable = before - min(noise, 0.999 * after)
+    independent = max(min(independent_samples(residual), freedom), 3.0)
+    smallest = EXACT * residual.size
+    return (before - after) / max(explainable, smallest), independent * (before - after) / max(after, smallest)
+
+
+def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
+    """What the columns (M, p) leave of signals (M, k), and their rank."""
+    columns = columns / np.maximum(_norms(columns), np.finfo(float).tiny)
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    kept = values > RANK * values[-1]
+    basis = columns @ (vectors[:, kept] / np.sqrt(values[kept]))
+    for _ in range(2):  # the second time against rounding
+        signals = signals - basis @ (basis.T @ signals)
+    return signals, int(np.count_nonzero(kept))
+
+
+def _columns(
+    recording: Recording, at: NDArray[np.int64], fit: ForwardFit, rates: tuple[float, ...], richness: float
+) -> tuple[Matrix, Matrix]:
+    """Columns of the null and creep states of each rate, at the samples ``at``."""
+    s, count = fit.structure, max(1, int(PLAYS * richness))
+    r = np.arange(count + 1) / (count + 1)
+    plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
+    for part, start in part_states(recording, s, fit.state):
+        inside = (at >= part.start) & (at < part.stop)
+        x, rows = s.unit_input(recording.x[part]), at[inside] - part.start
+        plays[inside] = play(x, r, memory_curve(s, start, r))[0][rows]
+        for j, rate in enumerate(rates):
+            states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]
+    columns = [np.ones(at.size)]
+    for i, z in enumerate(plays.T):
+        low, high = float(z.min()), float(z.max())
+        if high - low > STILL:
+            density = KNOTS * richness * (2.0 if i == 0 else 0.5 * (high - low))
+            knots = np.linspace(low, high, max(1, round(density)) + 2)[1:-1]
+            columns += [z, *(np.maximum(z - knot, 0.0) for knot in knots)]
+    return np.column_stack(columns), states

@@ -1,0 +1,120 @@
+"""The quadratic program (6) of a recording, its solution, and the proof of that, for a structure and initial states.
+
+Its error (5) is one of the input, x + Ξ(x, y)ᵀw, linear in the weights; `forward` minimises that of the output.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+import solvers
+from piezo_model.data_basis import DataBasis
+from piezo_model.identification.report import Certificate, Offset
+from piezo_model.identification_problem import IdentificationProblem
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+from solvers.arrays import Mask, Matrix, Vector
+from solvers.certificate import certify, exact_cost_gap
+
+
+class IdentificationError(ValueError):
+    """The data do not give a model; the message is one sentence that says why."""
+
+
+@dataclass
+class Solving:
+    """The solver of all programs, the strength of the proximal term, and the work done."""
+
+    solver: str = "box_active_set"
+    proximal: float = 1e-10
+    passes: int = 0
+    """Passes of the operators over the samples."""
+    programs: int = 0
+
+    def optimum(self, problem: IdentificationProblem) -> Vector:
+        """Weights (d,) of (6) in unit amplitudes."""
+        self.programs += 1
+        return optimum(problem, self.solver)
+
+    def minimise(self, P: Matrix, q: Vector, low: Vector, high: Vector, towards: Vector) -> Vector:
+        """The z (k,) in a box that minimises ½ zᵀP z + qᵀz, with a proximal term towards a point."""
+        from qpsolvers import Problem  # which imports every solver that is installed
+
+        self.programs += 1
+        rho = self.proximal * float(np.mean(np.diag(P)))
+        D = 1.0 / np.sqrt(np.maximum(np.diag(P) + rho, np.finfo(float).tiny))
+        scaled = (P + rho * np.eye(q.size)) * np.outer(D, D)
+        upper = None if np.all(np.isinf(high)) else high / D
+        qp = Problem(0.5 * (scaled + scaled.T), (q - rho * towards) * D, lb=low / D, ub=upper)
+        return np.clip(_solve(qp, 1.0, self.solver) * D, low, high)
+
+
+def _solve(qp: object, c: float, solver: str) -> Vector:
+    """Solution of a program in a box whose constant is c; IdentificationError if the solver fails."""
+    cls = solvers.find(solver).load()
+    for rung in reversed(cls.ladder(c)):  # the tightest one may be beyond rounding
+        engine = cls(**rung)
+        engine.setup(qp)
+        z: Vector = engine.solve().copy()
+        if engine.solution().found and np.all(np.isfinite(z)):
+            return z
+    raise IdentificationError(f"the solver {solver} found no answer")
+
+
+def optimum(problem: IdentificationProblem, solver: str) -> Vector:
+    """Optimal weights (d,) in unit amplitudes; IdentificationError if the solver fails."""
+    form = problem.form()
+    return form.weights(np.maximum(_solve(form.qp, form.c, solver), form.qp.lb))
+
+
+def counted_from(recording: Recording, skip: int) -> Mask:
+    """Which samples count: those with an output, after the skipped ones; shape (N,)."""
+    counted = ~recording.uncounted
+    counted[:skip] = False
+    return counted
+
+
+def part_states(recording: Recording, s: ModelStructure, state: OperatorState) -> Iterator[tuple[slice, OperatorState]]:
+    """The parts of a recording with the states before them: the given ones, and settled at each later start."""
+    for first, last in pairwise((*recording.starts, recording.length)):
+        yield slice(first, last), OperatorState.settled_at(s, float(recording.x[first])) if first else state.copy()
+
+
+def accumulate(
+    recording: Recording, counted: Mask, s: ModelStructure, state: OperatorState, proximal: float
+) -> IdentificationProblem:
+    """The program of a recording: the operators run from the first sample of each part on."""
+    basis, y = DataBasis(s, state), np.where(counted, recording.y, np.nan)
+    for part, start in part_states(recording, s, state):
+        basis.state.play[:], basis.state.creep[:] = start.play, start.creep
+        basis.update(recording.x[part], y[part])
+    return basis.problem(proximal=proximal)
+
+
+def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
+    """Distance of the weights (d,) from the optimum, proven in exact arithmetic."""
+    form = problem.form()
+    z = form.variables(w)
+    certificate = certify(form.qp, z)
+    gap = exact_cost_gap(form.qp, certificate, z, form.c)
+    return Certificate(gap.relative, gap.violation, certificate.unique)
+
+
+def error_percent(problem: IdentificationProblem, w: Vector) -> float:
+    """RMS of the error (5), per cent of the input's range."""
+    return 100.0 * math.sqrt(max(2.0 * problem.cost(w), 0.0)) / (problem.excitation.x_max - problem.excitation.x_min)
+
+
+def offset(problem: IdentificationProblem, solving: Solving, w: Vector) -> Offset:
+    """The constant term of the optimum w, with the error (5) of the optimum without it."""
+    s = problem.structure
+    without = replace(
+        problem, structure=replace(s, offset=False), P=problem.P[:-1, :-1].copy(), q=problem.q[:-1].copy()
+    )
+    return Offset(float(w[-1]) * s.x_scale, error_percent(problem, w), error_percent(without, solving.optimum(without)))

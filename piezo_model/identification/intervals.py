@@ -1,0 +1,89 @@
+"""Intervals of the weights and of what a data sheet says, at 95 %, from the linearisation of the forward fit:
+
+    C = σ² τ / N · (JᵀJ / N)⁻¹   over the unknowns that no bound holds,
+
+where σ² is the variance of the error, and τ = 1 + 2 Σ ρ_k its autocorrelation time, so that N / τ samples are
+independent. A weight at its bound 0 has the interval from 0 to 1.96 of the deviations that it would have if released.
+The intervals are those for given orders; what the choice of orders adds is not in them.
+
+Source: A. Sokal, "Monte Carlo methods in statistical mechanics", 1996, section 3, for the window of the sum of ρ_k.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from piezo_model.figures import figures_of
+from piezo_model.identification.forward import ForwardFit
+from piezo_model.model import HysteresisCreepModel
+from solvers.arrays import Mask, Matrix, Vector
+
+DEVIATIONS = 1.96
+WINDOW = 6.0
+"""Length of the sum of autocorrelations, in autocorrelation times."""
+STEP = 1e-4
+"""Change of a weight for the derivatives of the figures, unit amplitudes."""
+
+
+def autocorrelation_time(error: Vector) -> float:
+    """1 + 2 Σ ρ_k of an error (N,), at least 1.
+
+    Examples
+    --------
+    >>> bool(autocorrelation_time(np.random.default_rng(0).normal(size=10_000)) < 1.1)
+    True
+    """
+    centred = error - error.mean()
+    power = np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2
+    correlation = np.fft.irfft(power)[: centred.size]
+    if correlation[0] <= 0.0:
+        return 1.0
+    times = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    ended = np.flatnonzero(np.arange(times.size) >= WINDOW * times)
+    return max(1.0, float(times[ended[0] if ended.size else -1]))
+
+
+def intervals(fit: ForwardFit, error: Vector) -> dict[str, Any]:
+    """Intervals [low, high] of the weights, in the order of ``weight_names``, and of the figures by their names, for
+    the counted ``error`` (N,) of a fit; None for a weight that the data do not determine."""
+    s, T = fit.structure, fit.structure.slope_map
+    time = autocorrelation_time(error)
+    variance = fit.cost * time / max(error.size - np.count_nonzero(fit.free) * time, 1.0)
+    C = variance * _inverse(fit.P, fit.free)[: s.d, : s.d]
+    weights, deviations = fit.weights, np.sqrt(np.diag(T @ C @ T.T))
+    ranges: list[list[float] | None] = []
+    for i, (weight, deviation) in enumerate(zip(weights.tolist(), deviations.tolist(), strict=True)):
+        if fit.free[i] or deviation > 0.0:
+            ranges.append([weight - DEVIATIONS * deviation, weight + DEVIATIONS * deviation])
+        elif fit.P[i, i] > 0.0:
+            released = fit.free.copy()
+            released[i] = True
+            own = DEVIATIONS * math.sqrt(variance * _inverse(fit.P, released)[i, i])
+            ranges.append([weight, weight + own])
+        else:
+            ranges.append(None)
+    at = figures_of(HysteresisCreepModel.from_weights(s, weights))
+    free = np.flatnonzero(fit.free[: s.d])
+    changes = np.array([[*_moved(fit, i).values()] for i in free.tolist()]).reshape(free.size, len(at))
+    slopes = (changes - np.array([*at.values()])) / STEP
+    spread = DEVIATIONS * np.sqrt(np.einsum("ik,ij,jk->k", slopes, C[np.ix_(free, free)], slopes))
+    bounds = {name: [at[name] - wide, at[name] + wide] for name, wide in zip(at, spread.tolist(), strict=True)}
+    return {"weights": ranges, "figures": bounds, "autocorrelation_time": time}
+
+
+def _inverse(P: Matrix, free: Mask) -> Matrix:
+    """Inverse of P over the free unknowns, and 0 elsewhere."""
+    inverse, at = np.zeros_like(P), np.ix_(free, free)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(P)[free], np.finfo(float).tiny))
+    inverse[at] = np.linalg.pinv(P[at] * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(scale, scale)
+    return inverse
+
+
+def _moved(fit: ForwardFit, i: int) -> dict[str, float]:
+    """The figures with one weight changed."""
+    v = fit.v.copy()
+    v[i] += STEP
+    return figures_of(HysteresisCreepModel.from_weights(fit.structure, fit.structure.slope_map @ v))

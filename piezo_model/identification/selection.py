@@ -1,0 +1,217 @@
+"""Chooses the orders n and m from one Gram matrix of the columns of all candidates.
+
+Where ŷ is the output of a first fit, e = y − ŷ its error and s the slope of its S⁻¹ at ŷ, the output of a candidate is
+ŷ + (x + Ξ(x, ŷ)ᵀw) / s up to second order in their difference, so its error is
+
+    e − (x + Ξ(x, ŷ)ᵀw) / s
+
+linear in the weights, and without the noise of y among the regressors. One pass gives the Gram matrix of the columns
+
+    e,  x/s,  H_r [x]/s for all thresholds r,  −S_r' (ŷ)/s for all dead zones r',  z_r/s for all thresholds r,  1/s,  t
+
+and the programs of all candidates follow from it without the samples. The candidate with the smallest Bayesian
+information criterion N_e ln V + d ln N_e is chosen, with the number N_e of independent samples in e, or in what
+hysteresis, creep and drift leave of the output (`creep`), if those are more.
+
+Source: G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978) 461–464.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from piezo_model.identification.creep import Determined, memory_curve
+from piezo_model.identification.error_model import Solving, part_states
+from piezo_model.identification.forward import CHUNK, MIN_SLOPE, STILL, ForwardFit
+from piezo_model.identification.start import independent_samples
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.regressors import regressor_rows
+from piezo_model.structure import ModelStructure
+from solvers.arrays import Mask, Matrix, Vector
+
+HYSTERESIS_ORDERS = (1, 2, 3, 5, 8, 12, 20)
+SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5, 8)
+SAMPLES = 100_000
+"""Samples, spread over a longer recording, of the Gram matrix."""
+FEWEST_PER_WEIGHT = 4
+"""Fewest samples for each weight of a candidate."""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A structure and its fit."""
+
+    structure: ModelStructure
+    v: Vector = field(repr=False)
+    """Weights (d,) in slope coordinates."""
+    error_percent: float
+    """RMS error of the output to first order, per cent of its range."""
+    bic: float
+
+    @property
+    def m(self) -> int:
+        """Order of the superposition on each side."""
+        return self.structure.dead_zones // 2
+
+    def __str__(self) -> str:
+        return f"n = {self.structure.n}, m = {self.m}"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """All candidates, the best first."""
+
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def chosen(self) -> Candidate:
+        """The candidate with the smallest criterion."""
+        return self.candidates[0]
+
+    @property
+    def sentence(self) -> str:
+        """The choice in words."""
+        best = min(self.candidates, key=lambda candidate: candidate.error_percent)
+        return (
+            f"Of {len(self.candidates)} pairs of orders, {self.chosen} has the smallest information criterion: an RMS "
+            f"error of the output of about {self.chosen.error_percent:.3g} % of its range, with {best} "
+            f"{best.error_percent:.3g} %."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The sentence, and the table with the standing of each row, for JSON."""
+        rows = [
+            {
+                "n": c.structure.n,
+                "m": c.m,
+                "creep_rates": list(c.structure.creep_rates),
+                "d": c.structure.d,
+                "error_percent": c.error_percent,
+                "bic": c.bic - self.chosen.bic,
+                "standing": "chosen" if c is self.chosen else "",
+            }
+            for c in self.candidates
+        ]
+        return {"sentence": self.sentence, "tried": len(rows), "table": rows}
+
+
+def with_orders(s: ModelStructure, n: int, m: int, rates: Sequence[float]) -> ModelStructure:
+    """The structure with other orders, equidistant thresholds, and other creep rates."""
+    other = ModelStructure.equidistant(n, m, (-1.0, 1.0), (-1.0, 1.0), (), s.sample_time)
+    thresholds = other.play_thresholds, other.dead_zone_thresholds
+    return replace(s, play_thresholds=thresholds[0], dead_zone_thresholds=thresholds[1], creep_rates=tuple(rates))
+
+
+def state_on(s: ModelStructure, state: OperatorState, other: ModelStructure) -> OperatorState:
+    """Memory curve of a structure read at the thresholds of another one; creep rests with the plays."""
+    play = memory_curve(s, state, other.thresholds)
+    return OperatorState.of(play, [play] * len(other.creep_rates), other)
+
+
+def select(
+    recording: Recording,
+    counted: Mask,
+    fit: ForwardFit,
+    determined: Determined,
+    rates: Sequence[float],
+    solving: Solving,
+    ns: Sequence[int] = HYSTERESIS_ORDERS,
+    ms: Sequence[int] = SUPERPOSITION_ORDERS,
+) -> Selection:
+    """Choose the orders among ``ns`` and ``ms``, for given creep rates, in the neighbourhood of a fit.
+
+    Candidates with too few samples for their weights are left out, except the first.
+    """
+    orders = [with_orders(fit.structure, n, m, rates) for n, m in product(ns, ms)]
+    most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
+    orders = [s for s in orders if s.d < most] or orders[:1]
+    union = replace(
+        orders[0],
+        play_thresholds=tuple(sorted({r for s in orders for r in s.play_thresholds})),
+        dead_zone_thresholds=tuple(sorted({r for s in orders for r in s.dead_zone_thresholds})),
+    )
+    gram, moved = _gram(recording, counted, fit, union, solving)
+    independent = max(independent_samples(fit.error[counted]), determined.independent)
+    slope = float(np.mean(fit.v[fit.structure.slices[1]]))
+    candidates = [_candidate(s, union, gram, moved, determined, slope, independent, solving) for s in orders]
+    return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
+
+
+def _gram(
+    recording: Recording, counted: Mask, fit: ForwardFit, union: ModelStructure, solving: Solving
+) -> tuple[Matrix, Mask]:
+    """Means of the products of e, x/s, Ξ/s and t, and which of the columns Ξ moved."""
+    s, slopes, time = fit.structure, fit.slopes(), np.linspace(-1.0, 1.0, recording.length)
+    y, total, count = s.y_centre + s.y_scale * fit.y_model, np.zeros((union.d + 3, union.d + 3)), 0
+    chosen = np.zeros(recording.length, dtype=bool)
+    chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
+    low, high = np.full(union.d, np.inf), np.full(union.d, -np.inf)
+    solving.passes += 1
+    for part, start in part_states(recording, union, state_on(s, fit.state, union)):
+        for first in range(part.start, part.stop, CHUNK):
+            samples = slice(first, min(first + CHUNK, part.stop))
+            rows = regressor_rows(union, start, recording.x[samples], y[samples])
+            low, high = np.minimum(low, rows[:, 1:].min(axis=0)), np.maximum(high, rows[:, 1:].max(axis=0))
+            kept = chosen[samples]
+            columns = (
+                fit.error[samples][kept, None],
+                rows[kept] / slopes[samples][kept, None],
+                time[samples][kept, None],
+            )
+            matrix = np.hstack(columns)
+            total += matrix.T @ matrix
+            count += len(matrix)
+    moved = high - low > STILL
+    moved[-1:] |= union.offset
+    return total / count, moved
+
+
+def _candidate(
+    s: ModelStructure,
+    union: ModelStructure,
+    gram: Matrix,
+    moved: Mask,
+    determined: Determined,
+    slope: float,
+    independent: float,
+    solving: Solving,
+) -> Candidate:
+    """The fit of one structure from the Gram matrix; a drift is fitted beside it."""
+    names = {name: i for i, name in enumerate(_labels(union))}
+    of = np.array([names[label] for label in _labels(s)])
+    T, drift = np.eye(s.d + 1), determined.drift
+    T[: s.d, : s.d] = s.slope_map
+    columns = np.append(2 + of, gram.shape[0] - 1)
+    P, q = T.T @ gram[np.ix_(columns, columns)] @ T, T.T @ (gram[columns, 1] - gram[columns, 0])
+    c = gram[0, 0] - 2.0 * gram[0, 1] + gram[1, 1]
+    low, high = np.append(s.lower_bounds(MIN_SLOPE), 0.0), np.append(np.full(s.d, np.inf), 0.0)
+    if drift is not None:
+        low[-1], high[-1] = drift.lowest, drift.highest
+    if (limits := determined.creep_limits(s, slope)) is not None:
+        high[s.slices[2]] = limits
+    reference = np.append(s.inverse_slope_map @ s.straight_line, 0.0)
+    free = np.append(moved[of], drift is not None)
+    free[s.slices[1]] = True
+    free &= np.diag(P) > 0.0
+    z = np.where(free, 0.0, reference)
+    at = np.ix_(free, free)
+    z[free] = solving.minimise(P[at], q[free] + (P @ z)[free], low[free], high[free], reference[free])
+    cost = max(float(z @ P @ z + 2.0 * q @ z + c), np.finfo(float).tiny)
+    bic = independent * math.log(cost) + s.d * math.log(independent)
+    return Candidate(s, z[: s.d], 50.0 * math.sqrt(cost), bic)
+
+
+def _labels(s: ModelStructure) -> list[tuple[str, float]]:
+    """What each unknown is, to find it among those of another structure."""
+    creeps = [("w_K", r) for r in s.thresholds.tolist()] if s.creep_rates else []
+    zones = [("w'_S", r) for r in s.dead_zone_thresholds]
+    return [*(("w_H", r) for r in s.play_thresholds), *zones, *creeps, *[("offset", 0.0)] * s.offset]

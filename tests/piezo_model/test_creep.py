@@ -1,0 +1,97 @@
+"""Creep and drift are in a model or a report where the recording determines them, and nowhere else."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter, sawtooth
+
+from piezo_model import HysteresisCreepModel, Recording, identify
+from piezo_model.identification.report import UNDETERMINED
+from piezo_model.operators import play
+
+Vector = NDArray[np.float64]
+SAMPLE_TIME = 0.01
+TIME = np.arange(6000) * SAMPLE_TIME
+RANGE_UM = 320.0
+
+
+def triangle(cycles: Vector) -> Vector:
+    """From 1 up to 9 V and back in each cycle."""
+    return np.asarray(5.0 + 4.0 * sawtooth(2 * np.pi * cycles, 0.5))
+
+
+def sine(cycles: Vector) -> Vector:
+    return np.asarray(5.0 - 4.0 * np.cos(2 * np.pi * cycles))
+
+
+def stage(u: Vector, creep: float = 0.0, before: float = 1.0) -> Vector:
+    """Micrometres for 1 to 9 V, settled at 1 V; ``creep`` is the share of a decade of time, ``before`` a level from
+    which the plays came."""
+    plays = play(u, [0.24, 0.8, 2.0], np.full(3, before))[0]
+    crept = [lfilter([0, a], [1, a - 1], u - u[0]) for a in -np.expm1(-SAMPLE_TIME * 10.0 ** np.arange(1, -3, -1))]
+    return np.asarray(40 * (0.8 * u + plays @ [0.1, 0.08, 0.06] + creep * np.sum(crept, axis=0)))
+
+
+def recorded(u: Vector, y: Vector, noise: float = 0.3) -> Recording:
+    chance = np.random.default_rng(0).normal(0, noise, u.size)
+    return Recording.from_arrays(u, y + chance, SAMPLE_TIME, input_unit="V", output_unit="um")
+
+
+FAST = {
+    "a triangle": triangle(TIME / 2),
+    "a sine from another phase on": sine(TIME / 0.7 + 0.3),
+    "ten loops": sine(TIME / 6),
+    "one loop and a half": triangle(TIME / 40),
+}
+SLOW = triangle(np.arange(7500) / 5000)
+STEP = np.concatenate([np.linspace(1, 6, 100), np.full(10_000, 6.0)])
+
+
+def worst(model: HysteresisCreepModel, u: Vector, creep: float = 0.0) -> float:
+    """Largest error after the first quarter, per cent of the range, on average as offset as the sensor."""
+    error = (model.simulate(u) - stage(u, creep))[u.size // 4 :]
+    return 100 * float(np.ptp(error)) / RANGE_UM
+
+
+@pytest.mark.parametrize("kind", FAST)
+def test_a_model_of_one_frequency_has_no_creep_and_holds_at_other_speeds_and_on_a_held_step(kind: str) -> None:
+    model = identify(recorded(FAST[kind], stage(FAST[kind], before=5.0)))
+    without = identify(recorded(FAST[kind], stage(FAST[kind], before=5.0)), creep_rates=())
+    assert model.structure.creep_rates == ()
+    assert model.weights.tolist() == without.weights.tolist()
+    assert worst(model, SLOW) < 0.4
+    assert worst(model, STEP) < 1e-9
+    assert UNDETERMINED in model.report["findings"]
+    assert UNDETERMINED not in without.report["sentences"]
+
+
+@pytest.mark.parametrize("creep", [0.01, 0.03])
+def test_a_step_held_for_a_minute_and_two_speeds_determine_creep(creep: float) -> None:
+    fast = triangle(TIME / 2)
+    held, slower = np.concatenate([fast, STEP]), np.concatenate([fast, SLOW])
+    for u in (held, slower):
+        model, without = (identify(recorded(u, stage(u, creep)), creep_rates=rates) for rates in (None, ()))
+        assert model.structure.creep_rates
+        assert model.report["creep"]["determined"]
+        assert model.report["creep"]["sentence"] == ""
+        assert "holds creep, which the model leaves out" in without.report["creep"]["sentence"]
+        assert worst(model, STEP, creep) < 0.5 * worst(without, STEP, creep)
+
+
+def test_given_rates_are_used_and_said_to_be_a_guess_where_the_recording_determines_no_creep() -> None:
+    u = FAST["a triangle"]
+    given = identify(recorded(u, stage(u)), n=5, m=3, creep_rates=(1.0,))
+    assert given.structure.creep_rates == (1.0,)
+    assert any(finding.startswith("The creep of the given rates is a guess.") for finding in given.report["findings"])
+    assert identify(recorded(u, stage(u)), n=3, m=1).structure.creep_rates == ()
+
+
+def test_a_drift_of_the_sensor_is_named_and_no_part_of_the_model() -> None:
+    u = FAST["a triangle"]
+    model = identify(recorded(u, stage(u) - 0.15 * TIME))
+    found = model.report["drift"]
+    assert model.structure.creep_rates == ()
+    assert found["per_s"] == pytest.approx(-0.15, abs=3.0 * found["se"] + 1e-3)
+    assert found["rms_percent"] < 0.15 < model.report["fit"]["rms_percent"]
+    assert any(sentence.startswith("The sensor drifts by -0.15 µm/s") for sentence in model.report["findings"])
+    assert worst(model, SLOW) < 0.4
