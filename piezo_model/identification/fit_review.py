@@ -109,7 +109,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         simulate(s, model.arrays, part, state),
         skip,
         tuple(_weights(problem, model.weights, known)),
-        (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.remarks)),
+        (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),
         validation is None,
     )
 

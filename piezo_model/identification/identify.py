@@ -186,7 +186,7 @@ def identify(
     options = Identification(structure, n, m, creep_rates, skip, lag, state, solver, estimator, proximal, force)
 
     model = _identified(recording, options, progress)
-    return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.remarks]})
+    return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.notes]})
 
 
 def check_direction(recording: Recording) -> Recording:

@@ -52,6 +52,11 @@ class Source:
     units: str = ""
     """What :meth:`in_units` has converted, or taken as it is since a unit is not known, in a sentence."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The remarks, for reports; they also say where seconds are a guess."""
+        return self.remarks + ("seconds are a guess, since nobody states the unit of the times",) * self.guessed_seconds
+
     def _describe_signal(self, role: str, unit: str, span: tuple[float, float]) -> str:
         column = f" {self.columns[role]!r}" if role in self.columns else ""
         low, high = (f"{value:.4g}" if unit else quantity(value, "") for value in span)

@@ -47,6 +47,8 @@ def test_a_recording_in_two_files_is_inspected_identified_validated_and_raced(
         assert call.status == 0, call.stderr
         assert "u.csv and y.csv: two files" in call.stdout
     model = json.loads((desk / "m.json").read_text())
+    assert model["report"]["remarks"] == ["seconds are a guess, since nobody states the unit of the times"]
+    assert "Seconds are a guess" in (desk / "identify.html").read_text()
     assert model["report"]["recording"] == Recording.open(desk / "whole.csv").digest()
     call = piezobench(
         "race", *two, "--solver", "box_active_set", "--limit", 1, "--out", desk, "--name", "r", folder=desk
