@@ -38,6 +38,8 @@ GOOD = 1e-3
 """Error, as a share of the range, below which a model needs no alternative if it also halves that of a line."""
 EXACT = 1e-5
 """Largest error of data that lie exactly on a curve, as a share of the range."""
+LOOPS = 0.99
+"""Largest ratio of the error of a model to that of a curve at which there are loops in the noise."""
 WHITE = 0.4
 """Largest correlation of neighbouring samples in noise."""
 NOISY = 0.02
@@ -87,7 +89,8 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, solving:
     curve = models.rms(models.residual(models.hats(thin_u), thin_v))
     noise = curve < EXACT or models.is_noise(u[window], models.residual(models.hats(u[window]), v[window]), WHITE)
     monotone = abs(models.rise(thin_u, thin_v)) > 0.8
-    on_curve = noise and monotone and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
+    hidden = curve < EXACT or error > LOOPS * curve  # loops much smaller than the noise still lower the error
+    on_curve = noise and monotone and hidden and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
     refusal, at = None, models.outlier(y)
     if at is not None and models.outlier(x) != at:
         refusal = models.outlier_sentence(y, at, skip, s.output_unit)

@@ -50,6 +50,19 @@ def test_the_weight_of_a_threshold_beyond_the_drive_keeps_its_reference(rest: fl
     assert sentences(model, "The drive never reached the thresholds of w_H3")
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_noise_of_the_sensor_biases_the_papers_weights_and_not_those_of_the_smallest_output_error(noise: float) -> None:
+    s, x = structure(creep_rates=()), a_drive(20_000)
+    true = true_model(s).simulate(x, OperatorState.settled_at(s, x[0]))
+    y = true + noise * np.ptp(true) * np.random.default_rng(0).normal(size=x.size)
+    errors = {}
+    for estimator in ("forward", "error-model"):
+        model = identify(x, y, s, estimator=estimator, lag="ignore")
+        errors[estimator] = 100 * float(np.std(model.simulate(x) - true)) / np.ptp(true)
+        assert model.report["hysteresis"]
+    assert errors["forward"] < min(5.0 * noise, 0.5 * errors["error-model"])
+
+
 def test_the_offset_is_identified_and_reported() -> None:
     s, x = structure(creep_rates=()), a_drive()
     truth = true_model(s)
