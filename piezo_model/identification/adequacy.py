@@ -80,7 +80,10 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, solving:
     counted = slice(skip, HEAD + moving)
     x, y = recording.x[counted], recording.y[counted]
     own = (y - s.y_centre - s.y_scale * fitted.y_model[counted]) / fit.span
-    first = max(0, min(moving - skip - 1, x.size - WINDOW))  # while the drive rests, explanations cannot differ
+    energy = np.concatenate([[0.0], np.cumsum(own**2)])
+    first = (
+        int(np.argmax(energy[WINDOW:] - energy[:-WINDOW])) if x.size > WINDOW else 0
+    )  # where explanations differ most
     window = slice(first, first + WINDOW)
     stride = math.ceil(x.size / WINDOW)
     u, v = 0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span

@@ -208,8 +208,8 @@ def resonance(u: Vector, v: Vector) -> AlternativeModel:
 
     grid = [
         np.array([np.log(rho / (1.0 - rho)), np.log(phi)])
-        for rho in (0.8, 0.95, 0.99)
-        for phi in np.geomspace(0.01, 2.5, 14)
+        for rho in (0.8, 0.95, 0.99, 0.997)
+        for phi in np.geomspace(0.01, 2.5, 24)
     ]
     best = minimize(error, min(grid, key=error), method="Nelder-Mead", options={"maxfev": 80})
     rho, phi = 1.0 / (1.0 + np.exp(-best.x[0])), float(np.exp(best.x[1]))

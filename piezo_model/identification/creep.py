@@ -50,9 +50,9 @@ INFORMATION = 0.03
 """Smallest share of a creep state that the regression leaves."""
 LARGEST = 0.1
 """Largest creep that is admitted, as a share of the movement in a decade of time."""
-SHARE, CHI_SQUARE = 0.5, 25.0
+SHARE, CHI_SQUARE = 0.75, 25.0
 """Smallest share of the explainable error that creep explains, and smallest (κ / se)²."""
-DRIFT_INFORMATION, DRIFT_CHI_SQUARE = 0.3, 16.0
+DRIFT_INFORMATION, DRIFT_SHARE, DRIFT_CHI_SQUARE = 0.3, 0.5, 16.0
 SHORTEST_HOLD, STEADY = 100, 1e-3
 """Fewest samples of a hold, and largest range of the drive in it, as a share of its whole range."""
 HELD_SHARE = 0.1
@@ -107,15 +107,16 @@ class Determined:
 
 
 def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
-    """Rates in 1/s, one a decade, from the length of the recording to ten sampling periods, fastest first.
+    """Rates in 1/s, one a decade, from up to ten times the length of the recording to ten sampling periods, fastest
+    first. All share one weight, so that creep goes on beyond the recording as it did within it.
 
     Examples
     --------
-    >>> candidate_rates(1e-2, 1.0)
-    (10.0, 1.0)
+    >>> candidate_rates(1e-2, 2.0)
+    (10.0, 1.0, 0.1)
     """
     slowest, fastest = math.log10(1.0 / duration_s), math.log10(0.1 / sample_time)
-    return tuple(float(f"{10.0**k:.6g}") for k in range(math.floor(fastest + 1e-9), math.ceil(slowest - 1e-9) - 1, -1))
+    return tuple(float(f"{10.0**k:.6g}") for k in range(math.floor(fastest + 1e-9), math.floor(slowest + 1e-9) - 1, -1))
 
 
 def memory_curve(s: ModelStructure, state: OperatorState, thresholds: Vector) -> Vector:
@@ -179,7 +180,7 @@ def _judged(null: Matrix, signals: Matrix, states: Matrix, rates: tuple[float, .
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
         creeping = []
     explained, significance = _gain(error, creeping, drifting, freedom)
-    if not (known >= DRIFT_INFORMATION and explained >= SHARE and significance >= DRIFT_CHI_SQUARE):
+    if not (known >= DRIFT_INFORMATION and explained >= DRIFT_SHARE and significance >= DRIFT_CHI_SQUARE):
         drifting = []
     estimates, left_over = _fit(error, creeping + drifting, freedom)
     return Determined(

@@ -5,7 +5,7 @@ the memory of the actuator's past. The state of a play is visible until the driv
 contributes. Four curves are compared by the error of the output of their forward fits (`forward`): at rest, dz/dr = 0;
 after a long ascent, −1; after a long descent, 1; and searched, with the slopes as further unknowns of the best of
 these. Rest is left only for a clear gain, since one more unknown always fits a little better. Creep rests with the
-plays.
+plays, except where a known model is validated: there it may have been driven before, and had a level for each rate.
 
 First samples that no start explains, as of an amplifier that was switched on, have an error far larger than all later
 ones and are skipped.
@@ -28,9 +28,17 @@ from piezo_model.identification.error_model import (
     accumulate,
     counted_from,
 )
-from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, state_with_slopes
+from piezo_model.identification.forward import (
+    NUDGE,
+    Columns,
+    ForwardFit,
+    fit_forward,
+    simulate,
+    state_with_slopes,
+)
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
+from piezo_model.simulation import all_weights, arrays_of
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Vector
 
@@ -55,6 +63,8 @@ HEAD = 200_000
 """Samples after the drive has erased the initial states that decide about the start."""
 NARROWER, FLAT = 0.005, 0.1
 """Smallest narrowing of the output's range that is followed, and smallest range left, as shares of it."""
+FARTHEST = 2.0
+"""Largest distance of a creep state before the first sample from the play's, unit amplitudes."""
 SAME = 1.001
 """Largest ratio of the error to the reported one at which the identification's initial state is kept."""
 
@@ -272,6 +282,31 @@ def transient_end(error: Vector, longest: int) -> int:
     return int(np.flatnonzero(error[:longest] > later)[-1]) + 1
 
 
+def _with_creep_levels(
+    recording: Recording, counted: Mask, found: ForwardFit, shift: Columns, solving: Solving
+) -> ForwardFit:
+    """The fit of known weights with the creep of each rate begun at a level of its own, if the gain is clear."""
+    s, state = found.structure, found.state.copy()
+    if not s.creep_rates:
+        return found
+    arrays, effects = arrays_of(s, all_weights(s, found.weights)), []
+    for rate in range(len(s.creep_rates)):
+        nudged = state.copy()
+        nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
+        solving.passes += 1
+        change = s.unit_output(simulate(s, arrays, recording, nudged)) - found.y_model
+        effects.append(Columns.of(change / NUDGE, -FARTHEST, FARTHEST))
+
+    def fit(state: OperatorState, further: Columns) -> ForwardFit:
+        return fit_forward(recording, counted, s, state, found.v, solving, weights_known=True, further=further)
+
+    levels = fit(state, Columns.joined([shift, *effects])).further[1:]
+    state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
+    other = fit(state, shift)
+    clear = other.cost < (1.0 - clear_gain(found.error[counted], len(effects))) * found.cost
+    return other if clear else found
+
+
 def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
     """The states before the first sample of a recording with which a model, and a constant added to it, err least, and
     the number of samples in a transient.
@@ -289,7 +324,8 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
             state = state_with_slopes(head, s, slope) if state is None else state
             return fit_forward(head, counted, s, state, v, solving, free_start=free, weights_known=True, further=shift)
 
-        return best_start(s.n, counted, fit, lambda best: fit(0.0, best.state, free=True))[1]
+        best = best_start(s.n, counted, fit, lambda best: fit(0.0, best.state, free=True))[1]
+        return _with_creep_levels(head, counted, best, shift, solving)
 
     def error(fit: ForwardFit, skip: int) -> Vector:
         centred: Vector = 0.5 * (fit.error - np.median(fit.error[counted_from(head, skip)]))

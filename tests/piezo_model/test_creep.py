@@ -95,3 +95,13 @@ def test_a_drift_of_the_sensor_is_named_and_no_part_of_the_model() -> None:
     assert found["rms_percent"] < 0.15 < model.report["fit"]["rms_percent"]
     assert any(sentence.startswith("The sensor drifts by -0.15 µm/s") for sentence in model.report["findings"])
     assert worst(model, SLOW) < 0.4
+
+
+def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_states_that_it_has_then() -> None:
+    u = np.concatenate([STEP[:7000], triangle(TIME / 6)[:3000], triangle(TIME / 0.5)[:2000]])
+    whole = recorded(u, stage(u, creep=0.02), noise=0.1)
+    model = identify(whole)
+    rest = whole.part(slice(6000, None))
+    known = model.validate(whole).fit.rms
+    assert model.validate(rest).fit.rms == pytest.approx(known, rel=0.2)
+    assert known < 0.5

@@ -340,6 +340,14 @@ def tones(*frequencies: float, damping: float, seed: int = 3) -> Recording:
     return Recording.from_arrays(u, y, SAMPLE_TIME)
 
 
+def late_resonance() -> Recording:
+    """A sweep that comes to a resonance at 120 Hz, with a damping of 5 %, after three of four seconds."""
+    rng, t = np.random.default_rng(0), np.arange(40_000) * 1e-4
+    u = np.sin(2 * np.pi * (t + 20.0 * t**2))
+    y = noisy(rng, resonant(loops(rng, u, 0.1), 120.0, 0.05, 1e-4), 0.001)
+    return Recording.from_arrays(u, y, 1e-4)
+
+
 SWEEP = np.sin(2 * np.pi * (5.0 * T + T**2))
 
 
@@ -359,6 +367,7 @@ SWEEP = np.sin(2 * np.pi * (5.0 * T + T**2))
         (lambda: tones(30.0, 45.0, damping=0.1), 40.0),
         (lambda: tones(38.0, 44.0, damping=0.1), 40.0),
         (lambda: tones(7.0, 60.0, damping=0.1), 40.0),
+        (late_resonance, 120.0),
     ],
 )
 def test_a_resonance_is_named_with_its_frequency_for_any_drive_and_sampling(
