@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from piezo_model.identification.sensor_lag import HALF_WIDTH, minimise_over_lag, shift_output
+from piezo_model import Recording, identify
+from piezo_model.identification.sensor_lag import HALF_WIDTH, shift_output
 
 
 def displacement(k: np.ndarray) -> np.ndarray:
@@ -9,12 +10,13 @@ def displacement(k: np.ndarray) -> np.ndarray:
     return 20 * np.sin(0.03 * k) + 3 * np.cos(0.4 * k + 1) + 0.5 * np.sin(1.0 * k) - 96
 
 
-def test_the_lowest_of_several_valleys_is_found() -> None:
-    tried: list[float] = []
-    found = minimise_over_lag(lambda lag: tried.append(lag) or np.cos(2.2 * lag) + 0.05 * (lag - 7) ** 2, 12)
-    assert found.samples == pytest.approx(7.11, abs=0.05)
-    assert len(tried) < 40
-    assert (min(tried), max(tried)) == (0, 12)
+@pytest.mark.parametrize("lag", [0.4, 2.3, 6.0])
+def test_a_lag_of_the_sensor_is_found_to_a_hundredth_of_a_sample(lag: float) -> None:
+    k = np.arange(6000)
+    recording = Recording.from_arrays(displacement(k), 2 * displacement(k - lag), 1e-3)
+    found = identify(recording, n=2, m=1, creep_rates=(), force=True).report["lag"]
+    assert found["samples"] == pytest.approx(lag, abs=0.01)
+    assert found["error_without_lag_percent"] < 0.01 * found["error_percent"]
 
 
 @pytest.mark.parametrize("lag", [0.25, 0.5, 1.9, -0.4, -3.75, 10.01, 40.5, 0.0, 7.0])
