@@ -241,7 +241,7 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
         ["report", run.path],
         ["resume", run.path],
         ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
-        ["deploy", run.path, "--out", tmp_path / "d.json"],
+        ["deploy", run.path, "--out", tmp_path / "d.json", "--simulated"],
     ):
         refusal = piezobench(*words).refusal
         assert f"{path}: " in refusal
