@@ -57,6 +57,8 @@ TRANSIENT_SHARE = 0.1
 """Longest transient, as a share of the recording."""
 FAR_MORE, NOTABLE = 4.0, 0.03
 """Smallest ratio of a transient's error to the largest later one, and its smallest error as a share of the range."""
+LARGER = 1.5
+"""Smallest ratio of the error at the end of a transient to the largest later one."""
 SPOILED = 3.0
 """Smallest ratio of the later errors of fits with and without the first samples that shows these to be a transient."""
 HEAD = 200_000
@@ -279,7 +281,7 @@ def transient_end(error: Vector, longest: int) -> int:
     later = float(np.max(error[longest:]))
     if np.max(error[:longest], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
         return 0
-    return int(np.flatnonzero(error[:longest] > later)[-1]) + 1
+    return int(np.flatnonzero(error[:longest] > LARGER * later)[-1]) + 1
 
 
 def _with_creep_levels(

