@@ -10,17 +10,11 @@ enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than relea
 /* The parts that Python reads; three counters begin at the exchanges. */
 static void places(Arguments *a, const Box *s)
 {
-    const Part parts[] = {{"answer", s->answer, s->d},
-                          {"raw_q", s->raw_q, s->d},
-                          {"scale", s->scale, s->d},
-                          {"cost", &s->head->cost, 1},
-                          {"P", s->P, s->d * s->ld},
-                          {"x", s->x, s->d},
-                          {"g", s->g, s->d},
-                          {"side", s->side, (s->d + 1) / 2},
-                          {"singular", &s->head->singular, 1},
-                          {"cap", &s->head->cap, 1},
-                          {"counts", &s->head->exchanges, 3}};
+    const Part parts[] = {
+        {"answer", s->answer, s->d}, {"raw_q", s->raw_q, s->d},         {"scale", s->scale, s->d},
+        {"cost", &s->head->cost, 1}, {"P", s->P, s->d * s->ld},         {"x", s->x, s->d},
+        {"g", s->g, s->d},           {"side", s->side, (s->d + 1) / 2}, {"singular", &s->head->singular, 1},
+        {"cap", &s->head->cap, 1},   {"counts", &s->head->exchanges, 3}};
     RETURN_PARTS(s->head, parts);
 }
 
@@ -85,7 +79,7 @@ static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, c
       "minimisers x of programs from first up to last, one after the other; one P for all if m = 1.",                  \
       NEED_BYTES(6, box_bytes(SIZE(d))) + (LENGTH(m) == 1 || !NEED_SIZE(n, LENGTH(m))),                                \
       solve_batch(&(Batch){SIZE(d), LENGTH(m), REALS(1), REALS(0), REALS(2), REALS(3), REALS(4), (int *)MEMORY(5)},    \
-                  MEMORY(6), INT(7), INT(8)))                                                                                     \
+                  MEMORY(6), INT(7), INT(8)))                                                                          \
     F(time_box, "state@BOX1, warm#0:1, " TIMED, "time updates and solves; a status.", 1,                               \
       WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))          \
     F(box_follow, "state@BOX1, " FOLLOWED, "time a solve after each row, warm from the last sides; a status.", 1,      \

@@ -38,6 +38,7 @@ extern PyMethodDef box_bindings[], descent_bindings[], library_bindings[], daqp_
 
 PyObject *PyInit__core(void)
 {
-    PyMethodDef *const tables[] = {processor_bindings, box_bindings, descent_bindings, library_bindings, daqp_bindings, NULL};
+    PyMethodDef *const tables[] = {processor_bindings, box_bindings,  descent_bindings,
+                                   library_bindings,   daqp_bindings, NULL};
     return make_module(tables);
 }
