@@ -16,6 +16,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from piezo_model import checks
 from piezo_model.figures import figures_of
@@ -106,6 +107,7 @@ class Identification:
         return self.structure is None and self.creep_rates is None
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # the same bits on any number of cores, and small matrices sooner
 def identify(
     x: ArrayLike | Recording,
     y: ArrayLike | None = None,
@@ -189,6 +191,7 @@ def identify(
     return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.notes]})
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def check_direction(recording: Recording) -> Recording:
     """The recording, with input and output swapped if they were guessed by their values and a fit contradicts that.
 

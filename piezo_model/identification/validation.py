@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from piezo_model.identification.alternative_models import outlier, outlier_sentence
 from piezo_model.identification.output_error import output_error
@@ -85,6 +86,7 @@ class Validation:
             )
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # the same bits on any number of cores
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     model = model.at(recording.sample_time)
