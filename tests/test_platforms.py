@@ -33,6 +33,8 @@ for module, starts in (
         delattr(module, name)
 sys.platform = "darwin"
 """
+NO_DYLD = "ignore:Could not find _dyld_image_count:RuntimeWarning"
+"""threadpoolctl takes the system for a macOS, whose way to list libraries a C library of Linux lacks."""
 LIBRARY = """
 import numpy as np
 import qpsolvers
@@ -71,7 +73,11 @@ except ValueError as error:
 
 def elsewhere(program: str, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", HIDE + program, *words], cwd=folder, capture_output=True, text=True, check=False
+        [sys.executable, "-W", NO_DYLD, "-c", HIDE + program, *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
