@@ -96,7 +96,7 @@ def ranking(measurements: Measurements) -> list[Line]:
             )
             for one in settings[(settings.solver == solver) & (settings.lane == lane)].itertuples()
         }
-        partial = problems if problems < lanes.problems.max() else 0
+        partial = problems if problems < measurements.problems else 0
         lines.append(Line(name, solver, lane, results, float(gaps.get((solver, lane), math.nan)), partial))
     return sorted(lines, key=lambda line: line.place)
 

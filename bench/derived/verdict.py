@@ -54,6 +54,9 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
         (tier for tier in GAPS if any(tier in line.results and line.results[tier].reached for line in lines)), None
     )
     problems = "the problem" if measurements.problems == 1 else f"all {measurements.problems} problems"
+    if partial and not lines:
+        yield f"None of {solver_lanes(len(partial))} was raced on {problems}; the table says on how many each was."
+        return
     if at is None:
         yield (
             f"No solver reaches {TIER_NAMES[Tier.LOW] if any(line.results for line in lines) else 'any accuracy'} on "

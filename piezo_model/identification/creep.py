@@ -36,8 +36,6 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
-UNDETERMINED = "Creep is not determined by this recording; hold a step for a minute."
-
 PLAYS, KNOTS = 10, 6
 """Thresholds above zero of the regression, and knots of each function over the whole range; twice as many for r = 0."""
 ENOUGH = 2000

@@ -38,7 +38,7 @@ from piezo_model.identification.forward import (
 )
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.simulation import all_weights, arrays_of
+from piezo_model.simulation import Arrays
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Vector
 
@@ -285,13 +285,14 @@ def transient_end(error: Vector, longest: int) -> int:
 
 
 def _with_creep_levels(
-    recording: Recording, counted: Mask, found: ForwardFit, shift: Columns, solving: Solving
+    recording: Recording, counted: Mask, arrays: Arrays, found: ForwardFit, shift: Columns, solving: Solving
 ) -> ForwardFit:
-    """The fit of known weights with the creep of each rate begun at a level of its own, if the gain is clear."""
+    """The fit of known weights, those of ``arrays``, with the creep of each rate begun at a level of its own, if the
+    gain is clear."""
     s, state = found.structure, found.state.copy()
     if not s.creep_rates:
         return found
-    arrays, effects = arrays_of(s, all_weights(s, found.weights)), []
+    effects = []
     for rate in range(len(s.creep_rates)):
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
@@ -327,7 +328,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
             return fit_forward(head, counted, s, state, v, solving, free_start=free, weights_known=True, further=shift)
 
         best = best_start(s.n, counted, fit, lambda best: fit(0.0, best.state, free=True))[1]
-        return _with_creep_levels(head, counted, best, shift, solving)
+        return _with_creep_levels(head, counted, model.arrays, best, shift, solving)
 
     def error(fit: ForwardFit, skip: int) -> Vector:
         centred: Vector = 0.5 * (fit.error - np.median(fit.error[counted_from(head, skip)]))

@@ -32,7 +32,7 @@ def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_resul
         "to 1e-12",
         "default gap",
     ]
-    other = ladder({"p2": [1e-14]}, solver="osqp", noise_um=0.0)
+    other = ladder({"p1": [1e-14], "p2": [1e-14]}, solver="osqp", noise_um=0.0)
     assert short_table(ranking(measured([*noisy, *other])), "").headings[-2] == "stage"
     assert cells([*noisy, *other])["osqp"][-2] == "–"
 

@@ -120,6 +120,13 @@ def test_a_lane_that_was_raced_on_fewer_problems_is_not_counted_and_comes_last_w
     assert short_table(table, "").rows[-1][0] == "slow (1 problem)"
 
 
+def test_lanes_of_which_none_was_raced_on_all_problems_are_not_said_to_reach_anything_on_all() -> None:
+    rows = [*ladder({"p1": [1e-12]}, solver="a"), *ladder({"p2": [1e-12], "p3": [1e-12]}, solver="b")]
+    (sentence,) = verdict(measured(rows))
+    assert sentence.startswith("None of 2 solver lanes was raced on all 3 problems")
+    assert [line.partial for line in ranking(measured(rows))] == [1, 2]
+
+
 def test_the_papers_steps_take_the_time_of_each_problems_own_samples() -> None:
     rows = [*field(), *steps({"p1": [0.5, 1e-4], "p2": [0.5, 1e-4]})]
     found = replace(measured(rows), periods_us={("paper", "p2"): 5000.0})
