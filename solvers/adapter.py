@@ -16,6 +16,7 @@ import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.backend import Backend
+from solvers.core import REASONS, UNSOLVED
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, only_box
 from solvers.rows import Cones, Intervals, Program, Stack, Triangle
 
@@ -71,7 +72,8 @@ class LibrarySolver(Solver):
     and only ``solution`` refers to them later."""
     program: Program
     rows: Any
-    found: bool = False
+    found: bool | None = None
+    """Whether the last solve found an answer; None before a solve of the present data."""
     _ready: bool | None = None
     """Whether the library has the data; None without a good set-up."""
 
@@ -89,7 +91,7 @@ class LibrarySolver(Solver):
 
     def setup(self, problem: Problem) -> None:
         """Refuse problems that the library cannot take, convert the others and make the library's object."""
-        b, self._ready, self.found = self.library, None, False
+        b, self._ready, self.found = self.library, None, None
         if self.settings and not (b.tolerances or b.more or b.always):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
         if self.bounds_only:
@@ -123,7 +125,7 @@ class LibrarySolver(Solver):
         if self._ready is None:
             self._refuse_to_work()
         data = self.program.take(P, q, copy=not self.takes_data)
-        self.found = self._ready = False
+        self.found, self._ready = None, False
         self.pass_data(*data)
         self._ready = True
 
@@ -135,6 +137,7 @@ class LibrarySolver(Solver):
         """Return the library's answer, NaN if it found none; ValueError without data that the library took."""
         if not self._ready:
             self._refuse_to_work()
+        self.found = None
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
         x = self.run(start)
         self.found = x is not None
@@ -146,11 +149,18 @@ class LibrarySolver(Solver):
 
     def iterate(self) -> Vector | None:
         """Return x if the status is that of a solve ended by the iteration limit."""
+        if self.found is None:
+            return None
         x, _, status, *_ = self.answer()
         return np.array(x) if status.startswith(self.at_limit) else None
 
     def solution(self) -> Solution:
-        """Return the answer with the multipliers of the problem's own rows."""
+        """Return the answer with the multipliers of the problem's own rows; before a solve of the present data, none is
+        found. ValueError as ``solve`` without data."""
+        if not self._ready:
+            self._refuse_to_work()
+        if self.found is None:
+            return self.program.solution(None, None, {"status": REASONS[UNSOLVED]})
         x, w, status, iterations, reported_us = self.answer()
         extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
         if not self.found:

@@ -43,16 +43,16 @@ typedef struct {
     int *statuses;
 } Batch;
 
-/* The programs from `first` up to `last`, one after the other. */
+/* The programs from `first` up to `last`, one after the other; a P that all share is inverted once. */
 static void solve_batch(const Batch *batch, void *memory, int first, int last)
 {
-    const size_t d = (size_t)batch->d, stride = batch->matrices == 1 ? 0 : d;
+    const size_t d = (size_t)batch->d, stride = batch->matrices == 1 ? 0 : d, begin = (size_t)first * d;
     if (first < last) {
-        box_setup(memory, batch->d, batch->lb + (size_t)first * d, batch->ub + (size_t)first * d);
+        box_setup(memory, batch->d, batch->lb + begin, batch->ub + begin);
         Box s = box_at(memory);
-        for (size_t at = (size_t)first * d; at < (size_t)last * d; at += d) {
-            batch->statuses[at / d] =
-                box_solve_anew(&s, batch->P + at * stride, batch->q + at, batch->lb + at, batch->ub + at);
+        for (size_t at = begin; at < (size_t)last * d; at += d) {
+            const double *const P = at == begin || stride > 0 ? batch->P + at * stride : NULL;
+            batch->statuses[at / d] = box_set_and_solve(&s, P, batch->q + at, batch->lb + at, batch->ub + at);
             memcpy(batch->x + at, s.answer, d * sizeof(double));
         }
     }

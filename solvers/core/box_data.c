@@ -275,7 +275,7 @@ int box_solve_from(void *memory, int d, const real *P, const real *q, const real
     return status == OK ? box_solve(&s, 1) : status;
 }
 
-int box_solve_anew(Box *s, const real *P, const real *q, const real *lb, const real *ub)
+int box_set_and_solve(Box *s, const real *P, const real *q, const real *lb, const real *ub)
 {
     s->head->of_bounds = set_bounds(s, lb, ub);
     box_set_data(s, P, q);

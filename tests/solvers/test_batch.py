@@ -9,6 +9,7 @@ from qpsolvers import Problem
 import solvers
 from solvers import BoxBatch
 from solvers.arrays import Matrix
+from solvers.core import OK
 
 
 def programs(count: int, d: int, seed: int) -> tuple[Matrix, Matrix, Matrix, Matrix]:
@@ -35,13 +36,29 @@ def test_every_answer_is_that_of_the_single_solver_to_the_bit(d: int) -> None:
         np.testing.assert_array_equal(x[b], single.solve())
 
 
+ONE_P = {
+    "definite": lambda P: P,
+    "singular": np.ones_like,
+    "nearly singular": lambda P: np.ones_like(P) + 1e-14 * np.eye(len(P)),
+    "with a zero row": lambda P: P * np.outer(np.arange(len(P)) != 2, np.arange(len(P)) != 2),
+    "indefinite": np.negative,
+    "NaN": lambda P: np.full_like(P, np.nan),
+}
+
+
+@pytest.mark.parametrize("kind", ONE_P)
 @pytest.mark.parametrize("count", [0, 1, 200])
-def test_one_P_for_all_programs_is_the_same_as_a_copy_for_each(count: int) -> None:
-    P, q, lb, ub = programs(max(count, 1), 7, 3)
+def test_one_P_for_all_programs_has_the_answers_of_a_copy_for_each(count: int, kind: str) -> None:
+    matrices, q, lb, ub = programs(max(count, 1), 7, 3)
+    P = ONE_P[kind](matrices[0])
+    lb[::5], ub[::5] = -1.0, 1.0
+    q[3:4, 1], lb[7:8], ub[9:10, 0] = np.inf, 2.0, np.nan
     given = q[:count], lb[:count], ub[:count]
-    x, found = BoxBatch(7).solve(P[0], *given)
-    np.testing.assert_array_equal(x, BoxBatch(7).solve(np.tile(P[0], (count, 1, 1)), *given)[0])
-    assert found.all()
+    together, separate = BoxBatch(7), BoxBatch(7)
+    for one, other in zip(together.solve(P, *given), separate.solve(np.tile(P, (count, 1, 1)), *given), strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(together.statuses, separate.statuses)
+    assert (together.statuses[:1] == OK).all() == (count == 0 or kind not in ("indefinite", "NaN"))
 
 
 def test_an_invalid_program_changes_no_bit_of_the_others() -> None:
