@@ -165,6 +165,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     x = finite("x", x, data.q.shape)
     budget = Work(work)
     shift, definite = data.convexity_shift(budget)
+    budget.found = "P is convex, and no active set has been tried"
     program, factor = exact(data, shift)
     try:
         W, point = optimum(program, [program.positions[name] for name in data.guess(x)], budget)
@@ -211,8 +212,8 @@ def _rounded(x: RationalColumn) -> tuple[float, ...]:
     return tuple(nearest_double(entry) for entry in x.entries())
 
 
-def _stored_point(program: ExactProgram, certificate: Certificate) -> Point:
-    """Line 3 of the proof."""
+def stored_point(program: ExactProgram, certificate: Certificate) -> Point:
+    """The stationary point of the stored active set; raises NotCertified where line 3 of the proof fails."""
     active = certificate.active()
     for kind, i in active:
         if (kind, i) not in program.positions:
@@ -228,7 +229,7 @@ def _stored_point(program: ExactProgram, certificate: Certificate) -> Point:
 def exact_optimum(problem: Problem, certificate: Certificate) -> list[Any]:
     """x* as d rationals (flint.fmpq), computed from the active set; :func:`verify` checks them."""
     program, _ = exact(DoubleProblem.of(problem), certificate.convexity_shift)
-    return list(_stored_point(program, certificate).x.entries())
+    return list(stored_point(program, certificate).x.entries())
 
 
 def verify(problem: Problem, certificate: Certificate) -> None:
@@ -243,7 +244,7 @@ def verify(problem: Problem, certificate: Certificate) -> None:
     shift, definite = data.convexity_shift()
     line("2 (convexity)", certificate.convexity_shift == shift, f"the rule gives the shift {shift!r}")
     program, factor = exact(data, shift)
-    point = _stored_point(program, certificate)
+    point = stored_point(program, certificate)
     for k in point.wrong:
         line("4 (feasibility)", k in point.multipliers, f"x* breaks the {program.constraint(k)}")
     for k in point.wrong:

@@ -26,6 +26,7 @@ VERBS = {
     "report": "race_verbs",
     "solvers": "race_verbs",
     "problems": "problem_verbs",
+    "certify": "certify_verb",
     "excite": "excite_verb",
     "inspect": "recording_verbs",
     "identify": "stage_verbs",

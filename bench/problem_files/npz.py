@@ -103,9 +103,10 @@ def opened(path: Path) -> Iterator[Any]:
 
 def read_npz(path: Path) -> ReadProgram:
     """Read a program under the names above, with an optional constant term ``c`` or ``r``; ValueError for an invalid
-    file."""
+    file. Of a problem that a race has stored, it is the program in original units, without the constant term."""
     with opened(path) as arrays:
-        fields = {name: _field(path, arrays, name) for name in QP_FIELDS}
+        prefix = "raw/" if "raw/P" in arrays or "raw/P/data" in arrays else ""
+        fields = {name: _field(path, arrays, prefix + name) for name in QP_FIELDS}
         unread = [name for name in ("l", "u") if name in arrays]
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
     for name in ("P", "q"):

@@ -100,7 +100,9 @@ def _attempt(function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotC
     """The result of a function, or the reason why there is no proof."""
     try:
         return function(*arguments)
-    except (NotCertified, ValueError) as error:  # ValueError: NaN or a wrong shape in the program's data
+    except NotCertified as error:
+        return error
+    except ValueError as error:  # NaN or a wrong shape in the program's data
         return NotCertified(str(error))
     except MemoryError:
         return NotCertified("the proof needs more memory than there is")

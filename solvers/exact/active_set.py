@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 
 from flint import fmpq, fmpq_mat, fmpz, fmpz_mat
 
-from solvers.exact.linear_algebra import WORK, NotCertified, RationalColumn, Work, rational_column
+from solvers.exact.linear_algebra import WORK, IntegerRows, OutOfWork, RationalColumn, Work, rational_column
 from solvers.exact.program import (
     Constraint,
     ExactProgram,
@@ -47,7 +47,7 @@ def optimum(program: ExactProgram, wanted: Iterable[int], work: Work | None = No
     ------
     Infeasible, Unbounded
         With a constraint that proves it.
-    NotCertified
+    OutOfWork
         The limit of the work is exceeded.
     """
     budget = work or Work(WORK)
@@ -72,6 +72,7 @@ def block_exchange(program: ExactProgram, W: list[int], budget: Work) -> tuple[l
     while True:
         budget.spend(program.pivot_work(W))
         point = stationary_point(program, W)
+        budget.found = f"P is convex, and the best active set so far breaks {min(fewest, len(point.wrong))} conditions"
         fewest, patience = (len(point.wrong), 3) if len(point.wrong) < fewest else (fewest, patience - 1)
         if not point.wrong or patience == 0:
             return W, point
@@ -178,37 +179,66 @@ def _drop(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list
     )
 
 
-def nearest_feasible(program: ExactProgram, x: RationalColumn, work: Work | None = None) -> RationalColumn:
-    """The Euclidean projection of x (d, 1) on the feasible set, exactly; raises :class:`Infeasible`, and NotCertified
-    beyond the limit of the work."""
+def nearest_feasible_point(
+    program: ExactProgram, x: RationalColumn, work: Work | None = None
+) -> tuple[ExactProgram, Point]:
+    """The Euclidean projection of x (d, 1) on the feasible set as the optimum of a program with P = I and q = −x, and
+    that program; raises :class:`Infeasible`, and OutOfWork."""
     identity = [[fmpz(int(i == j)) for j in range(program.d)] for i in range(program.d)]
-    return optimum(ExactProgram(identity, -x, program.constraints), program.violated(x), work)[1].x
+    projection = ExactProgram(identity, -x, program.constraints)
+    return projection, optimum(projection, program.violated(x), work)[1]
+
+
+def nearest_feasible(program: ExactProgram, x: RationalColumn, work: Work | None = None) -> RationalColumn:
+    """The point of :func:`nearest_feasible_point`."""
+    return nearest_feasible_point(program, x, work)[1].x
 
 
 def is_unique(program: ExactProgram, point: Point, work: Work) -> bool | None:
-    """Whether the optimum at ``point`` is the only one, decided exactly; None if that takes more work than allowed.
+    """Whether the optimum at ``point`` is the only one, decided exactly; None if that takes more work than allowed."""
+    try:
+        return flat_direction(program, point, work) is None
+    except OutOfWork:
+        return None
+
+
+def _tight_rows(program: ExactProgram, point: Point) -> tuple[IntegerRows, IntegerRows]:
+    """The rows of P and of the constraints that every optimum meets with equality, and those of the constraints that
+    are tight at ``point`` with a multiplier of zero."""
+    tight, weak = [list(row) for row in program.P], []
+    for k, c in enumerate(program.constraints):
+        if c.kind is Kind.EQUALITY or point.multipliers.get(k, 0) > 0:
+            tight.append(c.row(program.d))
+        elif k in point.multipliers or point.slacks[k] == 0:
+            weak.append(c.row(program.d))
+    return tight, weak
+
+
+def is_unique_by_rank(program: ExactProgram, point: Point) -> bool:
+    """Whether the equations that every optimum meets have rank d, which proves that ``point`` is the only one."""
+    return bool(fmpz_mat(_tight_rows(program, point)[0]).rank() == program.d)
+
+
+def flat_direction(program: ExactProgram, point: Point, work: Work) -> RationalColumn | None:
+    """A direction (d, 1) in which the optimum at ``point`` can be left for another one, or None if it is the only one;
+    raises OutOfWork.
 
     Another optimum lies along a direction p ≠ 0 with P p = 0 that keeps the equalities and the constraints of positive
     multiplier tight and does not break the other tight ones, aₖᵀp ≤ 0. No such direction exists if and only if all
     these rows have rank d and the linear program min Σ aₖᵀp over such p has the value 0.
     """
-    d, tight, weak = program.d, [list(row) for row in program.P], []
-    for k, c in enumerate(program.constraints):
-        if c.kind is Kind.EQUALITY or point.multipliers.get(k, 0) > 0:
-            tight.append(c.row(d))
-        elif k in point.multipliers or point.slacks[k] == 0:
-            weak.append(c.row(d))
+    d, (tight, weak) = program.d, _tight_rows(program, point)
     if fmpz_mat(tight).rank() == d:
-        return True
-    if not weak or fmpz_mat(tight + weak).rank() < d:
-        return False
+        return None
+    rows = fmpz_mat(tight + weak)
+    if rows.rank() < d:
+        kernel, _ = rows.nullspace()
+        return fmpq_mat(fmpz_mat(d, 1, [kernel[i, 0] for i in range(d)]))
     total = [sum(entries, fmpz(0)) for entries in zip(*weak, strict=True)]
     cone = [Constraint(Kind.EQUALITY, i, fmpq(0), tuple(row)) for i, row in enumerate(tight)]
     cone += [Constraint(Kind.ROW, i, fmpq(0), tuple(row)) for i, row in enumerate(weak)]
     cone.append(Constraint(Kind.ROW, len(weak), fmpq(1), tuple(-entry for entry in total)))  # else the value is −∞
     no_curvature = [[fmpz(0)] * d for _ in range(d)]
     flat = ExactProgram(no_curvature, rational_column([fmpq(entry) for entry in total]), tuple(cone))
-    try:
-        return bool(flat.value(optimum(flat, [], work)[1].x) == 0)
-    except NotCertified:  # this program has an optimum, so it is the work
-        return None
+    p = optimum(flat, [], work)[1].x
+    return None if flat.value(p) == 0 else p

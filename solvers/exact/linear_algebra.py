@@ -35,18 +35,24 @@ class NotCertified(Exception):
     """No proof of an optimum exists, or the proof at hand is wrong; the message is one sentence with the reason."""
 
 
+class OutOfWork(NotCertified):
+    """The limit of the work is exceeded; the message says what had been found out by then."""
+
+
 class Work:
     """A limit on the work of a proof, in bit operations instead of seconds, so that results do not depend on the load
     of the machine."""
 
     def __init__(self, limit: float) -> None:
         self._limit = self._left = limit
+        self.found = "convexity is undecided"
+        """What is known so far, for the message of :class:`OutOfWork`."""
 
     def spend(self, amount: float) -> None:
-        """Subtract an amount; NotCertified if it exceeds the remainder."""
+        """Subtract an amount; OutOfWork if it exceeds the remainder."""
         self._left -= amount
         if self._left < 0.0:
-            raise NotCertified(f"no proof within {self._limit:.0e} bit operations of exact arithmetic")
+            raise OutOfWork(f"no proof within {self._limit:.0e} bit operations of exact arithmetic; {self.found}")
 
 
 def integers(values: NDArray[np.float64]) -> tuple[list[Any], int]:

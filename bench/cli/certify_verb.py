@@ -1,0 +1,99 @@
+"""The verb ``certify``: the optimum of a program in a file, proved in exact arithmetic, as a document for others."""
+
+import json
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from qpsolvers import Problem
+
+from bench.cli.options import ProofWork
+from bench.problem_files import ProblemFileError, read
+from bench.problem_files.program import about, require
+from bench.problems.certifying import ProverLost, prove, require_size, start
+from bench.processes.forked_child import ForkedChild
+from bench.report.console import AsJson, check_writable, print_result
+from piezo_model.atomic_file import write_text
+from solvers.arrays import Vector
+from solvers.certificate import NotCertified, certify
+from solvers.certificate_document import document
+from solvers.exact.linear_algebra import WORK, OutOfWork
+
+NO_PROOF = 3
+"""Exit status if the work allowed does not suffice for a proof."""
+SHOWN = 12
+"""Most variables whose values are printed."""
+
+
+def certify_verb(
+    problem: Annotated[Path, typer.Argument(help="Program in NPZ, MAT, QPS, MPS or SIF.")],
+    answer: Annotated[Path | None, typer.Option(help="NPY file with an answer to judge.")] = None,
+    out: Annotated[Path | None, typer.Option(help="JSON file for the certificate.")] = None,
+    work: ProofWork = WORK,
+    as_json: AsJson = False,
+) -> None:
+    """Prove the optimum of a program in exact arithmetic, and judge an answer.
+
+    The certificate can be checked without piezobench: examples/check_certificate.py. Exit status 3 means that there is
+    no proof within --work.
+    """
+    if out is not None:
+        check_writable(out, others=[each for each in (problem, answer) if each is not None])
+    program = read(problem)
+    x = None if answer is None else _answer(answer, program.qp.q.size)
+    try:
+        with ForkedChild() as child:
+            found = prove(child, certified, program.qp, program.constant, x, work)
+    except OutOfWork as error:
+        print(f"piezobench certify: {problem}: {error}", file=sys.stderr)
+        raise typer.Exit(NO_PROOF) from None
+    except (NotCertified, ProverLost) as error:
+        raise ProblemFileError(f"{problem}: {error}") from None
+    if out is not None:
+        write_text(out, json.dumps(found))
+    print_result(found, [*_sentences(found), f"Certificate: {out}" if out else ""], as_json)
+
+
+def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:
+    """The certificate of a program as a document, from the start that a library finds."""
+    require_size(qp)
+    return document(qp, certify(qp, start(qp), work=work), constant=constant, answer=answer, work=work)
+
+
+def _answer(path: Path, size: int) -> Vector:
+    """The answer (size,) in a file; ProblemFileError for anything else."""
+    with about(path):
+        try:
+            x = np.load(path, allow_pickle=False)
+        except (ValueError, EOFError) as error:
+            raise ValueError(f"cannot be read as NPY: {error}") from None
+        require(isinstance(x, np.ndarray) and x.dtype.kind in "iuf", "holds no array of real numbers")
+        require(x.shape == (size,), f"is of shape {x.shape} and not ({size},), one number for each variable")
+        require(np.isfinite(x).all(), "has an element that is not a finite number")
+        return np.asarray(x, dtype=np.float64)
+
+
+def _sentences(found: dict[str, Any]) -> list[str]:
+    optimum, rounded = found["optimum"], found["rounded"]
+    value = f"The least cost is {rounded['value']}"
+    if len(optimum["value"]) <= len(rounded["value"]):
+        value += f", exactly {optimum['value']}"
+    if float.fromhex(found["shift"]):
+        value += f", of P + {float.fromhex(found['shift']):.0e} I, since P is indefinite by rounding"
+    active = [f"{name} {', '.join(map(str, tight))}" for name, tight in found["active"].items() if tight]
+    unique = {"yes": "is the only one", "no": "is not the only one", "undecided": "may not be the only one"}
+    lines = [
+        f"{value}; this is proved in exact arithmetic.",
+        f"x* = ({', '.join(rounded['x'])})." if len(rounded["x"]) <= SHOWN else "",
+        f"x* {unique[found['unique']]}; tight at x*: {'; '.join(active) or 'no constraint'}.",
+    ]
+    if "answer" in found:
+        gap, violation, distance = (float(Fraction(found["answer"][key])) for key in ("gap", "violation", "distance"))
+        lines.append(
+            f"The answer breaks the constraints by {violation:.3g} at most; the feasible point nearest to it costs "
+            f"{gap:.3g} more than the optimum. Its largest distance from x* in one variable is {distance:.3g}."
+        )
+    return lines

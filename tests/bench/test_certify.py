@@ -1,0 +1,210 @@
+"""``piezobench certify``, and the check of its certificates by a script that knows nothing of the package."""
+
+import json
+import runpy
+import subprocess
+import sys
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from box_programs import many_weak_rows
+from command_line import CommandLine
+from qpsolvers import Problem
+from scipy.sparse import csc_matrix
+
+from bench.problem_files.npz import packed_program
+from bench.problem_files.program import fields_of
+from solvers.certificate import certify
+from solvers.certificate_document import document
+
+CHECKER = Path(__file__).parents[2] / "examples/check_certificate.py"
+RNG = np.random.default_rng(20)
+
+
+def gram(rows: int, d: int) -> Any:
+    M = RNG.integers(-9, 10, size=(rows, d)) / 8.0
+    return M.T @ M
+
+
+BOX = {"lb": np.zeros(6), "ub": np.full(6, 2.0)}
+PROGRAMS = {
+    "one variable": Problem(np.eye(1), np.array([-3.0]), lb=np.zeros(1), ub=np.ones(1)),
+    "box": Problem(gram(9, 6), RNG.normal(size=6), **BOX),
+    "singular": Problem(gram(3, 6), gram(3, 6) @ RNG.normal(size=6), **BOX),
+    "no curvature": Problem(np.zeros((3, 3)), np.array([1.0, 0.0, 0.0]), lb=np.zeros(3), ub=np.ones(3)),
+    "indefinite by rounding": Problem(
+        np.array([[1.0, 1.0], [1.0, 1.0 - 2**-53]]), np.array([-1.0, 1.0]), lb=np.zeros(2)
+    ),
+    "rows and equalities": Problem(
+        gram(6, 4), RNG.normal(size=4), RNG.normal(size=(5, 4)), np.ones(5), np.ones((1, 4)), np.zeros(1)
+    ),
+    "sparse": Problem(csc_matrix(gram(6, 4)), np.ones(4), csc_matrix(np.ones((1, 4))), np.full(1, -2.0)),
+    "weak rows": many_weak_rows(),
+}
+
+
+def checked(certificate: Path, *problem: Path) -> subprocess.CompletedProcess[str]:
+    """The checker in a process that finds no installed package."""
+    words = [sys.executable, "-I", "-S", CHECKER, certificate, *problem]
+    return subprocess.run(list(map(str, words)), capture_output=True, text=True, check=False)
+
+
+def saved(problem: Problem, folder: Path) -> Path:
+    """A file of qpsolvers, or of sparse matrices in compressed columns."""
+    path = folder / "problem.npz"
+    if isinstance(problem.P, np.ndarray):
+        problem.save(str(path))
+    else:
+        np.savez(path, **packed_program(problem))
+    return path
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_certificate_is_confirmed_by_a_script_without_any_package(
+    piezobench: CommandLine, tmp_path: Path, name: str
+) -> None:
+    program, answer = PROGRAMS[name], RNG.normal(size=PROGRAMS[name].q.size)
+    file = saved(program, tmp_path)
+    np.save(tmp_path / "x.npy", answer)
+    written = piezobench("certify", file, "--answer", tmp_path / "x.npy", "--out", tmp_path / "certificate.json")
+    assert written.status == 0, written.stderr
+    said = checked(tmp_path / "certificate.json", file)
+    assert said.returncode == 0, said.stderr
+    assert said.stdout.startswith("every number holds")
+
+
+def test_the_sentences_state_the_optimum_and_the_judgement_of_an_answer(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "p.npz", P=np.eye(2), q=np.array([-3.0, 1.0]), lb=np.zeros(2), ub=np.full(2, 2.0), c=1.5)
+    np.save(tmp_path / "x.npy", np.array([1.5, -0.25]))
+    said = piezobench("certify", tmp_path / "p.npz", "--answer", tmp_path / "x.npy").stdout
+    assert "The least cost is -2.5, exactly -5/2; this is proved in exact arithmetic." in said
+    assert "x* is the only one; tight at x*: lb 1; ub 0." in said
+    assert "breaks the constraints by 0.25 at most; the feasible point nearest to it costs 0.625 more" in said
+
+
+def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], str]]:
+    """Every text with a digit in a document, with the keys that lead to it."""
+    if isinstance(value, dict | list):
+        for key, each in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(each, (*path, key))
+    elif any(c.isdigit() for c in str(value)):
+        yield path, value
+
+
+def number(text: Any) -> Any:
+    """What a text of a document stands for."""
+    return float.fromhex(text) if "x" in str(text) else Fraction(text)
+
+
+def with_one_digit_changed(text: Any) -> Any:
+    """Another number, or another word, by one digit at a random place."""
+    if isinstance(text, int):
+        return text + 1
+    while True:
+        i = int(RNG.choice([i for i, c in enumerate(text) if c.isdigit()]))
+        changed = f"{text[:i]}{(int(text[i]) + 1) % 10}{text[i + 1 :]}"
+        if "version" in text or ("0x" in changed and number(changed) != number(text)):
+            return changed
+        if "x" not in text and changed[-1:] != "0" and number(changed) != number(text):
+            return changed
+
+
+@pytest.mark.parametrize("name", ["box", "no curvature", "indefinite by rounding", "rows and equalities", "sparse"])
+def test_a_certificate_with_any_number_changed_in_one_digit_is_refused(tmp_path: Path, name: str) -> None:
+    program = PROGRAMS[name]
+    file, main = saved(program, tmp_path), runpy.run_path(str(CHECKER))["main"]
+    found = document(program, certify(program, np.zeros(program.q.size)), answer=RNG.normal(size=program.q.size))
+    copy = tmp_path / "changed.json"
+    copy.write_text(json.dumps(found))
+    main(str(copy), str(file))
+    changed = 0
+    for path, text in leaves(found):
+        if path[0] == "second_optimum":  # the new one may be an optimum too, and then the statement is still true
+            continue
+        spoilt = json.loads(json.dumps(found))
+        place = spoilt
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = with_one_digit_changed(text)
+        copy.write_text(json.dumps(spoilt))
+        with pytest.raises(SystemExit, match=r"^refused: "):
+            main(str(copy), str(file))
+        changed += 1
+    assert changed > 30
+
+
+def test_a_certificate_of_other_data_is_refused_for_one_bit(tmp_path: Path) -> None:
+    program = PROGRAMS["box"]
+    (tmp_path / "c.json").write_text(json.dumps(document(program, certify(program, np.zeros(6)))))
+    fields = {name: value for name, value in fields_of(program).items() if value is not None}
+    fields["q"] = np.nextafter(fields["q"], np.inf, where=np.arange(6) == 3, out=fields["q"].copy())
+    np.savez(tmp_path / "other.npz", **fields)
+    assert "refused: q of the certificate is not that of" in checked(tmp_path / "c.json", tmp_path / "other.npz").stderr
+
+
+def test_a_nonconvex_program_is_refused_by_the_script_even_if_its_point_is_stationary(tmp_path: Path) -> None:
+    program = Problem(np.eye(2), np.zeros(2), lb=-np.ones(2), ub=np.ones(2))
+    found = document(program, certify(program, np.zeros(2)))
+    found["problem"]["P"] = [[(1.0).hex(), (2.0).hex()], [(2.0).hex(), (1.0).hex()]]
+    (tmp_path / "c.json").write_text(json.dumps(found))
+    assert checked(tmp_path / "c.json").stderr == "refused: P + δI is not positive semidefinite\n"
+
+
+def test_the_problem_that_a_race_has_stored_is_certified_in_original_units(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    stored = Path(__file__).parents[2] / "results/reference/problems/measured--dbo.npz"
+    assert piezobench("certify", stored, "--out", tmp_path / "c.json").status == 0
+    assert checked(tmp_path / "c.json", stored).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [
+        ({"P": -np.eye(2), "q": np.ones(2)}, "P is not convex"),
+        ({"P": np.zeros((2, 2)), "q": np.ones(2)}, "the cost falls without bound"),
+        (
+            {"P": np.eye(2), "q": np.ones(2), "lb": np.ones(2), "ub": np.zeros(2)},
+            "the constraints contradict each other",
+        ),
+    ],
+)
+def test_a_program_without_an_optimum_is_refused_and_nothing_is_written(
+    piezobench: CommandLine, tmp_path: Path, fields: dict[str, Any], why: str
+) -> None:
+    np.savez(tmp_path / "p.npz", **fields)
+    refused = piezobench("certify", tmp_path / "p.npz", "--out", tmp_path / "c.json")
+    assert f"p.npz: {why}" in refused.refusal
+    assert not (tmp_path / "c.json").exists()
+
+
+def test_a_proof_that_takes_too_much_work_ends_with_status_3_and_says_how_far_it_came(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    file = saved(PROGRAMS["rows and equalities"], tmp_path)
+    ended = piezobench("certify", file, "--work", 100, "--out", tmp_path / "c.json")
+    assert ended.status == 3
+    assert "no proof within 1e+02 bit operations of exact arithmetic; P is convex, and no active set" in ended.stderr
+    assert not (tmp_path / "c.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (np.zeros(3), "is of shape (3,) and not (2,)"),
+        (np.array([np.nan, 0.0]), "has an element that is not a finite number"),
+        (np.array(["a", "b"]), "holds no array of real numbers"),
+    ],
+)
+def test_an_answer_that_is_none_is_refused_by_its_file(
+    piezobench: CommandLine, tmp_path: Path, answer: Any, why: str
+) -> None:
+    np.savez(tmp_path / "p.npz", P=np.eye(2), q=np.ones(2))
+    np.save(tmp_path / "x.npy", answer)
+    assert f"x.npy: {why}" in piezobench("certify", tmp_path / "p.npz", "--answer", tmp_path / "x.npy").refusal
