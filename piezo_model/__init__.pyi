@@ -1,6 +1,7 @@
 from .bank import CompensatorBank
 from .compensator import Compensator
 from .data_basis import DataBasis
+from .dynamics import Dynamics
 from .identification.error_model import IdentificationError
 from .identification.identify import identify
 from .identification_problem import IdentificationProblem
@@ -14,6 +15,7 @@ __all__ = [
     "Compensator",
     "CompensatorBank",
     "DataBasis",
+    "Dynamics",
     "HysteresisCreepModel",
     "IdentificationError",
     "IdentificationProblem",

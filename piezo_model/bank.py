@@ -244,6 +244,7 @@ class CompensatorBank(Stateful):
         checks.instance(HysteresisCreepModel, model=model)
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
+        model.require_static("a bank")
         self._take(self._slots[self._numbered(actuator)], model)
 
     def _numbered(self, which: ArrayLike) -> Index:

@@ -132,6 +132,7 @@ class Compensator(Stateful):
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
+        model.require_static("a compensator")
         s, self._model = model.structure, model
         self._core = State(
             bindings.compensator_bytes(*s.shape), lambda block: bindings.compensator_setup(block, *s.shape)

@@ -30,7 +30,7 @@ def figures_of(model: HysteresisCreepModel) -> dict[str, float]:
     s = model.structure
     low, high = s.x_range
     up = np.linspace(low, high, POINTS)
-    bare = replace(model, structure=replace(s, creep_rates=()), w_K=np.zeros(0), start=None, report={})
+    bare = replace(model, structure=replace(s, creep_rates=()), w_K=np.zeros(0), start=None, report={}, dynamics=None)
     settled = OperatorState.settled_at(bare.structure, low, came_from="above")
     rising, falling = np.split(bare.simulate(np.concatenate([up, up[::-1]]), settled), 2)
     span = rising[-1] - rising[0]
@@ -45,7 +45,7 @@ def figures_of(model: HysteresisCreepModel) -> dict[str, float]:
 def _creep_percent(model: HysteresisCreepModel) -> float:
     s, (low, high) = model.structure, model.structure.x_range
     early = 1.0 / math.sqrt(10.0 * max(s.creep_rates) * min(s.creep_rates))
-    slow = replace(model.at(early / POINTS), start=None)
+    slow = replace(model.static.at(early / POINTS), start=None)
     x = np.full(10 * POINTS + 1, low + STEP * (high - low))
     x[0] = low
     y = slow.simulate(x, OperatorState.settled_at(slow.structure, low, came_from="above"))

@@ -30,6 +30,8 @@ class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     FORMAT: ClassVar[str]
     VERSION: ClassVar[int]
+    EARLIER: ClassVar[frozenset[int]] = frozenset()
+    """Versions before that are read too."""
     AGAIN: ClassVar[str] = ""
     """Advice for a file of another version."""
     format: str
@@ -176,9 +178,10 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
     if not isinstance(data, dict) or data.get("format") != schema.FORMAT:
         raise ValueError(f"the format field is not {schema.FORMAT!r}")
     version = data.get("version")
-    if version != schema.VERSION:
+    if version != schema.VERSION and version not in [*schema.EARLIER]:  # a list holds no set, which would not hash
+        ones = " or ".join(map(str, (*sorted(schema.EARLIER), schema.VERSION)))
         raise ValueError(
-            f"version {str(version)[:20]} is not {schema.VERSION}, the one this program "
+            f"version {str(version)[:20]} is not {ones}, the one{'s' * bool(schema.EARLIER)} this program "
             f"reads{schema.AGAIN and f'; {schema.AGAIN}'}"
         )
 

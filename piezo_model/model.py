@@ -3,7 +3,8 @@
     y = S[ H[x] + K[x] + offset ],   H[x] = Σ w_Hi H_rHi[x],   K[x] = Σ w_Ki K_rKi[x],   S[u] = Σ w_Si S_rSi(u)
 
 The identification finds S⁻¹ (weights w'_S over the thresholds r'_S of the structure), so these are what the model
-stores; S is their analytic inverse. K_rKi is the sum of one creep state per rate, all with the weight w_Ki.
+stores; S is their analytic inverse. K_rKi is the sum of one creep state per rate, all with the weight w_Ki. Structural
+dynamics may follow (`dynamics`).
 
 Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418; `operators` for the elementary operators.
 """
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike
 from piezo_model import checks, json_file, simulation
 from piezo_model.atomic_file import write_text
 from piezo_model.core import Immutable
+from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.structure import SMALLEST, ModelStructure
@@ -45,13 +47,15 @@ class ModelFile(json_file.Versioned):
     """The content of :meth:`HysteresisCreepModel.to_dict`."""
 
     FORMAT = "piezobench-model"
-    VERSION = 1
+    VERSION = 2
+    EARLIER = frozenset({1})  # without dynamics
     structure: ModelStructure
     w_H: list[Number]
     w_S_inverse: list[Number]
     w_K: list[Number]
     offset: Number
     start: States | None = None
+    dynamics: Dynamics | None = None
     report: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
@@ -74,6 +78,8 @@ class HysteresisCreepModel(Immutable):
         Results of the identification; stored with the model.
     start : OperatorState, optional
         Identified states before the first sample of the recording that the model was identified from.
+    dynamics : Dynamics, optional
+        Resonance, delay and lag behind equation (2); none by default.
 
     All of it is copied and read-only.
 
@@ -90,6 +96,7 @@ class HysteresisCreepModel(Immutable):
     offset: float = 0.0
     report: Mapping[str, Any] = field(default_factory=dict)
     start: OperatorState | None = None
+    dynamics: Dynamics | None = None
 
     def __post_init__(self) -> None:
         s = self.structure
@@ -108,6 +115,10 @@ class HysteresisCreepModel(Immutable):
             OperatorState.require(self.start, s)
             checks.finite_arrays(play=self.start.play, creep=self.start.creep)
             object.__setattr__(self, "start", OperatorState(*map(read_only, (self.start.play, self.start.creep))))
+        checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", dynamics=self.dynamics)
+        if self.dynamics is not None:
+            with checks.refusing(ModelError):
+                self.dynamics.require(s.sample_time)
         if self.offset and not s.offset:
             raise ModelError(f"the structure has no offset, and the model has one of {self.offset:g}")
         if self.w_H[0] < SMALLEST:
@@ -191,13 +202,15 @@ class HysteresisCreepModel(Immutable):
             from piezo_model.identification.start import start_and_transient
 
             x, model = x.in_units(self.structure.input_unit, self.structure.output_unit), self.at(x.sample_time)
-            return simulate(
-                model.structure, model.arrays, x, start_and_transient(model, x)[0] if state is None else state
-            )
-        return self.advance(x, self.initial_state() if state is None else state)[0]  # type: ignore[arg-type]
+            begun = start_and_transient(model, x)[0] if state is None else state
+            return simulate(model.structure, model.arrays, x, begun, model.dynamics)
+        state = self.initial_state() if state is None else state
+        OperatorState.require(state, self.structure)
+        drive = checks.vectors(x=x)[0]  # type: ignore[arg-type]
+        return simulation.respond(self.structure, self.arrays, self.dynamics, drive, state)[1]
 
     def advance(self, x: ArrayLike, state: OperatorState) -> tuple[Vector, OperatorState]:
-        """Output of the model for a part of a signal.
+        """Output of the model for a part of a signal; ModelError for a model with dynamics.
 
         Parameters
         ----------
@@ -222,9 +235,23 @@ class HysteresisCreepModel(Immutable):
         >>> y.tolist(), model.advance([0.0], state)[0].tolist()
         ([0.0, 0.75], [0.25])
         """
+        self.require_static("advance")
         OperatorState.require(state, self.structure)
         (x,) = checks.vectors(x=x)
         return simulation.advance(self.structure, self.arrays, x, state)
+
+    @property
+    def static(self) -> HysteresisCreepModel:
+        """The model without dynamics."""
+        return self if self.dynamics is None else replace(self, dynamics=None)
+
+    def require_static(self, what: str) -> None:
+        """Raise ModelError if the model has dynamics, which ``what`` would leave out."""
+        if self.dynamics is not None:
+            raise ModelError(
+                f"{what} knows hysteresis and creep alone, and the model has {self.dynamics}; use its static part, "
+                "model.static, or identify it with dynamics ignored"
+            )
 
     @property
     def warning(self) -> str:
@@ -242,8 +269,8 @@ class HysteresisCreepModel(Immutable):
 
         Raises
         ------
-        StructureError
-            The sampling period is not positive, or out of range.
+        StructureError, ModelError
+            The sampling period is not positive, or out of range, or too long for the dynamics.
 
         Examples
         --------
@@ -314,6 +341,7 @@ class HysteresisCreepModel(Immutable):
             "w_K": self.w_K.tolist(),
             "offset": self.offset,
             "start": None if self.start is None else self.start.to_dict(self.structure),
+            "dynamics": None if self.dynamics is None else self.dynamics.to_dict(),
             "report": dict(self.report),
         }
 
@@ -329,6 +357,7 @@ class HysteresisCreepModel(Immutable):
             file.offset,
             unpacked(file.report),
             start,
+            file.dynamics,
         )
 
     def save(self, path: str | Path) -> None:

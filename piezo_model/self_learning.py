@@ -169,7 +169,8 @@ class SelfLearningCompensator(Learner):
         )
         if model is None:
             model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-        elif model.structure != structure:
+        model.require_static("a self-learning compensator")
+        if model.structure != structure:
             raise ValueError("the model has another structure than the one given")
         if find_centre and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezo_model.core import bindings
+from piezo_model.dynamics import Dynamics
 from piezo_model.inverse import invert_superposition
 from piezo_model.operator_state import OperatorState, operator_arrays, pad
 from piezo_model.structure import ModelStructure
@@ -42,3 +43,21 @@ def advance(s: ModelStructure, arrays: Arrays, x: Vector, state: OperatorState) 
     y = np.empty_like(unit_x)
     bindings.model_simulate(*arrays, state.play, state.creep, unit_x, y)
     return s.y_centre + s.y_scale * y, state
+
+
+def behind_amplifier(s: ModelStructure, dynamics: Dynamics | None, x: Vector, state: OperatorState) -> Vector:
+    """The input (N,) that the actuator receives behind the amplifier, which was settled at the states before."""
+    before = s.x_centre + s.x_scale * float(state.play[0])
+    return x if dynamics is None else dynamics.amplified(x, s.sample_time, before)
+
+
+def respond(
+    s: ModelStructure, arrays: Arrays, dynamics: Dynamics | None, x: Vector, state: OperatorState
+) -> tuple[Vector, Vector]:
+    """Outputs (N,) before and behind the dynamics, in the structure's units; the dynamics are balanced at the states
+    before the first sample."""
+    static = advance(s, arrays, behind_amplifier(s, dynamics, x, state), state)[0]
+    if dynamics is None:
+        return static, static
+    balance = advance(s, arrays, np.array([s.x_centre + s.x_scale * state.play[0]]), state)[0]
+    return static, dynamics.filter(static, s.sample_time, float(balance[0]))

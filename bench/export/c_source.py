@@ -155,6 +155,7 @@ def _named(text: str, name: str) -> str:
 
 def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> dict[str, Any]:
     """Variables of all templates."""
+    model.require_static("the exported C")
     s, precision = model.structure, settings.precision
     low, high = dead_zone_limits(s.dead_zone_thresholds)
     outer_low, outer_high = outer_limits(s)

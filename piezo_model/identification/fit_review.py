@@ -106,7 +106,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         model,
         part.x,
         part.y,
-        simulate(s, model.arrays, part, state),
+        simulate(s, model.arrays, part, state, model.dynamics),
         skip,
         tuple(_weights(problem, model.weights, known)),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),

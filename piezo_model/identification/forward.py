@@ -10,6 +10,9 @@ J = Ξ_v(x, ŷ) / s(ŷ) in slope coordinates, where s is the slope of S⁻¹. Wi
 and it is halved as long as the cost rises. The program (6) itself is the start: it has y among its regressors, so that
 noise of the sensor biases it however long the recording is, and ŷ has none.
 
+With dynamics, ŷ in Ξ and s is the output before them, and the columns of J pass them too; their parameters are further
+unknowns, with derivatives by differences of the simulated output.
+
 The slopes dz/dr of the initial states over the thresholds may be unknowns too. A play or a creep state depends on its
 own initial state alone, so the derivatives by all of them are the differences of the rows after a nudge to all. Further
 columns, such as a drift, are added to the output.
@@ -25,11 +28,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.dynamics import Dynamics
+from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import Solving, part_states
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.regressors import regressor_rows
-from piezo_model.simulation import Arrays, advance, all_weights, arrays_of
+from piezo_model.simulation import Arrays, all_weights, arrays_of, behind_amplifier, respond
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
@@ -80,14 +85,17 @@ class ForwardFit:
     """Weights of the further columns."""
     cost: float
     """Mean square error of the counted samples, unit amplitudes."""
+    static: Vector
+    """Output of the model (N,) before the dynamics, in unit amplitudes."""
     y_model: Vector
     """Output of the model (N,) in unit amplitudes, without the further columns."""
     error: Vector
     """y − ŷ (N,) in unit amplitudes, with the further columns."""
     P: Matrix
-    """Mean of JᵀJ over (v, further) at the last step."""
+    """Mean of JᵀJ over (v, further, θ) at the last step."""
     free: Mask
     """Which of these the data determine and no bound holds."""
+    dynamics: Dynamics | None = None
 
     @property
     def weights(self) -> Vector:
@@ -95,8 +103,8 @@ class ForwardFit:
         return self.structure.slope_map @ self.v
 
     def slopes(self) -> Vector:
-        """Slope of S⁻¹ at every modelled output, shape (N,)."""
-        return piece_slopes(self.structure, self.v, self.y_model)
+        """Slope of S⁻¹ at every modelled output before the dynamics, shape (N,)."""
+        return piece_slopes(self.structure, self.v, self.static)
 
 
 def piece_slopes(s: ModelStructure, v: Vector, unit_y: Vector) -> Vector:
@@ -125,10 +133,20 @@ def state_with_slopes(recording: Recording, s: ModelStructure, slopes: Vector | 
     return OperatorState(play, np.tile(play, len(s.creep_rates)))
 
 
-def simulate(s: ModelStructure, arrays: Arrays, recording: Recording, state: OperatorState) -> Vector:
+def simulate(
+    s: ModelStructure, arrays: Arrays, recording: Recording, state: OperatorState, dynamics: Dynamics | None = None
+) -> Vector:
     """Output (N,) of a model in its unit, from the given states, and settled at each later start of a part."""
-    parts = part_states(recording, s, state)
-    return np.concatenate([advance(s, arrays, recording.x[part], start)[0] for part, start in parts])
+    return responses(s, arrays, recording, state, dynamics)[1]
+
+
+def responses(
+    s: ModelStructure, arrays: Arrays, recording: Recording, state: OperatorState, dynamics: Dynamics | None
+) -> tuple[Vector, Vector]:
+    """Outputs (N,) before and behind the dynamics, as of `simulate`."""
+    parts = [respond(s, arrays, dynamics, recording.x[part], start) for part, start in part_states(recording, s, state)]
+    before, behind = zip(*parts, strict=True)
+    return np.concatenate(before), np.concatenate(behind)
 
 
 def fit_forward(
@@ -144,6 +162,7 @@ def fit_forward(
     weights_known: bool = False,
     further: Columns | None = None,
     creep_limits: Vector | None = None,
+    parameters: Parameters | None = None,
 ) -> ForwardFit:
     """Minimise the error of the output over weights and other unknowns.
 
@@ -163,40 +182,52 @@ def fit_forward(
     further : Columns, optional
     creep_limits : array (n + 1,), optional
         Upper bounds of the creep weights.
+    parameters : Parameters, optional
+        The dynamics, with those of their parameters that are unknowns.
 
     Returns
     -------
     ForwardFit
     """
     n, d, k = s.n * free_start, s.d, 0 if further is None else further.low.size
-    low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), np.full(k, -np.inf)])
-    high = np.concatenate([np.full(d, np.inf), np.ones(n), np.full(k, np.inf)])
+    ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
+    low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), np.full(k, -np.inf), ends[0]])
+    high = np.concatenate([np.full(d, np.inf), np.ones(n), np.full(k, np.inf), ends[1]])
     if further is not None:
-        low[d + n :], high[d + n :] = further.low, further.high
+        low[d + n : d + n + k], high[d + n : d + n + k] = further.low, further.high
     if creep_limits is not None:
         high[s.slices[2]] = creep_limits
-    z = np.concatenate([v, initial_slopes(s, state)[:n], np.zeros(k)])
+    theta = np.zeros(0) if parameters is None else parameters.vector
+    z = np.concatenate([v, initial_slopes(s, state)[:n], np.zeros(k), theta])
     z = np.where(np.isfinite(low) & np.isfinite(high), np.clip(z, low, high), np.maximum(np.minimum(z, high), low))
     unit_y = s.unit_output(recording.y)
 
-    def trial(z: Vector) -> tuple[OperatorState, Vector, Vector, float]:
+    def trial(z: Vector) -> Trial:
         solving.passes += 1
         begun = state_with_slopes(recording, s, z[d : d + n]) if n else state
         arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
-        y_model = s.unit_output(simulate(s, arrays, recording, begun))
-        error = unit_y - y_model - (0.0 if further is None else further.signals @ z[d + n :])
-        return begun, y_model, error, float(np.mean(np.square(error[counted])))
+        dynamics = None if parameters is None else parameters.at(z[d + n + k :])
+        static, y_model = (s.unit_output(y) for y in responses(s, arrays, recording, begun, dynamics))
+        error = unit_y - y_model - (0.0 if further is None else further.signals @ z[d + n : d + n + k])
+        return Trial(z, begun, dynamics, static, y_model, error, float(np.mean(np.square(error[counted]))))
 
     known = np.zeros(z.size, dtype=bool)
     known[:d] = weights_known
-    begun, y_model, error, cost = trial(z)
+    best = trial(z)
     P, free = np.eye(z.size), ~known
     for _ in range(steps):
         solving.passes += 1
-        gram, moved = _gram(recording, counted, s, begun, z[:d], y_model, error, n, further)
+        moves = []
+        for i in range(d + n + k, z.size):
+            step = STEP if best.z[i] + STEP <= high[i] else -STEP
+            other = trial(best.z + step * (np.arange(z.size) == i))
+            moves.append(Columns.of((other.y_model - best.y_model) / step))
+        beside = [*([] if further is None else [further]), *moves]
+        gram, moved = _gram(recording, counted, s, best, n, Columns.joined(beside) if beside else None)
         P, Je = gram[:-1, :-1], gram[:-1, -1]
         determined = (np.diag(P) > 0.0) & ~known
         determined[:d] &= moved
+        z = best.z
         free = determined & (z > low) & (z < high)
         if not determined.any():
             break
@@ -207,19 +238,43 @@ def fit_forward(
         )
         step = 1.0
         while True:
-            tried = z + step * (target - z)
-            found = trial(tried)
-            if found[-1] <= cost or step < SHORTEST_STEP:
+            found = trial(z + step * (target - z))
+            if found.cost <= best.cost or step < SHORTEST_STEP:
                 break
             step *= 0.5
-        gain = cost - found[-1]
+        gain = best.cost - found.cost
         if gain > 0.0:
-            z, (begun, y_model, error, cost) = tried, found
-            free = determined & (z > low) & (z < high)
-        if gain <= CONVERGED * cost or cost < EXACT:
+            best = found
+            free = determined & (best.z > low) & (best.z < high)
+        if gain <= CONVERGED * best.cost or best.cost < EXACT:
             break
     kept: NDArray[np.int64] = np.r_[np.arange(d), np.arange(d + n, z.size)]
-    return ForwardFit(s, begun, z[:d], z[d + n :], cost, y_model, error, P[np.ix_(kept, kept)], free[kept])
+    return ForwardFit(
+        s,
+        best.state,
+        best.z[:d],
+        best.z[d + n : d + n + k],
+        best.cost,
+        best.static,
+        best.y_model,
+        best.error,
+        P[np.ix_(kept, kept)],
+        free[kept],
+        best.dynamics,
+    )
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The model of all unknowns ``z``, simulated, in unit amplitudes."""
+
+    z: Vector
+    state: OperatorState
+    dynamics: Dynamics | None
+    static: Vector
+    y_model: Vector
+    error: Vector
+    cost: float
 
 
 def _nudged(s: ModelStructure, state: OperatorState) -> OperatorState:
@@ -240,35 +295,35 @@ def _gram(
     recording: Recording,
     counted: Mask,
     s: ModelStructure,
-    state: OperatorState,
-    v: Vector,
-    y_model: Vector,
-    error: Vector,
+    at: Trial,
     free_slopes: int,
     further: Columns | None,
 ) -> tuple[Matrix, Mask]:
     """Means of the products of the columns of J and e over the counted samples, and which operators moved (d,)."""
-    y, slopes = s.y_centre + s.y_scale * y_model, piece_slopes(s, v, y_model)
+    v, y, slopes = at.z[: s.d], s.y_centre + s.y_scale * at.static, piece_slopes(s, at.z[: s.d], at.static)
     width = s.d + free_slopes + (0 if further is None else further.low.size) + 1
     sums = np.zeros((width, width))
     lowest, highest = np.full(s.d, np.inf), np.full(s.d, -np.inf)
     steps = np.tril(np.ones((s.n, s.n))) * np.diff(s.thresholds)  # dz_i / d(slope j)
-    for part, start in part_states(recording, s, state):
+    for part, start in part_states(recording, s, at.state):
         nudged, nudges = _nudged(s, start), _nudges(s, start)
+        x = behind_amplifier(s, at.dynamics, recording.x[part], start)
+        through = (lambda rows: rows) if at.dynamics is None else at.dynamics.stream(s.sample_time)
         for first in range(part.start, part.stop, CHUNK):
             samples = slice(first, min(first + CHUNK, part.stop))
-            rows = regressor_rows(s, start, recording.x[samples], y[samples], slopes=True)[:, 1:]
+            own = slice(samples.start - part.start, samples.stop - part.start)
+            rows = regressor_rows(s, start, x[own], y[samples], slopes=True)[:, 1:]
             lowest, highest = np.minimum(lowest, rows.min(axis=0)), np.maximum(highest, rows.max(axis=0))
             columns = [rows]
             if free_slopes and part.start == 0:
-                other = regressor_rows(s, nudged, recording.x[samples], y[samples], slopes=True)[:, 1:]
+                other = regressor_rows(s, nudged, x[own], y[samples], slopes=True)[:, 1:]
                 change = (other - rows) * v
                 creeps = change[:, s.slices[2]][:, 1:] if s.creep_rates else 0.0
                 columns.append((change[:, : s.n] + creeps) / nudges @ steps)
             elif free_slopes:
                 columns.append(np.zeros((len(rows), free_slopes)))
-            J = np.hstack(columns) / slopes[samples, None]
-            J = np.hstack([J, *([] if further is None else [further.signals[samples]]), error[samples, None]])
+            J = through(np.hstack(columns) / slopes[samples, None])
+            J = np.hstack([J, *([] if further is None else [further.signals[samples]]), at.error[samples, None]])
             J = J[counted[samples]]
             sums += J.T @ J
     moved = highest - lowest > STILL

@@ -39,7 +39,7 @@ def output_error(
     hardly ever there.
     """
     s, counted = model.structure, counted_from(recording, skipped)
-    errors = recording.y - simulate(s, model.arrays, recording, state)
+    errors = recording.y - simulate(s, model.arrays, recording, state, model.dynamics)
     error, x, y = errors[counted], recording.x[counted], recording.y[counted]
     inside = error[np.abs(s.unit_input(x)) <= WITHIN]
     shift = float(inside.mean()) if free_shift and inside.size > FEWEST_INSIDE * error.size else 0.0

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
     Solving,
@@ -297,11 +298,14 @@ def _with_creep_levels(
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
         solving.passes += 1
-        change = s.unit_output(simulate(s, arrays, recording, nudged)) - found.y_model
+        change = s.unit_output(simulate(s, arrays, recording, nudged, found.dynamics)) - found.y_model
         effects.append(Columns.of(change / NUDGE, -FARTHEST, FARTHEST))
 
     def fit(state: OperatorState, further: Columns) -> ForwardFit:
-        return fit_forward(recording, counted, s, state, found.v, solving, weights_known=True, further=further)
+        known = None if found.dynamics is None else Parameters(found.dynamics, s.sample_time)
+        return fit_forward(
+            recording, counted, s, state, found.v, solving, weights_known=True, further=further, parameters=known
+        )
 
     levels = fit(state, Columns.joined([shift, *effects])).further[1:]
     state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
@@ -319,13 +323,25 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
     s, solving = model.structure, Solving()
     head, v = head_of(recording, s), s.inverse_slope_map @ model.weights
     shift = Columns.of(np.ones(head.length))
+    parameters = None if model.dynamics is None else Parameters(model.dynamics, s.sample_time)
 
     def fitted(skip: int) -> ForwardFit:
         counted = counted_from(head, skip)
 
         def fit(slope: float, state: OperatorState | None = None, free: bool = False) -> ForwardFit:
             state = state_with_slopes(head, s, slope) if state is None else state
-            return fit_forward(head, counted, s, state, v, solving, free_start=free, weights_known=True, further=shift)
+            return fit_forward(
+                head,
+                counted,
+                s,
+                state,
+                v,
+                solving,
+                free_start=free,
+                weights_known=True,
+                further=shift,
+                parameters=parameters,
+            )
 
         best = best_start(s.n, counted, fit, lambda best: fit(0.0, best.state, free=True))[1]
         return _with_creep_levels(head, counted, model.arrays, best, shift, solving)
@@ -338,7 +354,9 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
     if model.start is not None and report is not None:
         counted = counted_from(head, report["skipped"])
         if counted.any():
-            own = fit_forward(head, counted, s, model.start, v, solving, steps=0, weights_known=True)
+            own = fit_forward(
+                head, counted, s, model.start, v, solving, steps=0, weights_known=True, parameters=parameters
+            )
             if abs(s.y_scale) * math.sqrt(own.cost) <= SAME * report["rms"]:
                 skipped = transient_end(np.abs(error(own, report["skipped"])), longest) if longest else 0
                 return model.start, skipped

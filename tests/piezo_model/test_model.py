@@ -221,7 +221,7 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
         (lambda text: "", "is not a whole JSON file"),
         (lambda text: "[1, 2]", "the format field is not 'piezobench-model'"),
         (lambda text: '{"format": "GeoJSON"}', "the format field is not 'piezobench-model'"),
-        (spoil(lambda data: data.update(version=99)), "version 99 is not 1, the one this program reads"),
+        (spoil(lambda data: data.update(version=99)), "version 99 is not 1 or 2, the ones this program reads"),
         (spoil(lambda data: data.pop("w_K")), "the field 'w_K' is missing"),
         (spoil(lambda data: data.pop("structure")), "the field 'structure' is missing"),
         (spoil(lambda data: data["structure"].pop("x_scale")), "the field 'structure.x_scale' is missing"),

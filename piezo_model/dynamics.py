@@ -1,0 +1,246 @@
+"""Structural dynamics behind the model of hysteresis and creep, and their causal inverse:
+
+    y = G · S[ H[x_a] + K[x_a] + offset ],   T_a dx_a/dt + x_a = x,
+
+    G(s) = e^(−τs) ( Σ g_i ω_i² / (s² + 2 ζ_i ω_i s + ω_i²) + 1 − Σ g_i )
+
+with at most two lightly damped modes ω_i = 2π f_i. Their gains g_i are shares of the static gain; the rest is residual
+compliance, of modes far above the driven band. T_a is the lag of the amplifier, and τ the delay of the output.
+
+G is discretised exactly for an input that is held between samples, with the output at the end of the interval:
+y(k) is that at time (k + 1) T − τ. So τ = T for a sensor that is read while the next drive is written. The residual
+compliance has no memory; a fraction of τ is interpolated linearly there, which is exact for ramps.
+
+The inverse F replaces the poles of each mode by those of the same frequency and the damping 0.7:
+
+    F(z) = Π  D_i(z) / D_i(1) · R_i(1) / R_i(z),    R = G F, the reference model
+
+The zeros and the delay of G are not inverted, since the inverse would ring or anticipate; the output follows R with the
+lag of its group delay at frequency 0, which is the same for all slow references.
+
+Source: K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 3rd edition 1997, section 2.3, for the hold
+with a fractional delay; S. Devasia, E. Eleftheriou and S. O. R. Moheimani, "A survey of control issues in
+nanopositioning", IEEE Transactions on Control Systems Technology 15 (2007) 802–823, for inversion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.signal import lfilter
+
+from piezo_model import checks
+from piezo_model.units import quantity
+from solvers.arrays import Matrix, Vector
+
+REFERENCE_DAMPING = 0.7
+HIGHEST = 0.35
+"""Highest frequency of a mode, as a share of the sampling rate."""
+MOST_MODES = 2
+LONGEST_S = 1.0
+"""Longest delay and lag."""
+MARGIN = 4000
+"""Samples by which a signal is mirrored at its ends before it is transformed."""
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Modes, delay and lag of a stage.
+
+    Parameters
+    ----------
+    frequencies_Hz : sequence of float
+        Undamped frequencies of at most two modes, ascending; none for a delay or a lag alone.
+    damping : sequence of float
+        Damping ratio of each, above 0 and below 1.
+    gains : sequence of float
+        Positive share of the static gain of each, at most 1 in all.
+    delay_s : float
+        Time τ from the end of the sampling interval back to the output's sample.
+    amplifier_lag_s : float
+        Time constant of a first-order amplifier before the actuator.
+
+    Raises
+    ------
+    ValueError
+        A value is out of range; the sentence names it.
+
+    Examples
+    --------
+    >>> dynamics = Dynamics((500.0,), (0.01,), (1.0,), delay_s=0.0)
+    >>> step = np.concatenate([[0.0], np.ones(2000)])
+    >>> y = dynamics.filter(step, 1e-4)  # a resonance overshoots, and settles at the static gain
+    >>> bool(y.max() > 1.9), bool(abs(y[-1] - 1.0) < 0.01)
+    (True, True)
+    >>> y = dynamics.reference(step, 1e-4)  # behind the inverse it does not ring
+    >>> bool(y.max() < 1.1), f"{1e3 * dynamics.lag_s(1e-4):.2f} ms"
+    (True, '0.40 ms')
+    """
+
+    frequencies_Hz: tuple[float, ...]
+    damping: tuple[float, ...]
+    gains: tuple[float, ...]
+    delay_s: float
+    amplifier_lag_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("frequencies_Hz", "damping", "gains"):
+            object.__setattr__(self, name, tuple(checks.vectors(**{name: getattr(self, name)})[0].tolist()))
+        checks.require(
+            lambda f: len(f) <= MOST_MODES and all(a < b for a, b in pairwise((0.0, *f, math.inf))),
+            f"at most {MOST_MODES} positive numbers in ascending order",
+            frequencies_Hz=self.frequencies_Hz,
+        )
+        each = "as many numbers as there are frequencies, "
+        checks.require(
+            lambda zeta: len(zeta) == len(self.frequencies_Hz) and all(0.0 < z < 1.0 for z in zeta),
+            f"{each}above 0 and below 1",
+            damping=self.damping,
+        )
+        checks.require(
+            lambda g: len(g) == len(self.frequencies_Hz) and all(a > 0.0 for a in g) and sum(g) <= 1.0 + 1e-12,
+            f"{each}above 0 and at most 1 in all",
+            gains=self.gains,
+        )
+        for name in ("delay_s", "amplifier_lag_s"):
+            checks.require(lambda t: 0.0 <= t <= LONGEST_S, f"from 0 to {LONGEST_S:g} s", **{name: getattr(self, name)})
+            object.__setattr__(self, name, float(getattr(self, name)))
+
+    def require(self, sample_time: float) -> None:
+        """Raise ValueError if a mode is too fast for a sampling period in s."""
+        for f in self.frequencies_Hz:
+            if f * sample_time > HIGHEST:
+                raise ValueError(
+                    f"the resonance at {quantity(f, 'Hz', 3)} is above {100.0 * HIGHEST:.0f} % of the sampling rate, "
+                    f"{quantity(1.0 / sample_time, 'Hz', 3)}"
+                )
+
+    def filter(self, v: ArrayLike, sample_time: float, level: float | None = None) -> Matrix:
+        """The output of G (N,) for the output v (N,) of the static model, or columns (N, k) of them.
+
+        Before the first sample it is balanced at ``level``, by default that sample.
+        """
+        return self.stream(sample_time, level)(np.asarray(v, dtype=np.float64))
+
+    def stream(self, sample_time: float, level: float | None = None) -> Callable[[Matrix], Matrix]:
+        """A function that filters the consecutive parts of a signal as of :meth:`filter`."""
+        parts = self._parts(sample_time)
+        states: list[Matrix] = []
+        balance = None if level is None else np.array(level)
+
+        def following(v: Matrix) -> Matrix:
+            nonlocal balance
+            if balance is None:
+                balance = v[0].copy()
+            if not states:
+                states.extend(np.zeros((max(len(b), len(a)) - 1, *v.shape[1:])) for b, a in parts)
+            y = np.zeros_like(v)
+            for i, (b, a) in enumerate(parts):
+                part, states[i] = lfilter(b, a, v - balance, axis=0, zi=states[i])
+                y += part
+            return np.asarray(y + balance)
+
+        return following
+
+    def amplified(self, x: Vector, sample_time: float, level: float) -> Vector:
+        """The drive x_a (N,) behind the amplifier for x (N,), balanced at ``level`` before it."""
+        if self.amplifier_lag_s == 0.0:
+            return x
+        p = math.exp(-sample_time / self.amplifier_lag_s)
+        return np.asarray(lfilter([1.0 - p], [1.0, -p], x - level) + level)
+
+    def inverse(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
+        """F y_ref (N,): what the static model has to put out so that the output is :meth:`reference`."""
+        y = np.asarray(y_ref, dtype=np.float64)
+        level = float(y[0]) if level is None else level
+        y = y - level
+        for D, R in self.pole_pairs(sample_time):
+            y = lfilter(D, R, y)
+        return np.asarray(y + level)
+
+    def reference(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
+        """The output G F y_ref (N,) that the inverse is for, with the lag of the amplifier."""
+        y = np.asarray(y_ref, dtype=np.float64)
+        level = float(y[0]) if level is None else level
+        behind = self.amplified(self.inverse(y, sample_time, level), sample_time, level)
+        return self.filter(behind, sample_time, level)
+
+    def lag_s(self, sample_time: float) -> float:
+        """Time by which :meth:`reference` lags a slow reference."""
+        samples = self.amplifier_lag_s and 1.0 / math.expm1(sample_time / self.amplifier_lag_s)
+        for b, a in self._parts(sample_time):
+            samples += float(np.arange(b.size) @ b - b.sum() / a.sum() * (np.arange(a.size) @ a)) / float(a.sum())
+        for D, R in self.pole_pairs(sample_time):
+            samples += float(np.arange(3) @ (D - R))
+        return samples * sample_time
+
+    def pole_pairs(self, sample_time: float) -> list[tuple[Vector, Vector]]:
+        """D_i(z) / D_i(1) and R_i(z) / R_i(1) of each mode, three coefficients each."""
+        pairs = []
+        for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True):
+            D, R = _poles(f, zeta, sample_time), _poles(f, REFERENCE_DAMPING, sample_time)
+            pairs.append((D / D.sum(), R / R.sum()))
+        return pairs
+
+    def response(self, frequencies_Hz: Vector, sample_time: float) -> Vector:
+        """Complex response of G at frequencies (k,)."""
+        q = np.exp(-2j * np.pi * frequencies_Hz * sample_time)
+        return np.asarray(sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in self._parts(sample_time)))
+
+    def anticipated(self, y: ArrayLike, sample_time: float, bandwidth_Hz: float) -> Vector:
+        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth; it anticipates y, which must be known."""
+        y = np.asarray(y, dtype=np.float64)
+        margin = min(y.size - 1, MARGIN)
+        mirrored = np.concatenate([2.0 * y[0] - y[margin:0:-1], y, 2.0 * y[-1] - y[-2 : -margin - 2 : -1]])
+        f = np.fft.rfftfreq(mirrored.size, sample_time).astype(np.float64)
+        spectrum = np.fft.rfft(mirrored) * np.exp2(-0.5 * (f / bandwidth_Hz) ** 2) / self.response(f, sample_time)
+        return np.asarray(np.fft.irfft(spectrum, mirrored.size)[margin : margin + y.size])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields as JSON types."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    def __str__(self) -> str:
+        modes = [
+            f"{quantity(f, 'Hz', 4)} with damping {100.0 * zeta:.3g} %"
+            for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)
+        ]
+        words = [f"a resonance at {' and '.join(modes)}"] if modes else []
+        words.append(f"a delay of {quantity(self.delay_s, 's', 3)}")
+        if self.amplifier_lag_s:
+            words.append(f"an amplifier lag of {quantity(self.amplifier_lag_s, 's', 3)}")
+        return ", ".join(words)
+
+    def _parts(self, sample_time: float) -> list[tuple[Vector, Vector]]:
+        """Numerator and denominator of each parallel part of G."""
+        whole, part = divmod(self.delay_s / sample_time, 1.0)
+        begins, parts = np.zeros(int(whole)), []
+        for f, zeta, gain in zip(self.frequencies_Hz, self.damping, self.gains, strict=True):
+            a = _poles(f, zeta, sample_time)
+            pulse = np.diff(_step_response(sample_time * (np.arange(4.0) - part), f, zeta))
+            parts.append((np.concatenate([begins, gain * np.convolve(a, pulse)[:3]]), a))
+        if (rest := 1.0 - sum(self.gains)) > 1e-12:
+            parts.append((np.concatenate([begins, [rest * (1.0 - part), rest * part]]), np.ones(1)))
+        return parts
+
+
+def _poles(f: float, zeta: float, sample_time: float) -> Vector:
+    """Denominator (3,) of a mode."""
+    w = 2.0 * math.pi * f * sample_time
+    return np.array(
+        [1.0, -2.0 * math.exp(-zeta * w) * math.cos(w * math.sqrt(1.0 - zeta**2)), math.exp(-2.0 * zeta * w)]
+    )
+
+
+def _step_response(t: Vector, f: float, zeta: float) -> Vector:
+    """Response of a mode to a unit step, at times (k,); 0 before it."""
+    w = 2.0 * math.pi * f
+    damped, t = w * math.sqrt(1.0 - zeta**2), np.maximum(t, 0.0)
+    oscillation = np.cos(damped * t) + zeta * w / damped * np.sin(damped * t)
+    return np.asarray(1.0 - np.exp(-zeta * w * t) * oscillation)

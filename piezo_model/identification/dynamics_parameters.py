@@ -1,0 +1,74 @@
+"""Parameters θ of the dynamics as unknowns of the forward fit, with their bounds.
+
+    θ = (log f_i, log ζ_i; sum of the gains, share of the second; delay, lag in sampling periods)
+
+Frequencies stay within 2 % and damping ratios within a factor 1.5 of those that the spectra show, since the error of
+the output has minima between the harmonics of a drive. A single mode has
+the gain 1 unless there is residual compliance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_model.dynamics import Dynamics
+from solvers.arrays import Vector
+
+FREQUENCY_RATIO, DAMPING_RATIO = 1.02, 1.5
+LONGEST = 20.0
+"""Longest delay and lag, in samples."""
+SHORTEST_LAG = 0.02
+SMALLEST_GAIN = 0.01
+STEP = 1e-5
+"""Change of a parameter for its derivative."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What is free in ``start``: nothing by default; ``free`` its modes and delay, ``residual`` also their gains, and
+    ``with_lag`` the amplifier's lag."""
+
+    start: Dynamics
+    sample_time: float
+    free: bool = False
+    residual: bool = False
+    with_lag: bool = False
+
+    @property
+    def vector(self) -> Vector:
+        """θ of the start, shape (k,)."""
+        g, T = self.start, self.sample_time
+        if not self.free:
+            return np.zeros(0)
+        gains = [sum(g.gains), *(gain / sum(g.gains) for gain in g.gains[1:])] if self.residual else []
+        lag = [max(g.amplifier_lag_s / T, SHORTEST_LAG)] if self.with_lag else []
+        return np.array([*np.log(g.frequencies_Hz), *np.log(g.damping), *gains, g.delay_s / T, *lag])
+
+    @property
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Bounds (k,) of θ."""
+        theta, modes = self.vector, len(self.start.frequencies_Hz)
+        low, high = np.zeros(theta.size), np.full(theta.size, LONGEST)
+        for block, ratio in ((slice(modes), FREQUENCY_RATIO), (slice(modes, 2 * modes), DAMPING_RATIO)):
+            low[block], high[block] = theta[block] - np.log(ratio), theta[block] + np.log(ratio)
+        if self.residual:
+            gains = slice(2 * modes, 3 * modes)
+            low[gains], high[gains] = SMALLEST_GAIN, 1.0
+        if self.with_lag:
+            low[-1] = SHORTEST_LAG
+        return low, high
+
+    def at(self, theta: Vector) -> Dynamics:
+        """The dynamics of θ (k,)."""
+        if not self.free:
+            return self.start
+        modes, T = len(self.start.frequencies_Hz), self.sample_time
+        f, zeta, rest = np.exp(theta[:modes]), np.exp(theta[modes : 2 * modes]), theta[2 * modes :].tolist()
+        gains = self.start.gains
+        if self.residual:
+            total, *second = [rest.pop(0) for _ in range(modes)]
+            gains = (total * (1.0 - sum(second)), *(total * share for share in second))
+        lag = T * rest[1] if self.with_lag else self.start.amplifier_lag_s
+        return Dynamics(tuple(f), tuple(np.minimum(zeta, 0.99)), gains, T * max(rest[0], 0.0), lag)

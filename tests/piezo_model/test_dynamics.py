@@ -1,0 +1,188 @@
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_models import a_drive, structure, true_model
+from ringing_stage import T, through_modes
+
+from bench.export.c_source import export
+from piezo_model import (
+    Compensator,
+    CompensatorBank,
+    Dynamics,
+    HysteresisCreepModel,
+    ModelError,
+    OperatorState,
+    Recording,
+    SelfLearningCompensator,
+)
+from piezo_model.deployment import Deployment
+from piezo_model.identification.dynamics_parameters import Parameters
+from piezo_model.identification.error_model import Solving
+from piezo_model.identification.forward import fit_forward
+
+ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
+TWO = Dynamics((120.0, 900.0), (0.03, 0.01), (0.8, 0.15), 0.5 * T)
+DELAY = Dynamics((), (), (), 2.0 * T)
+SLOW = Dynamics((11.0,), (0.02,), (0.9,), 3e-3, 4e-3)
+"""For the known models, whose sampling period is 5 ms."""
+
+
+def modes(dynamics: Dynamics) -> list[tuple[float, float, float]]:
+    return list(zip(dynamics.frequencies_Hz, dynamics.damping, dynamics.gains, strict=True))
+
+
+def ringing(**changes: object) -> HysteresisCreepModel:
+    return replace(true_model(structure(**changes)), dynamics=SLOW)
+
+
+@pytest.mark.parametrize("dynamics", [ONE, replace(TWO, gains=(0.8, 0.2)), DELAY], ids=str)
+def test_the_filter_is_the_response_of_the_stage_to_a_held_drive(dynamics: Dynamics) -> None:
+    v = np.cumsum(np.random.default_rng(1).normal(size=3000))
+    expected = through_modes(v, modes(dynamics), dynamics.delay_s)
+    np.testing.assert_allclose(dynamics.filter(v, T), expected, atol=1e-9)
+    np.testing.assert_allclose(
+        dynamics.filter(v, T, 7.0), through_modes(v, modes(dynamics), dynamics.delay_s, level=7.0)
+    )
+
+
+@pytest.mark.parametrize("dynamics", [ONE, TWO, DELAY], ids=str)
+def test_a_signal_in_parts_and_columns_is_filtered_as_a_whole(dynamics: Dynamics) -> None:
+    v = np.cumsum(np.random.default_rng(2).normal(size=(1000, 3)), axis=0)
+    follow = dynamics.stream(T)
+    parts = np.concatenate([follow(part) for part in np.split(v, [1, 2, 600])])
+    np.testing.assert_array_equal(parts, dynamics.filter(v, T))
+    np.testing.assert_allclose(parts[:, 1], dynamics.filter(v[:, 1], T), atol=1e-12)
+
+
+@pytest.mark.parametrize("dynamics", [ONE, TWO, DELAY, replace(TWO, amplifier_lag_s=3e-4)], ids=str)
+def test_behind_the_inverse_a_ramp_is_followed_after_the_declared_lag_and_a_step_hardly_overshoots(
+    dynamics: Dynamics,
+) -> None:
+    ramp = np.arange(20_000.0)
+    behind = ramp - dynamics.reference(ramp, T)
+    assert behind[-1] == pytest.approx(dynamics.lag_s(T) / T, abs=1e-6)
+    step = np.r_[np.zeros(10), np.ones(5000)]
+    answer = dynamics.reference(step, T)
+    assert answer.max() < 1.1
+    assert answer[-1] == pytest.approx(1.0, abs=1e-6)
+    if dynamics.amplifier_lag_s == 0.0:
+        np.testing.assert_allclose(dynamics.filter(dynamics.inverse(step, T), T), answer, atol=1e-12)
+
+
+def test_an_anticipating_inverse_has_no_lag() -> None:
+    y = 10.0 * np.sin(2.0 * np.pi * 20.0 * T * np.arange(20_000))
+    error = TWO.filter(TWO.anticipated(y, T, 2000.0), T) - y
+    assert np.max(np.abs(error[4000:-4000])) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"frequencies_Hz": (900.0, 500.0)}, "at most 2 positive numbers in ascending order, not (900.0, 500.0)"),
+        ({"frequencies_Hz": (1.0, 2.0, 3.0)}, "at most 2 positive"),
+        ({"damping": (0.01,)}, "damping must be as many numbers as there are frequencies"),
+        ({"damping": (0.01, 1.0)}, "above 0 and below 1"),
+        ({"gains": (0.8, 0.3)}, "above 0 and at most 1 in all"),
+        ({"delay_s": -1e-6}, "delay_s must be from 0 to 1 s"),
+        ({"amplifier_lag_s": np.nan}, "amplifier_lag_s must be from 0 to 1 s, not nan"),
+    ],
+)
+def test_impossible_dynamics_are_refused_by_name(changes: dict[str, object], reason: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(reason)):
+        replace(TWO, **changes)
+
+
+def test_a_model_simulates_its_dynamics_from_the_balance_before_the_first_sample() -> None:
+    model, x = ringing(), a_drive()
+    state = OperatorState.settled_at(model.structure, 20.0)
+    held = model.simulate(np.full(50, 20.0), state)
+    np.testing.assert_allclose(held, held[0], atol=1e-12)
+    behind = SLOW.amplified(x, 5e-3, 20.0)
+    static = model.static.simulate(np.r_[20.0, behind], state)
+    np.testing.assert_allclose(model.simulate(x, state), SLOW.filter(static[1:], 5e-3, static[0]), atol=1e-9)
+
+
+def test_each_part_of_a_recording_begins_in_balance() -> None:
+    model, x = ringing(), a_drive()
+    y = np.concatenate([model.simulate(part, OperatorState.settled_at(model.structure, part[0])) for part in (x, x)])
+    recording = replace(Recording.from_arrays(np.r_[x, x], y, 5e-3), starts=(0, x.size))
+    simulated = model.simulate(recording, OperatorState.settled_at(model.structure, x[0]))
+    np.testing.assert_allclose(simulated, y, atol=1e-9)
+    assert model.validate(recording).fit.rms_percent < 0.05 < model.static.validate(recording).fit.rms_percent
+
+
+def test_a_model_with_dynamics_is_saved_to_the_bit_and_one_of_the_version_before_has_none(tmp_path: Path) -> None:
+    model, path = ringing(), tmp_path / "model.json"
+    model.save(path)
+    loaded = HysteresisCreepModel.load(path)
+    assert loaded.dynamics == SLOW
+    np.testing.assert_array_equal(loaded.simulate(a_drive()), model.simulate(a_drive()))
+
+    content = json.loads(path.read_text())
+    del content["dynamics"]
+    path.write_text(json.dumps({**content, "version": 1}))
+    assert HysteresisCreepModel.load(path).dynamics is None
+
+
+def test_deployments_and_learners_with_a_model_of_the_version_before_are_read(tmp_path: Path) -> None:
+    model = true_model(structure())
+    earlier = {**model.to_dict(), "version": 1}
+    del earlier["dynamics"]
+    usual = {"solver": "box_active_set", "lane": "kernel", "tier": "mid", "settings": {}, "mode": "cyclic"}
+    Deployment(model=model, x_limits=(0.0, 100.0), **usual).save(tmp_path / "deployment.json")
+    content = json.loads((tmp_path / "deployment.json").read_text())
+    (tmp_path / "deployment.json").write_text(json.dumps({**content, "model": earlier}))
+    assert Deployment.load(tmp_path / "deployment.json").model.dynamics is None
+
+    compensator = Compensator(model)
+    compensator.restore({**compensator.memory(), "model": earlier})
+    assert compensator.model.dynamics is None
+
+
+def test_another_sampling_period_keeps_the_dynamics_and_one_too_long_for_them_is_refused() -> None:
+    model = ringing()
+    assert model.at(1e-3).dynamics == SLOW
+    with pytest.raises(ModelError, match="the resonance at 11 Hz is above 35 % of the sampling rate, 20 Hz"):
+        model.at(0.05)
+
+
+def test_a_known_resonance_is_fitted_with_the_weights() -> None:
+    model, x = ringing(creep_rates=()), a_drive()
+    state = OperatorState.settled_at(model.structure, x[0])
+    recording, s = Recording.from_arrays(x, model.simulate(x, state), 5e-3), model.structure
+    begun = Parameters(Dynamics((11.15,), (0.027,), (0.8,), 2e-3, 1e-3), 5e-3, free=True, residual=True, with_lag=True)
+    v = s.inverse_slope_map @ s.straight_line
+    counted = np.ones(x.size, dtype=bool)
+    fit = fit_forward(recording, counted, s, state, v, Solving(), steps=12, parameters=begun)
+    assert fit.cost < 1e-10
+    np.testing.assert_allclose(fit.weights, model.weights, atol=1e-3)
+    for name, value in SLOW.to_dict().items():
+        assert getattr(fit.dynamics, name) == pytest.approx(value, rel=1e-3)
+
+
+def test_what_does_not_know_dynamics_refuses_a_model_with_them_in_one_sentence() -> None:
+    model = ringing()
+    s = model.structure
+    reason = "knows hysteresis and creep alone, and the model has a resonance at 11 Hz with damping 2 %"
+    for attempt in (
+        lambda: SelfLearningCompensator(s, model=model),
+        lambda: CompensatorBank(s, 2).take(0, model),
+        lambda: export(model),
+        lambda: model.advance([1.0], model.initial_state()),
+    ):
+        with pytest.raises(ModelError, match=reason):
+            attempt()
+    with pytest.raises(ModelError, match="a deployment learns the model, and dynamics are not learned"):
+        Deployment(
+            model=model,
+            x_limits=(0.0, 100.0),
+            solver="box_active_set",
+            lane="kernel",
+            tier="mid",
+            settings={},
+            mode="cyclic",
+        )
