@@ -19,7 +19,8 @@
  *
  * - a piece with P_pp < HOLD sigma^2 n_p, where the signal is hardly more than the noise, takes the slope in use of its
  *   inner neighbour;
- * - sigma^2 shrinks until P is positive definite by MARGIN sigma^2 diag(n), since both are estimates.
+ * - sigma^2 shrinks until P is positive definite by MARGIN sigma^2 diag(n), since both are estimates; the exact solver,
+ *   which inverts P anyway, tells.
  *
  * Third differences see the noise at high frequencies: of coloured noise (an autoregression of 0.9) they find 6 %, and
  * the rest stays in P. Of a sensor that is quantised, they find the steps as far as the output crosses them in each
@@ -97,23 +98,15 @@ void N(noise_add)(const Learner *l, const Block *block, num learns)
     }
 }
 
-/* Whether P less a share of the noise is positive definite, by its Cholesky factor. */
-static int is_definite(const Workspace *w, int d, real share)
+/* Whether P is positive definite by MARGIN of the noise N on its diagonal, since trace(N P^-1) bounds the largest
+ * eigenvalue of N^1/2 P^-1 N^1/2. */
+static int is_definite(const Box *s, const real *noise)
 {
-    real *const L = w->solver; /* which solves later */
-    for (int i = 0; i < d; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            real sum = w->P[i * d + j] - (i == j ? share * w->noise[i] : 0);
-            for (int k = 0; k < j; ++k) {
-                sum -= L[i * d + k] * L[j * d + k];
-            }
-            if (i == j && !(sum > 0)) {
-                return 0;
-            }
-            L[i * d + j] = i == j ? 1 / ROOT(sum) : sum * L[j * d + j];
-        }
+    real trace = 0;
+    for (int j = 0; j < s->d; ++j) {
+        trace += noise[j] > 0 ? noise[j] * box_inverse_diagonal(s, j) : 0;
     }
-    return 1;
+    return trace < 1 / MARGIN;
 }
 
 /* Hold slope j at v. */
@@ -132,7 +125,9 @@ void N(noise_subtract)(const Learner *l, const Workspace *w, int lane)
 {
     const num variance = N(noise_variance)(l);
     const int d = l->d, first = l->shape.n, middle = first + (int)l->settings->middle;
-    real share = 1;
+    real share = 1, step = 1;
+    box_setup(w->solver, d, w->lb, w->ub);
+    Box s = box_at(w->solver);
     for (int j = 0; j < d; ++j) {
         const int is_slope = j >= first && j < first + l->shape.zones;
         w->noise[j] = is_slope ? *entry(&variance, 0, lane) * *entry(l->pieces, j - first, lane) : 0;
@@ -140,10 +135,14 @@ void N(noise_subtract)(const Learner *l, const Workspace *w, int lane)
             hold_slope(w, d, j, *entry(l->in_use, j > middle ? j - 1 : j < middle ? j + 1 : j, lane));
         }
     }
-    while (share > LEAST_SHARE && !is_definite(w, d, share + MARGIN)) {
-        share *= SHRINKING_NOISE;
-    }
-    for (int j = 0; j < d; ++j) {
-        w->P[j * d + j] -= share * w->noise[j];
+    for (;; share += step) {
+        for (int j = 0; j < d; ++j) {
+            w->P[j * d + j] -= step * w->noise[j];
+        }
+        box_set_data(&s, w->P, w->q);
+        if (!(share > LEAST_SHARE) || is_definite(&s, w->noise)) {
+            return;
+        }
+        step = share * (SHRINKING_NOISE - 1);
     }
 }

@@ -44,10 +44,10 @@ void N(learner_program)(const Learner *l, int lane)
 static int solve(const Learner *l, int lane)
 {
     const Workspace work = workspace_of(l), *const w = &work;
-    const int found = box_solve_from(w->solver, l->d, w->P, w->q, w->lb, w->ub, w->start) == OK;
-    const real *const answer = box_at(w->solver).answer;
+    Box s = box_at(w->solver);
+    const int found = box_start(&s, w->start) == OK && box_solve(&s, 1) == OK;
     for (int i = 0; found && i < l->d; ++i) {
-        *entry(l->candidate, i, lane) = answer[i];
+        *entry(l->candidate, i, lane) = s.answer[i];
     }
     return found;
 }

@@ -73,6 +73,8 @@ CORE_API int box_set_and_solve(Box *s, const real *P, const real *q, const real 
 
 /* Entry j of the gradient q + P x at the answer, in the caller's units. */
 CORE_API real box_gradient(const Box *s, int j);
+/* Entry j of the diagonal of P^-1 in the caller's units; infinite unless P is safely positive definite. */
+CORE_API real box_inverse_diagonal(const Box *s, int j);
 
 /* Functions that the files of this solver share. */
 

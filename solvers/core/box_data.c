@@ -235,6 +235,12 @@ real box_gradient(const Box *s, int j)
     return s->scale[j] == 0 ? s->raw_q[j] : s->g[j] / root / root / (s->head->cost * s->scale[j]);
 }
 
+real box_inverse_diagonal(const Box *s, int j)
+{
+    const real scale = s->scale[j];
+    return s->head->definite ? MAGNITUDE(s->inverse_diagonal[j]) * s->head->cost * scale * scale : REAL_INFINITY;
+}
+
 int box_solve(Box *s, int warm)
 {
     BoxHead *const head = s->head;
