@@ -33,7 +33,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from piezo_model import checks
 from piezo_model.units import quantity
@@ -130,6 +129,8 @@ class Dynamics:
 
     def stream(self, sample_time: float, level: float | None = None) -> Callable[[Matrix], Matrix]:
         """A function that filters the consecutive parts of a signal as of :meth:`filter`."""
+        from scipy.signal import lfilter  # which a model without dynamics need not import
+
         parts = self._parts(sample_time)
         states: list[Matrix] = []
         balance = None if level is None else np.array(level)
@@ -152,11 +153,15 @@ class Dynamics:
         """The drive x_a (N,) behind the amplifier for x (N,), balanced at ``level`` before it."""
         if self.amplifier_lag_s == 0.0:
             return x
+        from scipy.signal import lfilter
+
         p = math.exp(-sample_time / self.amplifier_lag_s)
         return np.asarray(lfilter([1.0 - p], [1.0, -p], x - level) + level)
 
     def inverse(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
         """F y_ref (N,): what the static model has to put out so that the output is :meth:`reference`."""
+        from scipy.signal import lfilter
+
         y = np.asarray(y_ref, dtype=np.float64)
         level = float(y[0]) if level is None else level
         y = y - level
