@@ -1,7 +1,10 @@
-"""The verb ``certify``: the optimum of a program in a file, proved in exact arithmetic, as a document for others."""
+"""The verb ``certify``: proves the optimum of a program in a file, as a document for others, or judges the answers of
+solvers to a problem set."""
 
 import json
 import sys
+from collections.abc import Sequence
+from dataclasses import asdict
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,36 +13,59 @@ import numpy as np
 import typer
 from qpsolvers import Problem
 
-from bench.cli.options import ProofWork
+from bench.cli.options import ProofWork, installed, positive, refuse
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.program import about, require
+from bench.problems import make
 from bench.problems.certifying import ProverLost, prove, require_size, start
 from bench.processes.forked_child import ForkedChild
-from bench.report.console import AsJson, check_writable, print_result
+from bench.processes.solver_child import entry_of_file
+from bench.report.console import AsJson, check_writable, console, print_json, print_result, print_table
+from bench.solver_check import LEVELS, checked, row, settings_of, worst
 from piezo_model.atomic_file import write_text
+from solvers import find
 from solvers.arrays import Vector
 from solvers.certificate import NotCertified, certify
 from solvers.certificate_document import document
 from solvers.exact.linear_algebra import WORK, OutOfWork
+from solvers.registry import Entry, from_file
 
 NO_PROOF = 3
 """Exit status if the work allowed does not suffice for a proof."""
+WORST = 3
+"""Number of programs that are named for a solver whose answers are not right."""
 SHOWN = 12
 """Most variables whose values are printed."""
 
 
 def certify_verb(
-    problem: Annotated[Path, typer.Argument(help="Program in NPZ, MAT, QPS, MPS or SIF.")],
+    context: typer.Context,
+    problem: Annotated[Path | None, typer.Argument(help="Program in NPZ, MAT, QPS, MPS or SIF.")] = None,
     answer: Annotated[Path | None, typer.Option(help="NPY file with an answer to judge.")] = None,
     out: Annotated[Path | None, typer.Option(help="JSON file for the certificate.")] = None,
+    problem_set: Annotated[
+        str | None, typer.Option("--set", help="Judge the answers of solvers to this problem set, such as boxes.")
+    ] = None,
+    solver: Annotated[
+        list[str] | None, typer.Option(help="With --set: a solver's name, or your own Python file; repeatable.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(callback=positive, help="With --set: largest relative error of a right answer.")
+    ] = LEVELS[0],
     work: ProofWork = WORK,
     as_json: AsJson = False,
 ) -> None:
-    """Prove the optimum of a program in exact arithmetic, and judge an answer.
+    """Prove the optimum of a program in exact arithmetic, and judge an answer; or judge solvers on a problem set.
 
     The certificate can be checked without piezobench: examples/check_certificate.py. Exit status 3 means that there is
-    no proof within --work.
+    no proof within --work, and 1 that a solver has an answer of --set that is not right.
     """
+    if problem_set is not None:
+        refuse(context, ("problem", "answer", "out", "work"), "is for one program, without --set")
+        raise typer.Exit(_judge_solvers(problem_set, solver or [], tolerance, as_json))
+    refuse(context, ("solver", "tolerance"), "needs --set")
+    if problem is None:
+        raise typer.BadParameter("name a program's file, or a problem set with --set", param_hint="PROBLEM")
     if out is not None:
         check_writable(out, others=[each for each in (problem, answer) if each is not None])
     program = read(problem)
@@ -55,6 +81,45 @@ def certify_verb(
     if out is not None:
         write_text(out, json.dumps(found))
     print_result(found, [*_sentences(found), f"Certificate: {out}" if out else ""], as_json)
+
+
+def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_json: bool) -> int:
+    """Print how near the answers of each solver come, and the worst of each; returns the exit status."""
+    if not names:
+        raise typer.BadParameter("name a solver, or your own Python file", param_hint="--solver")
+    entries = [entry_of_file(name, from_file) if name.endswith(".py") else _known(name) for name in names]
+    problems = list(make(problem_set).problems())
+    rows, lines, results, wrong = [], [], [], 0
+    for entry in entries:
+        right = False
+        for setting, finest in settings_of(entry).items():
+            answers = checked(entry, finest, problems)
+            counted = row(answers)
+            rows.append(
+                (entry.name, setting, *(f"{n:.1e}" if isinstance(n, float) else str(n) for n in counted.values()))
+            )
+            results.append({"solver": entry.name, "setting": setting, **counted, "answers": list(map(asdict, answers))})
+            right |= all(each.is_within(tolerance) for each in answers)
+        if not right:
+            wrong += 1
+            missed = [each for each in answers if not each.is_within(tolerance)]
+            ends = [f"{each.problem} ({each.verdict()})" for each in worst(missed, WORST)]
+            lines.append(
+                f"{entry.name}, {setting}: not right within {tolerance:g} on {len(missed)} of {len(answers)}, such as "
+                f"{'; '.join(ends)}."
+            )
+    if as_json:
+        print_json({"problems": len(problems), "solvers": results})
+    else:
+        print_table(("solver", "setting", *row([])), rows, left=2)
+        for line in lines:
+            console.print(line)
+    return int(wrong > 0)
+
+
+def _known(name: str) -> Entry:
+    installed(name)
+    return find(name)
 
 
 def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """``piezobench certify``, and the check of its certificates by a script that knows nothing of the package."""
 
+import hashlib
 import json
 import runpy
 import subprocess
@@ -13,11 +14,14 @@ import numpy as np
 import pytest
 from box_programs import many_weak_rows
 from command_line import CommandLine
+from example_scripts import run_example
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
+from bench.problem_files import read
 from bench.problem_files.npz import packed_program
 from bench.problem_files.program import fields_of
+from bench.problems.boxes import Boxes
 from solvers.certificate import certify
 from solvers.certificate_document import document
 
@@ -208,3 +212,89 @@ def test_an_answer_that_is_none_is_refused_by_its_file(
     np.savez(tmp_path / "p.npz", P=np.eye(2), q=np.ones(2))
     np.save(tmp_path / "x.npy", answer)
     assert f"x.npy: {why}" in piezobench("certify", tmp_path / "p.npz", "--answer", tmp_path / "x.npy").refusal
+
+
+SOLVER = """
+import numpy as np
+from qpsolvers import Solution
+from solvers.protocol import Lane, Solver
+
+
+class Clipped(Solver):
+    name, lane = "clipped", Lane.DIRECT
+    algorithm, licence, distribution = "clipping", "none", "piezobench"
+
+    def setup(self, problem):
+        self.problem = problem
+
+    def update(self, P=None, q=None):
+        raise NotImplementedError
+
+    def solve(self, warm_start=None):
+        p = self.problem
+        self.x = np.clip(np.linalg.lstsq(p.P, -p.q, rcond=None)[0], p.lb, p.ub)
+        return self.x
+
+    def solution(self):
+        return Solution(self.problem, x=self.x, found=True)
+"""
+
+
+def test_a_solver_of_ones_own_that_calls_wrong_answers_solved_ends_with_status_1_and_its_worst_programs(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    (tmp_path / "clipped.py").write_text(SOLVER)
+    said = piezobench("certify", "--set", "boxes", "--solver", tmp_path / "clipped.py")
+    assert said.status == 1, said.stderr
+    assert "clipped, default: not right within 1e-09 on " in said.stdout
+    assert said.stdout.count("called solved, error ") == 3
+
+
+def test_the_exact_solver_is_right_on_all_two_hundred_boxes(piezobench: CommandLine) -> None:
+    said = piezobench("certify", "--set", "boxes", "--solver", "box_active_set", "--json")
+    assert said.status == 0, said.stdout
+    (found,) = json.loads(said.stdout)["solvers"]
+    assert found["within 1e-09"] == len(found["answers"]) == 200
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--set", "boxes"), "name a solver, or your own Python file"),
+        (("p.npz", "--solver", "daqp"), "needs --set"),
+        (("p.npz", "--set", "boxes", "--solver", "daqp"), "is for one program, without --set"),
+        (("--set", "boxes", "--solver", "nobody"), "there is no solver 'nobody'"),
+        (("--set", "boxen", "--solver", "daqp"), "there is no problem set 'boxen'"),
+        ((), "name a program's file, or a problem set with --set"),
+    ],
+)
+def test_a_call_that_mixes_a_program_with_a_set_is_refused(
+    piezobench: CommandLine, words: tuple[str, ...], why: str
+) -> None:
+    assert why in piezobench("certify", *words).refusal
+
+
+def test_the_programs_of_the_public_set_have_the_same_bits_everywhere() -> None:
+    digest = hashlib.sha256()
+    for name, source in Boxes().sources():
+        qp = source().qp
+        digest.update(name.encode())
+        for array in (qp.P, qp.q, qp.lb, qp.ub):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    assert digest.hexdigest() == "7a2c23039d26cb811a2b7a87a32ac9503ea0d43a463dbb876ed684435c50b63b"
+
+
+def test_the_published_set_holds_every_program_in_every_format_with_a_certificate_that_is_confirmed(
+    tmp_path: Path,
+) -> None:
+    run_example("problem_sets/make_boxes.py", "--out", tmp_path / "set")
+    arrays = np.load(tmp_path / "set/boxes.npz")
+    main, names = runpy.run_path(str(CHECKER))["main"], sorted({key.split("/")[0] for key in arrays})
+    assert len(names) == 200
+    for name in names:
+        qp = read(tmp_path / f"set/{name}.qps").qp
+        np.testing.assert_array_equal(qp.P.toarray(), arrays[f"{name}/P"])
+        np.testing.assert_array_equal(qp.q, arrays[f"{name}/q"])
+    for name in names[::10]:
+        np.savez(tmp_path / "p.npz", **{field: arrays[f"{name}/{field}"] for field in ("P", "q", "lb", "ub")})
+        main(str(tmp_path / f"set/{name}.json"), str(tmp_path / "p.npz"))
