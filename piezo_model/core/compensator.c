@@ -83,7 +83,7 @@ void N(compensator_correct)(const Compensator *c, num y, num trusted)
         const num beyond = less(constant(0), times(m->held, divided(error, constant(p->y_scale))));
         const num sum =
             within(plus_times(m->correction, constant(p->gain), error), minus(constant(0), most_added), most_added);
-        set_where(both(trusted, both(is_finite(error), is_not(beyond))), &m->correction, sum);
+        set_where(logical_and(trusted, logical_and(is_finite(error), is_not(beyond))), &m->correction, sum);
     }
 }
 
@@ -104,9 +104,9 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
         wanted = wanted_drive(c, reference);
         set_where(change->which, &m->bump, plus(m->bump, minus(within_limits(c, before), within_limits(c, wanted))));
     }
-    wanted = choose(finite, plus(wanted, m->bump), last);
+    wanted = select(finite, plus(wanted, m->bump), last);
     set_where(finite, &m->bump, flushed(times(m->bump, constant(p->decay))));
-    num x = within_limits(c, choose(finite, within(wanted, minus(last, step), plus(last, step)), last));
+    num x = within_limits(c, select(finite, within(wanted, minus(last, step), plus(last, step)), last));
     m->held = minus(less(x, wanted), less(wanted, x));
     x = within(plus_times(x_centre, x_scale, x), m->low, m->high); /* rounding may exceed a limit by a bit */
     flush_in_turn(c);

@@ -75,9 +75,9 @@ static void enter(const Learner *l, num which, real samples)
 static void fall_back(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
-    const num noted = both(which, m->noted);
+    const num noted = logical_and(which, m->noted);
     const int entries = data_nums(l->shape);
-    copy_where(both(which, m->pending), l->in_use, l->before, l->d); /* the pending offer will not be taken */
+    copy_where(logical_and(which, m->pending), l->in_use, l->before, l->d); /* the pending offer will not be taken */
     set_where(which, &m->pending, constant(0));
     copy_where(noted, l->gram, l->older.gram, entries);
     copy_where(noted, l->candidate, l->older.in_use, l->d);
@@ -86,7 +86,7 @@ static void fall_back(const Learner *l, num which)
     set_where(noted, &m->revert, constant(1));
     copy_where(noted, l->newer.gram, l->older.gram, note_nums(l->shape));
     span_clear(m->span, SPAN, which);
-    N(learner_begin_anew)(l, both(which, is_not(noted)), constant(0));
+    N(learner_begin_anew)(l, logical_and(which, is_not(noted)), constant(0));
 }
 
 /* Make a checkpoint of the present state; the one before becomes the older checkpoint, which faults restore. The first
@@ -94,7 +94,7 @@ static void fall_back(const Learner *l, num which)
 static void note(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
-    const num first = both(which, is_not(m->noted)), again = both(which, m->noted);
+    const num first = logical_and(which, is_not(m->noted)), again = logical_and(which, m->noted);
     copy_where(again, l->older.gram, l->newer.gram, note_nums(l->shape));
     copy_where(which, l->newer.gram, l->gram, data_nums(l->shape));
     copy_where(which, l->newer.in_use, l->in_use, l->d);
@@ -111,10 +111,10 @@ static num end_probation(const Learner *l, num which)
     const num error = greatest(divided(m->probation, lasted), constant(0));
     /* sqrt(e) > T sqrt(l) + tau  iff  s = e - T^2 l - tau^2 > 0 and s^2 > 4 T^2 tau^2 l */
     const num s = minus(minus_times(error, constant(TRUST * TRUST), m->level), constant(TOLERANCE * TOLERANCE));
-    const num beyond = both(less(constant(0), s),
-                            less(times(constant(4 * TRUST * TRUST * TOLERANCE * TOLERANCE), m->level), times(s, s)));
-    const num other = both(which, both(m->noted, beyond));
-    set_where(both(which, is_not(m->noted)), &m->level, error);
+    const num beyond = logical_and(
+        less(constant(0), s), less(times(constant(4 * TRUST * TRUST * TOLERANCE * TOLERANCE), m->level), times(s, s)));
+    const num other = logical_and(which, logical_and(m->noted, beyond));
+    set_where(logical_and(which, is_not(m->noted)), &m->level, error);
     if (any(other)) {
         N(learner_begin_anew)(l, other, error);
     }
@@ -130,8 +130,8 @@ static num excites(const Learner *l, const BlockSummary *b, num counts)
     const num low = lowest(b->span[X_LOW], m->drive[0]), high = greatest(b->span[X_HIGH], m->drive[1]);
     const num span = minus(greatest(high, m->drive_before[1]), lowest(low, m->drive_before[0]));
     const num filled = plus(m->in_half, b->good),
-              over = both(counts, is_not(less(filled, constant((real)l->settings->half_window))));
-    set_where(counts, &m->in_half, choose(over, constant(0), filled));
+              over = logical_and(counts, is_not(less(filled, constant((real)l->settings->half_window))));
+    set_where(counts, &m->in_half, select(over, constant(0), filled));
     set_where(counts, &m->drive[0], low);
     set_where(counts, &m->drive[1], high);
     copy_where(over, m->drive_before, m->drive, 2);
@@ -162,22 +162,24 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
     const LearnerSettings *const p = l->settings;
     const int64_t end = b->end / p->interval * p->interval;
     const int checkpoint = end % p->checkpoint == 0;
-    const num reverts = both(looked_at, m->revert),
-              judged = both(both(looked_at, is_not(reverts)), less(constant(0), m->predicted));
-    const num better = both(is_finite(m->squares_candidate), is_not(less(m->squares_in_use, m->squares_candidate)));
+    const num reverts = logical_and(looked_at, m->revert),
+              judged = logical_and(logical_and(looked_at, is_not(reverts)), less(constant(0), m->predicted));
+    const num better =
+        logical_and(is_finite(m->squares_candidate), is_not(less(m->squares_in_use, m->squares_candidate)));
     const num rises = less(constant(0), m->evidence[DIRECTION]),
-              falls = both(judged, less(m->evidence[DIRECTION], constant(0)));
-    const num takes = both(both(judged, both(better, rises)), both(excited, is_not(less(constant(0), m->wait))));
-    const num fresh = either(reverts, takes), first = both(takes, is_not(m->established));
+              falls = logical_and(judged, less(m->evidence[DIRECTION], constant(0)));
+    const num takes = logical_and(logical_and(judged, logical_and(better, rises)),
+                                  logical_and(excited, is_not(less(constant(0), m->wait))));
+    const num fresh = logical_or(reverts, takes), first = logical_and(takes, is_not(m->established));
     int events = 0;
     if (checkpoint) {
-        note(l, both(both(looked_at, is_not(less(constant(0), m->left))),
-                     both(m->established, is_not(either(m->pending, m->revert)))));
+        note(l, logical_and(logical_and(looked_at, is_not(less(constant(0), m->left))),
+                            logical_and(m->established, is_not(logical_or(m->pending, m->revert)))));
     }
     if (any(fresh) && N(learner_offer)(l, l->candidate, fresh, reverts, end + l->mailbox.head->delay)) {
         copy_where(fresh, l->before, l->in_use, l->d);
         copy_where(fresh, l->in_use, l->candidate, l->d);
-        m->pending = either(m->pending, fresh);
+        m->pending = logical_or(m->pending, fresh);
         m->hand_overs = plus(m->hand_overs, takes);
         set_where(takes, &m->established, constant(1));
         set_where(reverts, &m->revert, constant(0));
@@ -185,7 +187,7 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
         events = TAKE_OVER | (any(first) ? FIRST : 0);
     }
     m->reversed = plus(m->reversed, falls);
-    m->refusals = plus(m->refusals, either(falls, both(judged, is_not(better))));
+    m->refusals = plus(m->refusals, logical_or(falls, logical_and(judged, is_not(better))));
     if (any(judged)) {
         events |= N(learner_optimum)(l, judged);
     }
@@ -197,11 +199,12 @@ int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
-    const num resets = less(constant(0), m->left), sound = both(m->learning, is_not(b->fault));
-    const num fault = both(m->learning, b->fault), failed = both(fault, is_not(resets));
-    const num probed = both(sound, resets), in_phase = both(sound, is_not(resets));
+    const num resets = less(constant(0), m->left), sound = logical_and(m->learning, is_not(b->fault));
+    const num fault = logical_and(m->learning, b->fault), failed = logical_and(fault, is_not(resets));
+    const num probed = logical_and(sound, resets), in_phase = logical_and(sound, is_not(resets));
     const num excited = excites(l, b, in_phase);
-    const num learns = both(both(in_phase, less(constant(0), b->good)), either(excited, is_not(m->established)));
+    const num learns =
+        logical_and(logical_and(in_phase, less(constant(0), b->good)), logical_or(excited, is_not(m->established)));
     int events = 0;
     if (any(failed)) {
         m->faults = plus(m->faults, failed);
@@ -211,7 +214,7 @@ int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary
     enter(l, fault, (real)p->reset_lasts);
     set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
     set_where(probed, &m->left, minus(m->left, b->good));
-    const num ended = both(probed, is_not(less(constant(0), m->left)));
+    const num ended = logical_and(probed, is_not(less(constant(0), m->left)));
     if (any(ended) && any(end_probation(l, ended))) {
         events |= OTHER_SENSOR;
     }
@@ -220,7 +223,7 @@ int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary
     }
     if (b->end >= l->clock->next_interval) { /* an interval that ends together with its phase is not judged */
         l->clock->next_interval = (b->end / p->interval + 1) * p->interval;
-        events |= end_interval(l, b, both(m->learning, is_not(either(failed, ended))), excited);
+        events |= end_interval(l, b, logical_and(m->learning, is_not(logical_or(failed, ended))), excited);
     }
     return events;
 }

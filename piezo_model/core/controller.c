@@ -39,10 +39,10 @@ int N(controller_observe)(const Controller *c, num x, num y)
     num fault;
     const num good = guard_judge(guard_of(c), x, unit_y, &fault),
               counted = plus(from_shared(c->mailbox.faults, 0), fault);
-    const num faults = choose(less(constant(MOST_COUNTED), counted), constant(0), counted);
+    const num faults = select(less(constant(MOST_COUNTED), counted), constant(0), counted);
     N(compensator_correct)(&c->compensator, y, good);
     to_shared(b.x, m->filled, x);
-    to_shared(b.y, m->filled, choose(good, unit_y, constant((real)NAN)));
+    to_shared(b.y, m->filled, select(good, unit_y, constant((real)NAN)));
     to_shared(c->mailbox.faults, 0, faults);
     ++m->samples;
     ++m->filled;
@@ -76,7 +76,7 @@ static int find_offer(const Controller *c, Change *change, uint32_t *answered)
     if (current) {
         const num unknown = differs(from_shared(o->faults, 0), from_shared(c->mailbox.faults, 0));
         change->inverse = inverse_at(&arena, c->compensator.shape);
-        change->which = both(from_shared(o->which, 0), either(from_shared(o->fallback, 0), is_not(unknown)));
+        change->which = logical_and(from_shared(o->which, 0), logical_or(from_shared(o->fallback, 0), is_not(unknown)));
         set_where(change->which, &guard_of(c)->jump,
                   greatest(times(constant(NOISY), from_shared(o->noise, 0)), constant(JUMP)));
         CORE_RELEASE(&m->late, m->late + (m->samples > *o->due));

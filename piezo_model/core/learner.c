@@ -68,7 +68,7 @@ static BlockSummary pass_through(const Learner *l, const Block *block, int judge
     for (int k = 0; k < b.count; ++k) {
         num *const row = w->rows + k * row_nums(s);
         const num x = from_shared(block->x, k), y = from_shared(block->y, k), good = is_finite(y);
-        write_row(&l->regressors, s, good, x, choose(good, y, constant(0)), w->play, w->creep, row);
+        write_row(&l->regressors, s, good, x, select(good, y, constant(0)), w->play, w->creep, row);
         span_widen(b.span, (const num[]){x, x, y, y}, good);
     }
     if (judges) {
@@ -94,8 +94,8 @@ static int judge_direction(const Learner *l, const Block *block, const num *span
     LearnerMemory *const m = l->memory;
     num *const e = m->evidence, *const driven = m->stretch + SPAN;
     for (int k = 0; k < block->head->count; ++k) {
-        const num measured = from_shared(block->y, k), good = both(m->learning, is_finite(measured));
-        const num x = both(good, from_shared(block->x, k)), y = choose(good, measured, constant(0));
+        const num measured = from_shared(block->y, k), good = logical_and(m->learning, is_finite(measured));
+        const num x = logical_and(good, from_shared(block->x, k)), y = select(good, measured, constant(0));
         const num terms[] = {good, x, y, times(x, x), times(x, y), times(y, y)};
         for (int i = 0; i < MOMENTS; ++i) {
             e[i] = plus(e[i], terms[i]);
@@ -114,13 +114,13 @@ static int judge_direction(const Learner *l, const Block *block, const num *span
     copy_where(ends, e, (const num[MOMENTS]){0}, MOMENTS);
     span_clear(m->stretch, SPAN, ends);
     const num known = times(e[XX], e[YY]), explained = times(e[XY], e[XY]);
-    const num sure =
-        both(less(constant(FEW), e[STRETCHES]), less(times(constant(SIGNIFICANT), known), times(explained, e[COUNT])));
-    const num rises = both(less(constant(0), e[XY]), either(sure, less(constant(MANY), e[STRETCHES])));
-    const num falls = both(both(less(e[XY], constant(0)), less(times(constant(FALLS), known), explained)),
-                           both(less(constant(SOME), e[STRETCHES]), less(constant(WIDE), range)));
-    const num found = both(falls, is_not(less(e[DIRECTION], constant(0))));
-    e[DIRECTION] = choose(rises, constant(1), choose(falls, constant(-1), e[DIRECTION]));
+    const num sure = logical_and(less(constant(FEW), e[STRETCHES]),
+                                 less(times(constant(SIGNIFICANT), known), times(explained, e[COUNT])));
+    const num rises = logical_and(less(constant(0), e[XY]), logical_or(sure, less(constant(MANY), e[STRETCHES])));
+    const num falls = logical_and(logical_and(less(e[XY], constant(0)), less(times(constant(FALLS), known), explained)),
+                                  logical_and(less(constant(SOME), e[STRETCHES]), less(constant(WIDE), range)));
+    const num found = logical_and(falls, is_not(less(e[DIRECTION], constant(0))));
+    e[DIRECTION] = select(rises, constant(1), select(falls, constant(-1), e[DIRECTION]));
     return any(found) ? REVERSED : 0;
 }
 
@@ -135,13 +135,13 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
     /* The newest row has the full share. */
     for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1); --k) {
         num *const row = rows + k * stride;
-        const num counts = both(learns, is_finite(from_shared(block.y, k)));
+        const num counts = logical_and(learns, is_finite(from_shared(block.y, k)));
         const vec8 weight = SPREAD(root);
         for (int i = 0; i < VECTORS(l->d + 1); ++i) {
             set_vector(row, i, mul(weight, vector(row, i)));
         }
-        root = choose(counts, times(root, root_step), root);
-        fade = choose(counts, times(fade, forgetting), fade);
+        root = select(counts, times(root, root_step), root);
+        fade = select(counts, times(fade, forgetting), fade);
     }
     gram_add(l->gram, l->d + 1, fade, rows, stride, count);
 }

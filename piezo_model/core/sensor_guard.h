@@ -40,22 +40,23 @@ CORE_INLINE void guard_forget(SensorGuard *g)
 CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
 {
     const num begun = is_finite(g->last_x), there = is_finite(y), known = is_finite(g->last_y);
-    const num way = choose(begun, plus(g->way, absolute(minus(x, g->last_x))), g->way);
-    const num low = choose(begun, lowest(x, g->x_low), x), high = choose(begun, greatest(x, g->x_high), x);
-    const num plausible = both(there, is_not(less(constant(PLAUSIBLE), absolute(y))));
-    const num moved = either(less(y, g->last_y), less(g->last_y, y));
-    const num same = both(plausible, both(known, is_not(moved))), changed = both(plausible, is_not(same));
-    const num frozen = both(same, less(constant(FROZEN_DRIVE), minus(high, low)));
+    const num way = select(begun, plus(g->way, absolute(minus(x, g->last_x))), g->way);
+    const num low = select(begun, lowest(x, g->x_low), x), high = select(begun, greatest(x, g->x_high), x);
+    const num plausible = logical_and(there, is_not(less(constant(PLAUSIBLE), absolute(y))));
+    const num moved = logical_or(less(y, g->last_y), less(g->last_y, y));
+    const num same = logical_and(plausible, logical_and(known, is_not(moved))),
+              changed = logical_and(plausible, is_not(same));
+    const num frozen = logical_and(same, less(constant(FROZEN_DRIVE), minus(high, low)));
     const num explained = plus_times(g->jump, constant(FOLLOWING), way);
-    const num jumped = both(changed, less(explained, absolute(minus(y, g->last_y))));
-    const num refused = either(both(there, is_not(plausible)), frozen),
-              good = both(plausible, is_not(either(frozen, jumped)));
+    const num jumped = logical_and(changed, less(explained, absolute(minus(y, g->last_y))));
+    const num refused = logical_or(logical_and(there, is_not(plausible)), frozen),
+              good = logical_and(plausible, is_not(logical_or(frozen, jumped)));
     g->last_x = x;
-    g->last_y = choose(changed, y, g->last_y);
-    g->way = choose(changed, constant(0), way);
-    g->x_low = choose(changed, x, low);
-    g->x_high = choose(changed, x, high);
-    *fault = either(refused, jumped);
+    g->last_y = select(changed, y, g->last_y);
+    g->way = select(changed, constant(0), way);
+    g->x_low = select(changed, x, low);
+    g->x_high = select(changed, x, high);
+    *fault = logical_or(refused, jumped);
     if (any(is_not(good))) {
         g->verdicts[MISSING] = plus(g->verdicts[MISSING], is_not(there));
         g->verdicts[REFUSED] = plus(g->verdicts[REFUSED], refused);

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solvers.core.compile_core import digest, instruction_sets, library
 
-(OK, UNBOUNDED, INDEFINITE, ENDLESS, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED, UNSET) = range(10)
+(OK, UNBOUNDED, INDEFINITE, MAX_EXCHANGES, NOT_FINITE, CROSSED, ASYMMETRIC, BREAKDOWN, CAPPED, UNSET) = range(10)
 UNSOLVED = -1
 REASONS = {
     UNSOLVED: "not solved yet",
@@ -25,7 +25,7 @@ REASONS = {
     UNBOUNDED: "the problem is unbounded below: q points down a direction in which P has no curvature above its "
     "rounding, and no bound stops",
     INDEFINITE: "P is indefinite beyond rounding, so the problem is not convex",
-    ENDLESS: "no active set met the optimality conditions within the limit of exchanges",
+    MAX_EXCHANGES: "no active set met the optimality conditions within the limit of exchanges",
     NOT_FINITE: "P, q and a starting point must be finite and bounds must not be NaN",
     CROSSED: "a lower bound lies above its upper bound or at +inf, or an upper bound at -inf",
     ASYMMETRIC: "P is not symmetric",

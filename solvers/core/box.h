@@ -42,13 +42,13 @@ typedef struct {
      * 0; 1 for a free variable, else 0; the unit of a multiplier, else 1; W_jj, 1/|W_jj| and the gain of an exchange.
      */
     real *basic, *low, *high, *held, *is_free, *unit, *diagonal, *weight, *gain;
-    real *multiplier;       /* on the way to the next dual feasible set */
-    real *factor, *share;   /* 2 ld numbers, one per exchange: 1/p, and the part of a column in a product */
-    real *residual, *step;  /* g_F and P_FF^-1 g_F of a refinement */
-    real *inverse_diagonal; /* of M */
-    real *linear, *centre;  /* q - delta c and c of box_proximal.c */
-    real *zero, *v, *w;     /* zeros; two irregular vectors, by which symmetry is checked */
-    real *pair;             /* 5 rows of scratch memory for a sweep on two variables */
+    real *multiplier;                  /* on the way to the next dual feasible set */
+    real *inverse_pivot, *coefficient; /* 2 ld numbers, one per exchange: 1/p, and the part of a column in a product */
+    real *residual, *step;             /* g_F and P_FF^-1 g_F of a refinement */
+    real *inverse_diagonal;            /* of M */
+    real *linear, *centre;             /* q - delta c and c of box_proximal.c */
+    real *zero, *v, *w;                /* zeros; two irregular vectors, by which symmetry is checked */
+    real *sweep_scratch;               /* 5 rows of scratch memory for a sweep on two variables */
     int32_t *side;
     real *P, *M, *U; /* S P S by rows; -P^-1, or P swept on some; 2 ld columns of exchanged variables */
 } Box;
@@ -89,33 +89,33 @@ CORE_INLINE real box_cost(real diagonal)
 /* Coefficient of the proximal term if P is singular, relative to a diagonal of P of about one. */
 #define BOX_PROXIMAL ((real)1e-11)
 /* Share of the cost within which an answer is the least; with the rounding of float, what that allows. */
-#define BOX_SHARE ((real)(REAL_EPSILON < 1e-10 ? 1e-10 : 1e-5))
+#define BOX_RELATIVE_GAP ((real)(REAL_EPSILON < 1e-10 ? 1e-10 : 1e-5))
 /* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not finite, not symmetric to
  * rounding or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
 /* Switch to box_proximal.c; OK, or INDEFINITE if P has a pivot <= 0 with the proximal term. */
 CORE_API int box_regularise(Box *s);
 /* M = P with the proximal term, swept on the free variables, and U empty; 0 if a pivot is not positive. */
-CORE_API int box_sweep_free(const Box *s);
+CORE_API int box_sweep_free(Box *s);
 
 /* The state of a solve. */
 typedef struct {
-    const real *linear;         /* q, or q - delta c */
-    int count;                  /* columns of U */
-    int exchanges;              /* since the start */
-    int precise, strict;        /* whether g needs twice the precision; whether multipliers have no tolerance */
-    real slack;                 /* tolerance on the sign of a multiplier, if W may be large */
-    real most;                  /* the largest gain */
-    real broken, wrong;         /* that of holding a free variable, and of freeing one whose multiplier is wrong */
-    real rounding;              /* eps max(|q|, |x|) */
-    real negligible, tolerated; /* gains to ignore: the square of `rounding`; the same, or 0 if W may be large */
+    const real *linear;          /* q, or q - delta c */
+    int count;                   /* columns of U */
+    int exchanges;               /* since the start */
+    int precise, strict;         /* whether g needs twice the precision; whether multipliers have no tolerance */
+    real slack;                  /* tolerance on the sign of a multiplier, if W may be large */
+    real most;                   /* the largest gain */
+    real primal_gain, dual_gain; /* that of holding a free variable, and of freeing one whose multiplier is wrong */
+    real rounding;               /* eps max(|q|, |x|) */
+    real negligible, tolerated;  /* gains to ignore: the square of `rounding`; the same, or 0 if W may be large */
 } Search;
 
 /* Begin on -P^-1 at "all free" or, warm, at the present sides. */
-CORE_API void box_begin(const Box *s, Search *search, int warm);
-/* Continue to the optimum for search->linear; OK, CAPPED, BREAKDOWN or ENDLESS, with x and g. */
-CORE_API int box_dual_active_set(const Box *s, Search *search);
+CORE_API void box_begin(Box *s, Search *search, int warm);
+/* Continue to the optimum for search->linear; OK, CAPPED, BREAKDOWN or MAX_EXCHANGES, with x and g. */
+CORE_API int box_dual_active_set(Box *s, Search *search);
 /* The same for a singular P, from the start. */
-CORE_API int box_proximal_point(const Box *s, Search *search, int warm);
+CORE_API int box_proximal_point(Box *s, Search *search, int warm);
 
 #endif

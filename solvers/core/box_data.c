@@ -21,7 +21,7 @@ int64_t box_bytes(int d)
     F(answer, 1) F(scale, 1) F(q, 1) F(lo, 1) F(hi, 1) F(raw_q, 1) F(lb, 1) F(ub, 1) F(x, 1) F(g, 1) /* data */        \
     F(basic, 1) F(low, 1) F(high, 1) F(held, 1) F(is_free, 1) F(unit, 1) F(diagonal, 1) F(weight, 1) F(gain, 1)        \
     F(residual, 1) F(step, 1) F(inverse_diagonal, 1) F(multiplier, 1) F(linear, 1) F(centre, 1) F(zero, 1) F(v, 1)     \
-    F(w, 1) F(pair, 5) F(factor, 2) F(share, 2)
+    F(w, 1) F(sweep_scratch, 5) F(inverse_pivot, 2) F(coefficient, 2)
 #define PLACE(name, rows) s.name = at, at += (rows) * s.ld;
 /* clang-format on */
 
@@ -39,7 +39,7 @@ Box box_at(void *memory)
     return s;
 }
 
-static int set_bounds(const Box *s, const real *lb, const real *ub)
+static int set_bounds(Box *s, const real *lb, const real *ub)
 {
     for (int j = 0; j < s->d; ++j) {
         if (!(lb[j] == lb[j] && ub[j] == ub[j])) {
@@ -101,15 +101,15 @@ static real exact_root_scale(real v)
 
 /* q and the bounds in the scaled variables; none for a variable apart. Their size, that of q or of the bounds that keep
  * z from 0, is left alone unless products could leave the range of the numbers. */
-static void rescale(const Box *s)
+static void rescale(Box *s)
 {
-    const vec8 cost = splat(s->head->cost), endless = splat(REAL_INFINITY), none = zeros();
+    const vec8 cost = splat(s->head->cost), infinity = splat(REAL_INFINITY), none = zeros();
     vec8 size = none;
     for (int j = 0; j < s->ld; j += LANES) {
         const vec8 scale = load(s->scale + j), inverse = where_less(none, scale, divide(splat(1), scale), none);
         const vec8 q = mul(load(s->raw_q + j), mul(cost, scale));
-        const vec8 lo = maximum(mul(load(s->lb + j), inverse), sub(none, endless)); /* 0 times infinity is NaN */
-        const vec8 hi = minimum(mul(load(s->ub + j), inverse), endless);
+        const vec8 lo = maximum(mul(load(s->lb + j), inverse), sub(none, infinity)); /* 0 times infinity is NaN */
+        const vec8 hi = minimum(mul(load(s->ub + j), inverse), infinity);
         store(s->q + j, q);
         store(s->lo + j, lo);
         store(s->hi + j, hi);
@@ -167,7 +167,7 @@ static int set_hessian(Box *s, const real *P)
     return status != OK || s->head->definite ? status : box_regularise(s);
 }
 
-static int set_linear(const Box *s, const real *q)
+static int set_linear(Box *s, const real *q)
 {
     vec8 nothing = zeros();
     memcpy(s->raw_q, q, (size_t)s->d * sizeof(real));
@@ -203,7 +203,7 @@ int box_start(Box *s, const real *x)
 
 /* A variable apart goes to the bound that q points to or, if q is 0, stays as near as possible to the warm start or 0.
  * OK or UNBOUNDED. */
-static int answer_apart(const Box *s, int warm)
+static int answer_apart(Box *s, int warm)
 {
     for (int j = 0; j < s->d; ++j) {
         if (s->scale[j] == 0) {
@@ -219,7 +219,7 @@ static int answer_apart(const Box *s, int warm)
     return OK;
 }
 
-static void write_answer(const Box *s)
+static void write_answer(Box *s)
 {
     const vec8 unit = splat(1 / s->head->root);
     for (int b = 0; b < s->ld; b += LANES) {

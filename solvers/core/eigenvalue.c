@@ -91,7 +91,7 @@ static real normalise(real *A, int ld, int d)
     return power;
 }
 
-real largest_eigenvalue(real *A, int ld, int d, real *diagonal, real *beside, real share, int *below)
+real largest_eigenvalue(real *A, int ld, int d, real *diagonal, real *beside, real relative, int *below)
 {
     const real apart = (real)1e-3;
     real low = -REAL_INFINITY, high = -REAL_INFINITY, size = 0, tiny, power;
@@ -122,6 +122,6 @@ real largest_eigenvalue(real *A, int ld, int d, real *diagonal, real *beside, re
             low = middle;
         }
     }
-    *below = count_below(diagonal, beside, d, -share * MAGNITUDE(high), tiny) > 0;
+    *below = count_below(diagonal, beside, d, -relative * MAGNITUDE(high), tiny) > 0;
     return high * power;
 }

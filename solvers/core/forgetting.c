@@ -13,11 +13,11 @@ void absorb(real *P, real *q, real *c, int d, const real *row, real forgetting)
 {
     const real weight = 1 - forgetting, x = row[d];
     for (int i = 0; i < d; ++i) {
-        const real share = weight * row[i];
+        const real coefficient = weight * row[i];
         for (int j = i; j < d; ++j) {
-            P[i * d + j] = P[j * d + i] = forgetting * P[i * d + j] + share * row[j];
+            P[i * d + j] = P[j * d + i] = forgetting * P[i * d + j] + coefficient * row[j];
         }
-        q[i] = forgetting * q[i] + share * x;
+        q[i] = forgetting * q[i] + coefficient * x;
     }
     *c = forgetting * *c + weight * x * x / 2;
 }
