@@ -42,7 +42,7 @@ LANES = 8
 GOLDEN = 0.6180339887498949
 """Tile t begins late by the fractional part of t times this number in intervals, which is evenly spread for any number
 of tiles, and by t whole intervals, which spreads the checkpoints too."""
-TABLES = ("driver", "learner", "note")
+TABLES = ("driver", "learner", "checkpoint")
 """Parts of a tile, in the order of their addresses; each has the rows of all tiles one after the other."""
 LANE_BY_LANE = ("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "memory", "in_use", "candidate", "gram")
 """Parts of these with a number for each of the tile's actuators."""

@@ -212,7 +212,7 @@ class SelfLearningCompensator(Learner):
         """The current phase."""
         if self._cyclic:
             return list(Phase)[self._clock["phase"]]
-        return Phase.RESET if self._memory["left"] > 0 else Phase.LEARN
+        return Phase.RESET if self._memory["reset_remaining"] > 0 else Phase.LEARN
 
     @property
     def samples(self) -> int:

@@ -140,7 +140,7 @@ class ExportSettings:
             numbers: dict[str, float] = {
                 **lasts,
                 "forgetting": 1.0,
-                "share": 1.0,
+                "row_weight": 1.0,
                 "proximal": LearningSettings.proximal,
                 "min_slope": MIN_SLOPE,
                 "step_ratio": 0.5,

@@ -10,7 +10,7 @@ static int64_t driver_bytes(Shape s, int block)
     return bytes_of(memory_nums() + state_nums(s) + inverse_nums(s)) + mailbox_bytes(s, block, 1);
 }
 static int64_t learner_part_bytes(Shape s) { return arena_bytes(sizeof(LearnerClock)) + bytes_of(learner_nums(s)); }
-static int64_t note_bytes(Shape s) { return bytes_of(2 * note_nums(s)); }
+static int64_t checkpoint_bytes(Shape s) { return bytes_of(2 * checkpoint_nums(s)); }
 static int64_t parameter_bytes(Shape s)
 {
     return arena_bytes(sizeof(DriveSettings)) + arena_bytes(sizeof(LearnerSettings))
@@ -19,7 +19,8 @@ static int64_t parameter_bytes(Shape s)
 
 int64_t bank_bytes(Shape s, int64_t tiles, int block)
 {
-    return HEAD_BYTES + parameter_bytes(s) + tiles * (driver_bytes(s, block) + learner_part_bytes(s) + note_bytes(s));
+    return HEAD_BYTES + parameter_bytes(s)
+           + tiles * (driver_bytes(s, block) + learner_part_bytes(s) + checkpoint_bytes(s));
 }
 
 int64_t bank_workspace_bytes(Shape s, int block)
@@ -36,7 +37,7 @@ Bank bank_at(void *memory)
     b.regressors = regressors_at(&arena, b.shape);
     b.drivers = (char *)memory + HEAD_BYTES + parameter_bytes(b.shape);
     b.learners = b.drivers + b.head->tiles * driver_bytes(b.shape, b.head->block);
-    b.notes = b.learners + b.head->tiles * learner_part_bytes(b.shape);
+    b.checkpoints = b.learners + b.head->tiles * learner_part_bytes(b.shape);
     return b;
 }
 
@@ -59,7 +60,8 @@ Controller tile_controller(const Bank *b, int64_t tile)
 Learner tile_learner(const Bank *b, int64_t tile, void *thread_workspace)
 {
     const Shape s = b->shape;
-    Arena arena = {b->learners + tile * learner_part_bytes(s)}, notes = {b->notes + tile * note_bytes(s)};
+    Arena arena = {b->learners + tile * learner_part_bytes(s)},
+          checkpoints = {b->checkpoints + tile * checkpoint_bytes(s)};
     Learner l = {.shape = s,
                  .d = unknowns(s),
                  .settings = b->learner_settings,
@@ -67,7 +69,7 @@ Learner tile_learner(const Bank *b, int64_t tile, void *thread_workspace)
                  .mailbox = tile_controller(b, tile).mailbox,
                  .workspace = thread_workspace};
     l.clock = arena_part(&arena, sizeof *l.clock);
-    tile_learner_lay_out(&l, &arena, &notes);
+    tile_learner_lay_out(&l, &arena, &checkpoints);
     return l;
 }
 
@@ -110,7 +112,7 @@ void tile_begin(const Bank *b, int64_t tile, num which)
     invert(&c->inverse, b->shape, b->regressors.operators.r);
     copy_where(which, l->before, l->in_use, l->d);
     set_where(which, &l->memory->fault_count, from_shared(l->mailbox.faults, 0));
-    set_where(which, &l->memory->left, constant((real)l->settings->reset_lasts));
+    set_where(which, &l->memory->reset_remaining, constant((real)l->settings->reset_lasts));
     tile_learner_begin_anew(l, which, constant(0));
 }
 

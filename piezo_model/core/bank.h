@@ -25,7 +25,7 @@ typedef struct {
     LearnerSettings *learner_settings;
     Regressors regressors;
     char *drivers, *learners,
-        *notes; /* three arrays with a part of each tile: data of a sample, of a block, of a fault */
+        *checkpoints; /* three arrays with a part of each tile: data of a sample, of a block, of a fault */
 } Bank;
 
 CORE_API int64_t bank_bytes(Shape shape, int64_t tiles, int block);

@@ -6,7 +6,7 @@
 #define BANK ((Bank[]){bank_at(MEMORY(0))})
 
 /* Initialise a bank and return its parts: the settings, and those of the first tile. The lengths of "driver", "learner"
- * and "note" are the strides from tile to tile. */
+ * and "checkpoint" are the strides from tile to tile. */
 static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block)
 {
     const Bank b = bank_setup(memory, s, tiles, block);
@@ -19,7 +19,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
                           REGRESSOR_PARTS(p, s),
                           {"driver", c->memory, (real *)d->memory - (real *)c->memory},
                           {"learner", l->clock, (real *)next.clock - (real *)l->clock},
-                          {"note", l->older.gram, (real *)next.older.gram - (real *)l->older.gram},
+                          {"checkpoint", l->checkpoint.gram, (real *)next.checkpoint.gram - (real *)l->checkpoint.gram},
                           {"drive_memory", c->memory, sizeof *c->memory / sizeof(real)},
                           {"play", c->play, play_vectors(s) * LANES},
                           {"creep", c->creep, creep_vectors(s) * LANES},
@@ -51,7 +51,8 @@ static int sound(const Bank *b, int64_t tile)
                      && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
     return fine && nums_finite(c->play, play_vectors(b->shape)) && nums_finite(c->creep, creep_vectors(b->shape))
            && nums_finite(c->inverse.w_H, inverse_nums(b->shape)) && nums_finite(l->in_use, 3 * NUMS(l->d))
-           && nums_finite(l->gram, data_nums(b->shape)) && nums_finite(l->older.gram, 2 * note_nums(b->shape))
+           && nums_finite(l->gram, data_nums(b->shape))
+           && nums_finite(l->checkpoint.gram, 2 * checkpoint_nums(b->shape))
            && all_finite(l->mailbox.offer.inverse, LANES * inverse_nums(b->shape));
 }
 

@@ -19,12 +19,12 @@ static Loop loop_at(void *learner, void *compensator)
     return (Loop){l, {compensator_at(compensator), l.mailbox}};
 }
 
-static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, int way)
+static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, int mode)
 {
-    const Learner l = learner_setup(memory, s, block, blocks, way);
+    const Learner l = learner_setup(memory, s, block, blocks, mode);
     const Regressors *const p = &l.regressors;
     const Block first = block_at(&l.mailbox, 0);
-    const Cyclic none = {0}, *const c = way == CYCLIC ? &l.cyclic : &none;
+    const Cyclic none = {0}, *const c = mode == CYCLIC ? &l.cyclic : &none;
     const Workspace w = workspace_of(&l);
     const Part parts[] = {{"settings", l.settings, sizeof *l.settings / sizeof(real)},
                           {"delay", &l.mailbox.head->delay, 1},
@@ -38,10 +38,10 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
                           {"block_play", first.play, lanes(s)},
                           {"block_creep", first.creep, creep_lanes(s)},
                           REGRESSOR_PARTS(p, s),
-                          {"P", way == CYCLIC ? c->P : w.P, l.d * l.d},
-                          {"q", way == CYCLIC ? c->q : w.q, l.d},
-                          {"lower", way == CYCLIC ? c->lower : w.lb, l.d},
-                          {"start", way == CYCLIC ? c->start : w.start, l.d},
+                          {"P", mode == CYCLIC ? c->P : w.P, l.d * l.d},
+                          {"q", mode == CYCLIC ? c->q : w.q, l.d},
+                          {"lower", mode == CYCLIC ? c->lower : w.lb, l.d},
+                          {"start", mode == CYCLIC ? c->start : w.start, l.d},
                           {"reference", c->reference, l.d},
                           {"covered", c->covered, SPAN},
                           {"data", c->data, symmetric_nums(l.d + 1)},
@@ -49,7 +49,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
                           {"start_play", c->start_play, lanes(s)},
                           {"start_creep", c->start_creep, creep_lanes(s)}};
     const size_t of_cycles = 6, all = sizeof parts / sizeof *parts;
-    return_parts(a, memory, parts, way == CYCLIC ? all : all - of_cycles);
+    return_parts(a, memory, parts, mode == CYCLIC ? all : all - of_cycles);
 }
 
 /* Begin, or continue in other ranges, from these operator states. */
@@ -66,7 +66,7 @@ static int64_t quiet(const Learner *l)
     const LearnerSettings *const p = l->settings;
     const LearnerClock *const t = l->clock;
     int64_t end = t->next_interval;
-    if (p->way == CYCLIC) {
+    if (p->mode == CYCLIC) {
         end = m->samples + t->phase_left + (t->phase == RESET ? p->build_lasts : 0)
               + (t->phase == LEARN    ? 0
                  : p->solver == STEPS ? p->learn_lasts
@@ -87,15 +87,15 @@ static int sound(const Learner *l, const LearnerHead *head)
     const LearnerClock *const t = l->clock;
     const ProjectedGradientHead *const steps = l->cyclic.descent.head;
     const Block block = block_in(&l->mailbox, 0); /* the ring of Python has one */
-    const int cyclic = head->way == CYCLIC, gram = data_nums(l->shape);
+    const int cyclic = head->mode == CYCLIC, gram = data_nums(l->shape);
     return m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0
            && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->skipped >= 0
            && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1
-           && p->way == head->way && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0
+           && p->mode == head->mode && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0
            && p->middle < l->shape.zones && (cyclic || (p->interval > 0 && p->checkpoint > 0)) && t->phase >= RESET
            && t->phase <= LEARN && t->next_interval >= 0 && all_finite(l->in_use, l->d) && all_finite(l->before, l->d)
            && all_finite(l->candidate, l->d) && all_finite(l->gram, gram)
-           && (cyclic || (all_finite(l->older.gram, gram) && all_finite(l->newer.gram, gram)))
+           && (cyclic || (all_finite(l->checkpoint.gram, gram) && all_finite(l->next_checkpoint.gram, gram)))
            && all_finite(block.play, lanes(l->shape)) && all_finite(block.creep, creep_lanes(l->shape))
            && all_finite(block.x, m->filled) && all_finite(l->mailbox.offer.inverse, inverse_nums(l->shape))
            && (!cyclic || (steps->kind == DESCENT_KIND && steps->d == l->d && steps->bytes == descent_bytes(l->d)));
@@ -184,10 +184,10 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
     return k;
 }
 
-#define SIZED SHAPED ", block#1:10000, blocks#1:10000, way#0:1"
+#define SIZED SHAPED ", block#1:10000, blocks#1:10000, mode#0:1"
 #define BYTES_AT(i) learner_bytes(SHAPE_AT(i), INT(i + 4), INT(i + 5), INT(i + 6))
 #define BINDINGS(F)                                                                                                    \
-    F(learner_bytes, SIZED, "size of a learner; way 0 is continuous, 1 cyclic.", 0, WHOLE_RESULT = BYTES_AT(0))        \
+    F(learner_bytes, SIZED, "size of a learner; mode 0 is continuous, 1 cyclic.", 0, WHOLE_RESULT = BYTES_AT(0))       \
     F(exported_learner_bytes, SIZED ", each#4:8", "the same with a mailbox of numbers of so many bytes each.", 0,      \
       WHOLE_RESULT = BYTES_AT(0) - mailbox_bytes(SHAPE_AT(0), INT(4), INT(5))                                          \
                      + mailbox_size(SHAPE_AT(0), INT(4), INT(5), WHOLE(7)))                                            \

@@ -49,7 +49,7 @@ void N(learner_begin_anew)(const Learner *l, num which, num level)
     set_where(which, &m->established, constant(0));
     set_where(which, &m->revert, constant(0));
     set_where(which, &m->in_half, constant(0));
-    set_where(which, &m->wait, times(m->noted, constant((real)l->settings->half_window)));
+    set_where(which, &m->wait, times(m->has_checkpoint, constant((real)l->settings->half_window)));
     span_clear(m->drive, 2, which);
     span_clear(m->drive_before, 2, which);
     span_clear(m->span, SPAN, which);
@@ -66,7 +66,7 @@ static void clear_errors(LearnerMemory *m, num which)
 static void enter(const Learner *l, num which, real samples)
 {
     LearnerMemory *const m = l->memory;
-    set_where(which, &m->left, constant(samples));
+    set_where(which, &m->reset_remaining, constant(samples));
     set_where(which, &m->probation, constant(0));
     clear_errors(m, which);
 }
@@ -75,46 +75,46 @@ static void enter(const Learner *l, num which, real samples)
 static void fall_back(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
-    const num noted = logical_and(which, m->noted);
+    const num has_checkpoint = logical_and(which, m->has_checkpoint);
     const int entries = data_nums(l->shape);
     copy_where(logical_and(which, m->pending), l->in_use, l->before, l->d); /* the pending offer will not be taken */
     set_where(which, &m->pending, constant(0));
-    copy_where(noted, l->gram, l->older.gram, entries);
-    copy_where(noted, l->candidate, l->older.in_use, l->d);
-    copy_where(noted, &m->level, l->older.level, 1);
-    set_where(noted, &m->established, constant(1));
-    set_where(noted, &m->revert, constant(1));
-    copy_where(noted, l->newer.gram, l->older.gram, note_nums(l->shape));
+    copy_where(has_checkpoint, l->gram, l->checkpoint.gram, entries);
+    copy_where(has_checkpoint, l->candidate, l->checkpoint.in_use, l->d);
+    copy_where(has_checkpoint, &m->level, l->checkpoint.level, 1);
+    set_where(has_checkpoint, &m->established, constant(1));
+    set_where(has_checkpoint, &m->revert, constant(1));
+    copy_where(has_checkpoint, l->next_checkpoint.gram, l->checkpoint.gram, checkpoint_nums(l->shape));
     span_clear(m->span, SPAN, which);
-    N(learner_begin_anew)(l, logical_and(which, is_not(noted)), constant(0));
+    N(learner_begin_anew)(l, logical_and(which, is_not(has_checkpoint)), constant(0));
 }
 
 /* Make a checkpoint of the present state; the one before becomes the older checkpoint, which faults restore. The first
  * one becomes both. */
-static void note(const Learner *l, num which)
+static void make_checkpoint(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
-    const num first = logical_and(which, is_not(m->noted)), again = logical_and(which, m->noted);
-    copy_where(again, l->older.gram, l->newer.gram, note_nums(l->shape));
-    copy_where(which, l->newer.gram, l->gram, data_nums(l->shape));
-    copy_where(which, l->newer.in_use, l->in_use, l->d);
-    copy_where(which, l->newer.level, &m->level, 1);
-    copy_where(first, l->older.gram, l->newer.gram, note_nums(l->shape));
-    set_where(which, &m->noted, constant(1));
+    const num first = logical_and(which, is_not(m->has_checkpoint)), again = logical_and(which, m->has_checkpoint);
+    copy_where(again, l->checkpoint.gram, l->next_checkpoint.gram, checkpoint_nums(l->shape));
+    copy_where(which, l->next_checkpoint.gram, l->gram, data_nums(l->shape));
+    copy_where(which, l->next_checkpoint.in_use, l->in_use, l->d);
+    copy_where(which, l->next_checkpoint.level, &m->level, 1);
+    copy_where(first, l->checkpoint.gram, l->next_checkpoint.gram, checkpoint_nums(l->shape));
+    set_where(which, &m->has_checkpoint, constant(1));
 }
 
 /* End the reset after enough good samples; 1 where the sensor is not the one before the fault. */
 static num end_probation(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
-    const num lasted = minus(constant((real)l->settings->reset_lasts), m->left);
+    const num lasted = minus(constant((real)l->settings->reset_lasts), m->reset_remaining);
     const num error = greatest(divided(m->probation, lasted), constant(0));
     /* sqrt(e) > T sqrt(l) + tau  iff  s = e - T^2 l - tau^2 > 0 and s^2 > 4 T^2 tau^2 l */
     const num s = minus(minus_times(error, constant(TRUST * TRUST), m->level), constant(TOLERANCE * TOLERANCE));
     const num beyond = logical_and(
         less(constant(0), s), less(times(constant(4 * TRUST * TRUST * TOLERANCE * TOLERANCE), m->level), times(s, s)));
-    const num other = logical_and(which, logical_and(m->noted, beyond));
-    set_where(logical_and(which, is_not(m->noted)), &m->level, error);
+    const num other = logical_and(which, logical_and(m->has_checkpoint, beyond));
+    set_where(logical_and(which, is_not(m->has_checkpoint)), &m->level, error);
     if (any(other)) {
         N(learner_begin_anew)(l, other, error);
     }
@@ -173,8 +173,8 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
     const num fresh = logical_or(reverts, takes), first = logical_and(takes, is_not(m->established));
     int events = 0;
     if (checkpoint) {
-        note(l, logical_and(logical_and(looked_at, is_not(less(constant(0), m->left))),
-                            logical_and(m->established, is_not(logical_or(m->pending, m->revert)))));
+        make_checkpoint(l, logical_and(logical_and(looked_at, is_not(less(constant(0), m->reset_remaining))),
+                                       logical_and(m->established, is_not(logical_or(m->pending, m->revert)))));
     }
     if (any(fresh) && N(learner_offer)(l, l->candidate, fresh, reverts, end + l->mailbox.head->delay)) {
         copy_where(fresh, l->before, l->in_use, l->d);
@@ -192,14 +192,14 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
         events |= N(learner_optimum)(l, judged);
     }
     clear_errors(m, looked_at);
-    return events | (checkpoint && any(is_not(less(constant(0), m->left))) && !(events & FIRST) ? LOOK : 0);
+    return events | (checkpoint && any(is_not(less(constant(0), m->reset_remaining))) && !(events & FIRST) ? LOOK : 0);
 }
 
 int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary *b)
 {
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
-    const num resets = less(constant(0), m->left), sound = logical_and(m->learning, is_not(b->fault));
+    const num resets = less(constant(0), m->reset_remaining), sound = logical_and(m->learning, is_not(b->fault));
     const num fault = logical_and(m->learning, b->fault), failed = logical_and(fault, is_not(resets));
     const num probed = logical_and(sound, resets), in_phase = logical_and(sound, is_not(resets));
     const num excited = excites(l, b, in_phase);
@@ -213,8 +213,8 @@ int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary
     }
     enter(l, fault, (real)p->reset_lasts);
     set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
-    set_where(probed, &m->left, minus(m->left, b->good));
-    const num ended = logical_and(probed, is_not(less(constant(0), m->left)));
+    set_where(probed, &m->reset_remaining, minus(m->reset_remaining, b->good));
+    const num ended = logical_and(probed, is_not(less(constant(0), m->reset_remaining)));
     if (any(ended) && any(end_probation(l, ended))) {
         events |= OTHER_SENSOR;
     }

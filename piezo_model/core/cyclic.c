@@ -111,7 +111,7 @@ static void recall(const Learner *l, const real *v, real *now, real *out)
     for (int k = 0; k < entries; ++k) {
         now[k] = l->gram[k] / l->memory->predicted;
     }
-    if (l->clock->past_share > 0) {
+    if (l->clock->past_span > 0) {
         const real new_cost = greatest(SMALLEST, cost(l->d, now, v));
         const real old_cost = greatest(SMALLEST, cost(l->d, l->cyclic.past, v));
         b = RECALL * (new_cost < old_cost ? new_cost / old_cost : old_cost / new_cost);
@@ -238,7 +238,7 @@ static int hand_over(const Learner *l, int64_t now)
 {
     const Cyclic *const c = &l->cyclic;
     LearnerClock *const clock = l->clock;
-    const real share = (c->covered[X_HIGH] - c->covered[X_LOW]) / 2;
+    const real span_share = (c->covered[X_HIGH] - c->covered[X_LOW]) / 2;
     real sum = 0, before, after;
     if (SOLVER(l->settings) == STEPS) {
         ProjectedGradient descent = c->descent;
@@ -264,11 +264,11 @@ static int hand_over(const Learner *l, int64_t now)
     }
     memcpy(l->in_use, c->found, sizeof(real) * (size_t)l->d);
     l->memory->hand_overs += 1;
-    if (share < NARROW * clock->past_share) {
-        clock->past_share *= SHRINKING;
+    if (span_share < NARROW * clock->past_span) {
+        clock->past_span *= SHRINKING;
     } else {
         recall(l, c->found, c->data, c->past);
-        clock->past_share = share;
+        clock->past_span = span_share;
     }
     cyclic_enter(l, RESET);
     return TAKE_OVER;

@@ -22,16 +22,16 @@
 #define MANY ((real)20)
 #define WIDE ((real)0.06)
 
-static Note note_at(Arena *arena, Shape s)
+static Checkpoint checkpoint_at(Arena *arena, Shape s)
 {
-    Note n;
+    Checkpoint n;
     n.gram = nums(arena, data_nums(s));
     n.in_use = nums(arena, NUMS(unknowns(s)));
     n.level = nums(arena, NUMS(1));
     return n;
 }
 
-void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes)
+void N(learner_lay_out)(Learner *l, Arena *own, Arena *checkpoints)
 {
     const Shape s = l->shape;
     l->memory = (LearnerMemory *)(void *)nums(own, NUMS((int)(sizeof(LearnerMemory) / sizeof(num))));
@@ -41,8 +41,8 @@ void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes)
     l->gram = nums(own, data_nums(s));
     l->pieces = l->gram + symmetric_nums(l->d + 1);
     l->noise = l->pieces + NUMS(s.zones);
-    l->older = note_at(notes, s);
-    l->newer = note_at(notes, s);
+    l->checkpoint = checkpoint_at(checkpoints, s);
+    l->next_checkpoint = checkpoint_at(checkpoints, s);
 }
 
 static BlockSummary count_good(const Block *block)
@@ -131,9 +131,9 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
     num *const rows = workspace_of(l).rows + 1;
     const num forgetting = constant(p->forgetting), root_step = constant(ROOT(p->forgetting));
     const Block block = block_at(&l->mailbox, l->mailbox.head->consumed);
-    num root = times(learns, constant(ROOT(p->share))), fade = constant(1);
-    /* The newest row has the full share. */
-    for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->share < 1); --k) {
+    num root = times(learns, constant(ROOT(p->row_weight))), fade = constant(1);
+    /* The newest row has the full weight. */
+    for (int k = count - 1; k >= 0 && (p->forgetting < 1 || p->row_weight < 1); --k) {
         num *const row = rows + k * stride;
         const num counts = logical_and(learns, is_finite(from_shared(block.y, k)));
         const vec8 weight = SPREAD(root);
@@ -207,7 +207,7 @@ int N(learner_learn)(const Learner *l)
         l->memory->fault_count = from_shared(block.faults, 0);
     }
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
-        const int cyclic = WAY(l->settings) == CYCLIC;
+        const int cyclic = MODE(l->settings) == CYCLIC;
         const int counts = !cyclic || l->clock->phase == BUILD;
         BlockSummary b = counts ? pass_through(l, &block, !cyclic) : count_good(&block);
         b.fault = differs(known, l->memory->fault_count);
@@ -226,20 +226,20 @@ int N(learner_learn)(const Learner *l)
 }
 
 #ifndef CORE_TILE
-int64_t learner_bytes(Shape s, int block, int blocks, int way)
+int64_t learner_bytes(Shape s, int block, int blocks, int mode)
 {
     return HEAD_BYTES + mailbox_bytes(s, block, blocks) + arena_bytes(sizeof(LearnerSettings))
            + arena_bytes(sizeof(LearnerClock))
            + (int64_t)sizeof(real)
                  * (lanes(s) + rate_lanes(s) + 4 * zone_lanes(s) + learner_nums(s)
-                    + (way == CYCLIC ? 0 : (int64_t)2 * note_nums(s)))
-           + workspace_bytes(s, block, way) + (way == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
+                    + (mode == CYCLIC ? 0 : (int64_t)2 * checkpoint_nums(s)))
+           + workspace_bytes(s, block, mode) + (mode == CYCLIC ? cyclic_bytes(s) : box_bytes(unknowns(s)));
 }
 
 Learner learner_at(void *memory)
 {
     const LearnerHead *const head = memory;
-    const int way = (int)WAY(head);
+    const int mode = (int)MODE(head);
     const Shape s = SHAPE(&head->shaped);
     Arena arena = after_head(memory);
     Learner l = {.shape = s, .d = unknowns(s), .mailbox = mailbox_at(arena.at, s)};
@@ -248,23 +248,23 @@ Learner learner_at(void *memory)
     l.clock = arena_part(&arena, sizeof *l.clock);
     l.regressors = regressors_at(&arena, l.shape);
     Arena none = {NULL};
-    learner_lay_out(&l, &arena, way == CYCLIC ? &none : &arena);
-    if (way == CYCLIC) {
+    learner_lay_out(&l, &arena, mode == CYCLIC ? &none : &arena);
+    if (mode == CYCLIC) {
         l.cyclic = cyclic_at(&arena, l.shape);
     }
     l.workspace = arena.at;
     return l;
 }
 
-Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way)
+Learner learner_setup(void *memory, Shape shape, int block, int blocks, int mode)
 {
     LearnerHead *const head = memory;
-    new_shaped_state(memory, LEARNER_KIND, shape, learner_bytes(shape, block, blocks, way));
+    new_shaped_state(memory, LEARNER_KIND, shape, learner_bytes(shape, block, blocks, mode));
     head->block = block;
     head->blocks = blocks;
-    head->way = way;
+    head->mode = mode;
     Learner l = learner_at(memory);
-    if (way == CYCLIC) {
+    if (mode == CYCLIC) {
         descent_setup(l.cyclic.descent.head, l.d, l.cyclic.lower, l.cyclic.upper);
         l = learner_at(memory);
     }
@@ -281,13 +281,13 @@ void learner_begin(const Learner *l, int resets)
     m->fault_count = (num)l->mailbox.faults[0];
     m->pending = 0;
     memcpy(l->before, l->in_use, sizeof(real) * (size_t)NUMS(l->d));
-    if (WAY(p) == CYCLIC) {
+    if (MODE(p) == CYCLIC) {
         learner_forget_direction(m, 1);
         cyclic_enter(l, RESET);
     } else {
         l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;
-        m->noted = 0;
-        m->left = resets ? (real)p->reset_lasts : m->left;
+        m->has_checkpoint = 0;
+        m->reset_remaining = resets ? (real)p->reset_lasts : m->reset_remaining;
         m->probation = m->predicted = m->squares_in_use = m->squares_candidate = 0;
         learner_begin_anew(l, 1, m->level);
     }

@@ -36,24 +36,24 @@ enum {
     REVERSED = 2048     /* the output falls as the input rises: no weights are handed over */
 };
 
-enum { CONTINUOUS, CYCLIC };     /* values of `way` */
+enum { CONTINUOUS, CYCLIC };     /* values of `mode` */
 enum { EXACT, STEPS, ANSWERED }; /* values of `solver`: exact, a projected step for each sample, or external */
 /* Constants in an exported folder, so that unused code is not compiled. */
-#ifdef CORE_WAY
-#define WAY(settings) CORE_WAY
+#ifdef CORE_MODE
+#define MODE(settings) CORE_MODE
 #define SOLVER(settings) CORE_SOLVER
 #else
-#define WAY(settings) (settings)->way
+#define MODE(settings) (settings)->mode
 #define SOLVER(settings) (settings)->solver
 #endif
 
 /* Times in samples, blocks, intervals and checkpoints multiples of each other. */
 typedef struct {
-    int64_t way, solver, middle;               /* the last is the index of the slope about zero */
+    int64_t mode, solver, middle;              /* the last is the index of the slope about zero */
     int64_t interval, checkpoint, half_window; /* continuous */
     int64_t reset_lasts, build_lasts, learn_lasts, solve_lasts;
-    real forgetting, share, proximal, min_slope; /* a sample; of a row in the Gram matrix; of the diagonal */
-    real smoothing, step_ratio;                  /* of the error's level; of the projected step */
+    real forgetting, row_weight, proximal, min_slope; /* a sample; of a row in the Gram matrix; of the diagonal */
+    real smoothing, step_ratio;                       /* of the error's level; of the projected step */
 } LearnerSettings;
 
 /* Sums of squares whose quotient is the variance of the noise (noise.c): of third differences, and of slopes. */
@@ -67,12 +67,12 @@ enum { ONE, X, Y, X_X, X_Y, Y_Y, MOMENTS, COUNT = MOMENTS, STRETCHES, XX, XY, YY
 /* State of a learner; flags are 1 or 0. piezo_model/learning/layout.py has the same names. */
 typedef struct {
     num learning;
-    num left;                                         /* samples left of the reset; 0 while learning */
+    num reset_remaining;                              /* samples left of the reset; 0 while learning */
     num probation;                                    /* sum of squared errors during the reset */
     num level;                                        /* mean squared error of the weights in use */
     num squares_in_use, squares_candidate, predicted; /* this interval: sums of squared errors, samples */
     num established;                                  /* flag: weights have been handed over */
-    num noted;                                        /* flag: a checkpoint exists */
+    num has_checkpoint;                               /* flag: a checkpoint exists */
     num revert;                                       /* flag: offer the candidate without judging it */
     num wait;                                         /* samples to learn from before the next hand-over */
     num pending;                                      /* flag: the last offer may not have been taken */
@@ -93,13 +93,13 @@ typedef struct {
     int64_t phase, phase_left;      /* cyclic */
     int64_t learning_since;         /* cyclic: sample at which learning began */
     real error_in_use, error_found; /* cyclic: RMS errors at the last judgement */
-    real past_share;                /* cyclic: share of the drive's range that the past data cover */
+    real past_span;                 /* cyclic: share of the drive's range that the past data cover */
 } LearnerClock;
 
 /* A checkpoint, restored after a sensor fault. */
 typedef struct {
     num *gram, *in_use, *level;
-} Note;
+} Checkpoint;
 
 /* Scratch memory of one thread. */
 typedef struct {
@@ -132,10 +132,10 @@ typedef struct {
     Mailbox mailbox;
     LearnerClock *clock;
     LearnerMemory *memory;
-    num *in_use, *before, *candidate; /* the unknowns in use, in use before the last offer, and the next ones */
-    num *gram;                        /* of rows (Xi, x) */
-    num *pieces, *noise;              /* n of each piece, and s and t (noise.c); they follow gram */
-    Note older, newer;
+    num *in_use, *before, *candidate;       /* the unknowns in use, in use before the last offer, and the next ones */
+    num *gram;                              /* of rows (Xi, x) */
+    num *pieces, *noise;                    /* n of each piece, and s and t (noise.c); they follow gram */
+    Checkpoint checkpoint, next_checkpoint; /* the one that faults restore, and the one after it */
     void *workspace;
 #ifndef CORE_TILE
     Cyclic cyclic;
@@ -182,19 +182,19 @@ CORE_INLINE int learner_nums(Shape s)
     const int d = unknowns(s);
     return NUMS((int)(sizeof(LearnerMemory) / sizeof(num))) + 3 * NUMS(d) + data_nums(s);
 }
-CORE_INLINE int note_nums(Shape s) { return data_nums(s) + NUMS(unknowns(s)) + NUMS(1); }
+CORE_INLINE int checkpoint_nums(Shape s) { return data_nums(s) + NUMS(unknowns(s)) + NUMS(1); }
 /* Without the room in which the optimum of an interval is found, which cyclic operation has none of. */
 CORE_INLINE int64_t rows_nums(Shape s, int block)
 {
     return block * row_nums(s) + LANES + NUMS(LANES) + state_nums(s) + inverse_nums(s);
 }
-CORE_INLINE int64_t workspace_bytes(Shape s, int block, int way)
+CORE_INLINE int64_t workspace_bytes(Shape s, int block, int mode)
 {
     const int d = unknowns(s);
-    const int64_t optimum = way == CYCLIC ? 0 : (int64_t)sizeof(real) * (padded(d * d) + 5 * padded(d));
+    const int64_t optimum = mode == CYCLIC ? 0 : (int64_t)sizeof(real) * (padded(d * d) + 5 * padded(d));
     return arena_bytes((int64_t)sizeof(num) * rows_nums(s, block) + optimum);
 }
-CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
+CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int mode)
 {
     const int d = unknowns(s);
     Workspace w = {0};
@@ -203,8 +203,8 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
     w.play = nums(&arena, play_vectors(s) * (LANES / WIDTH));
     w.creep = nums(&arena, creep_vectors(s) * (LANES / WIDTH));
     w.inverse = inverse_at(&arena, s);
-    w.solver = (char *)memory + workspace_bytes(s, block, way);
-    if (way == CYCLIC) {
+    w.solver = (char *)memory + workspace_bytes(s, block, mode);
+    if (mode == CYCLIC) {
         return w;
     }
     const Extent extents[] = {{&w.P, padded(d * d)}, {&w.q, padded(d)},     {&w.lb, padded(d)},
@@ -215,10 +215,10 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int way)
 CORE_INLINE Workspace workspace_of(const Learner *l)
 {
     return workspace_at(l->workspace, l->shape, l->mailbox.head->block,
-                        WIDTH == 1 ? (int)WAY(l->settings) : CONTINUOUS);
+                        WIDTH == 1 ? (int)MODE(l->settings) : CONTINUOUS);
 }
-/* Lay out what a learner has for itself, and its two notes. */
-CORE_API void N(learner_lay_out)(Learner *l, Arena *own, Arena *notes);
+/* Lay out what a learner has for itself, and its two checkpoints. */
+CORE_API void N(learner_lay_out)(Learner *l, Arena *own, Arena *checkpoints);
 
 /* Learn from the next block, if there is one; what came of it. */
 CORE_API int N(learner_learn)(const Learner *l);
@@ -254,12 +254,12 @@ enum { LEARNER_KIND = 0x4c454152 };
 /* A single learner: mailbox and all the rest in one state. */
 typedef struct {
     ShapedHead shaped;
-    int32_t block, blocks, way;
+    int32_t block, blocks, mode;
 } LearnerHead;
-CORE_API int64_t learner_bytes(Shape shape, int block, int blocks, int way);
+CORE_API int64_t learner_bytes(Shape shape, int block, int blocks, int mode);
 CORE_API Learner learner_at(void *memory);
 /* Settings, thresholds and in_use are still to be written, and then learner_begin. */
-CORE_API Learner learner_setup(void *memory, Shape shape, int block, int blocks, int way);
+CORE_API Learner learner_setup(void *memory, Shape shape, int block, int blocks, int mode);
 /* Begin with the weights that stand in in_use, in continuous operation after a reset where it `resets`. */
 CORE_API void learner_begin(const Learner *l, int resets);
 CORE_API int cyclic_block(const Learner *l, const BlockSummary *b);

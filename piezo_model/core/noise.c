@@ -87,13 +87,13 @@ void N(noise_add)(const Learner *l, const Block *block, num learns)
         const num *const noise = workspace_of(l).rows + (k + 1) * row_nums(l->shape) - NOISE;
         const num y = from_shared(block->y, k), counts = logical_and(learns, is_finite(y));
         const num fade = select(counts, constant(p->forgetting), constant(1)),
-                  share = times(counts, constant(p->share));
+                  weight = times(counts, constant(p->row_weight));
         for (int i = 0; i < VECTORS(l->shape.zones); ++i) {
-            const vec8 counted = mul(SPREAD(share), active_pieces(&l->regressors, i, SPREAD(y)));
+            const vec8 counted = mul(SPREAD(weight), active_pieces(&l->regressors, i, SPREAD(y)));
             set_vector(l->pieces, i, flushed8(plus_product(counted, vector(l->pieces, i), SPREAD(fade))));
         }
         for (int i = 0; i < NOISE; ++i) {
-            l->noise[i] = flushed(plus_times(times(share, noise[i]), l->noise[i], fade));
+            l->noise[i] = flushed(plus_times(times(weight, noise[i]), l->noise[i], fade));
         }
     }
 }

@@ -64,7 +64,7 @@ int N(learner_optimum)(const Learner *l, num which)
             N(learner_program)(l, lane);
             if (!solve(l, lane)) {
                 *entry(&m->failures, 0, lane) += 1;
-                *entry(&m->noted, 0, lane) = 0; /* the checkpoint has the same data */
+                *entry(&m->has_checkpoint, 0, lane) = 0; /* the checkpoint has the same data */
                 N(learner_begin_anew)(l, ONLY(lane), m->level);
                 events = NO_OPTIMUM;
             }

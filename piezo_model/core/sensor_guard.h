@@ -26,13 +26,13 @@ enum { GOOD, MISSING, REFUSED, JUMPED };
 /* The last drive; the last changed output; path, minimum and maximum of the drive since then; the largest change, which
  * follows the noise that the learner finds; counts of verdicts. */
 typedef struct {
-    num last_x, last_y, way, x_low, x_high, jump, verdicts[4];
+    num last_x, last_y, path_length, x_low, x_high, jump, verdicts[4];
 } SensorGuard;
 
 CORE_INLINE void guard_forget(SensorGuard *g)
 {
     g->last_x = g->last_y = g->x_low = g->x_high = constant((real)NAN);
-    g->way = constant(0);
+    g->path_length = constant(0);
     g->jump = constant(JUMP);
 }
 
@@ -40,20 +40,20 @@ CORE_INLINE void guard_forget(SensorGuard *g)
 CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
 {
     const num begun = is_finite(g->last_x), there = is_finite(y), known = is_finite(g->last_y);
-    const num way = select(begun, plus(g->way, absolute(minus(x, g->last_x))), g->way);
+    const num path_length = select(begun, plus(g->path_length, absolute(minus(x, g->last_x))), g->path_length);
     const num low = select(begun, lowest(x, g->x_low), x), high = select(begun, greatest(x, g->x_high), x);
     const num plausible = logical_and(there, is_not(less(constant(PLAUSIBLE), absolute(y))));
     const num moved = logical_or(less(y, g->last_y), less(g->last_y, y));
     const num same = logical_and(plausible, logical_and(known, is_not(moved))),
               changed = logical_and(plausible, is_not(same));
     const num frozen = logical_and(same, less(constant(FROZEN_DRIVE), minus(high, low)));
-    const num explained = plus_times(g->jump, constant(FOLLOWING), way);
+    const num explained = plus_times(g->jump, constant(FOLLOWING), path_length);
     const num jumped = logical_and(changed, less(explained, absolute(minus(y, g->last_y))));
     const num refused = logical_or(logical_and(there, is_not(plausible)), frozen),
               good = logical_and(plausible, is_not(logical_or(frozen, jumped)));
     g->last_x = x;
     g->last_y = select(changed, y, g->last_y);
-    g->way = select(changed, constant(0), way);
+    g->path_length = select(changed, constant(0), path_length);
     g->x_low = select(changed, x, low);
     g->x_high = select(changed, x, high);
     *fault = logical_or(refused, jumped);

@@ -11,7 +11,7 @@ from piezo_model.structure import ModelStructure
 INTEGER, REAL = np.int64, np.float64
 SETTINGS = np.dtype(
     [
-        ("way", INTEGER),
+        ("mode", INTEGER),
         ("solver", INTEGER),
         ("middle", INTEGER),
         ("interval", INTEGER),
@@ -22,7 +22,7 @@ SETTINGS = np.dtype(
         ("learn_lasts", INTEGER),
         ("solve_lasts", INTEGER),
         ("forgetting", REAL),
-        ("share", REAL),
+        ("row_weight", REAL),
         ("proximal", REAL),
         ("min_slope", REAL),
         ("smoothing", REAL),
@@ -32,14 +32,14 @@ SETTINGS = np.dtype(
 MEMORY = np.dtype(
     [
         ("learning", REAL),
-        ("left", REAL),
+        ("reset_remaining", REAL),
         ("probation", REAL),
         ("level", REAL),
         ("squares_in_use", REAL),
         ("squares_candidate", REAL),
         ("predicted", REAL),
         ("established", REAL),
-        ("noted", REAL),
+        ("has_checkpoint", REAL),
         ("revert", REAL),
         ("wait", REAL),
         ("pending", REAL),
@@ -66,11 +66,11 @@ CLOCK = np.dtype(
         ("learning_since", INTEGER),
         ("error_in_use", REAL),
         ("error_found", REAL),
-        ("past_share", REAL),
+        ("past_span", REAL),
     ]
 )
 CONTINUOUS, CYCLIC = range(2)
-"""Values of ``way``."""
+"""Values of ``mode``."""
 EXACT, STEPS, ANSWERED = range(3)
 """Values of ``solver``: the core's exact solver, projected steps of the core, or a solver outside the core."""
 
@@ -106,7 +106,7 @@ def continuous_numbers(
     interval = max(2, s.samples(hand_over_s) // block) * block
     forgetting = math.exp(-s.sample_time / memory_s)
     return block, {
-        "way": CONTINUOUS,
+        "mode": CONTINUOUS,
         "solver": EXACT,
         "middle": s.middle,
         "interval": interval,
@@ -114,7 +114,7 @@ def continuous_numbers(
         "half_window": s.samples(memory_s),
         "reset_lasts": s.samples(reset_s),
         "forgetting": forgetting,
-        "share": 1.0 - forgetting,
+        "row_weight": 1.0 - forgetting,
         "proximal": PROXIMAL,
         "min_slope": MIN_SLOPE,
         "smoothing": 1.0 / s.samples(1.0),

@@ -79,13 +79,13 @@ class Learner(Stateful):
         lasts = {f"{name}_lasts": s.samples(getattr(settings, f"{name}_s")) for name in ("reset", "build", "learn")}
         stepped = settings.solver == STEPPED
         return layout.block_samples(tuple(lasts.values())), {
-            "way": CYCLIC,
+            "mode": CYCLIC,
             "solver": STEPS if stepped else ANSWERED,
             "middle": s.middle,
             **lasts,
             "solve_lasts": settings.samples_to_solve,
             "forgetting": 1.0,
-            "share": 1.0,
+            "row_weight": 1.0,
             "proximal": settings.proximal,
             "min_slope": MIN_SLOPE,
             "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5,
@@ -203,5 +203,5 @@ class Learner(Stateful):
         self.compensator.change_model(carried_over(learned, new), self.settings.fade_s)
         self._begin(state, resets=False)
         if self._cyclic:
-            self._clock["past_share"] = 0.0
+            self._clock["past_span"] = 0.0
         self._note("range", "the thresholds follow the range that was driven")

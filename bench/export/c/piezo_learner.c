@@ -10,7 +10,7 @@
 #define CORE_FLOAT_SIGNALS
 #endif
 /* Constants of the core's enumerations in learner.h. */
-#define CORE_WAY (PIEZO_LEARNING == PIEZO_CONTINUOUS ? CONTINUOUS : CYCLIC)
+#define CORE_MODE (PIEZO_LEARNING == PIEZO_CONTINUOUS ? CONTINUOUS : CYCLIC)
 #define CORE_SOLVER (PIEZO_LEARNING == PIEZO_CONTINUOUS ? EXACT : PIEZO_LEARNING == PIEZO_STEPS ? STEPS : ANSWERED)
 
 #include "core/box_data.c"
@@ -53,12 +53,12 @@ static void set_regressors(const Regressors *p)
 void piezo_learner_reset(void *learner)
 {
     const LearnerSettings settings = {
-        .way = CORE_WAY,
+        .mode = CORE_MODE,
         .solver = CORE_SOLVER,
         .middle = PIEZO_MIDDLE,
         .reset_lasts = PIEZO_RESET_SAMPLES,
         .forgetting = PIEZO_FORGETTING,
-        .share = PIEZO_SHARE,
+        .row_weight = PIEZO_ROW_WEIGHT,
         .proximal = PIEZO_PROXIMAL,
         .min_slope = PIEZO_MIN_SLOPE,
 #if PIEZO_LEARNING == PIEZO_CONTINUOUS
@@ -73,7 +73,7 @@ void piezo_learner_reset(void *learner)
         .step_ratio = PIEZO_STEP_RATIO,
 #endif
     };
-    const Learner l = learner_setup(learner, exported_shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_WAY);
+    const Learner l = learner_setup(learner, exported_shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_MODE);
     l.mailbox.head->delay = PIEZO_DELAY;
     memcpy((void *)(uintptr_t)l.settings, &settings, sizeof settings);
     set_regressors(&l.regressors);
@@ -83,7 +83,7 @@ void piezo_learner_begin(void *learner, const double *weights)
 {
     const Learner l = learner_at(learner);
     unknowns_of(l.shape, PIEZO_MIDDLE, weights, l.in_use);
-    l.clock->past_share = 0; /* the memory of past cycles belongs to the model before */
+    l.clock->past_span = 0; /* the memory of past cycles belongs to the model before */
     learner_begin(&l, 1);
 }
 
