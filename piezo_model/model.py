@@ -198,12 +198,9 @@ class HysteresisCreepModel(Immutable):
         [0.0, 0.75, 0.25]
         """
         if _is_recording(x):
-            from piezo_model.identification.forward import simulate  # which uses this class
-            from piezo_model.identification.start import start_and_transient
+            from piezo_model.identification.start import simulated  # which uses this class
 
-            x, model = x.in_units(self.structure.input_unit, self.structure.output_unit), self.at(x.sample_time)
-            begun = start_and_transient(model, x)[0] if state is None else state
-            return simulate(model.structure, model.arrays, x, begun, model.dynamics)
+            return simulated(self, x, state)
         state = self.initial_state() if state is None else state
         OperatorState.require(state, self.structure)
         drive = checks.vectors(x=x)[0]  # type: ignore[arg-type]
@@ -297,6 +294,12 @@ class HysteresisCreepModel(Immutable):
         if start == "rest" or self.start is None:
             return OperatorState.before_drive(self.structure)
         return self.start.copy()
+
+    @property
+    def starts(self) -> list[OperatorState]:
+        """The states before each part of the recording of the identification; empty without one."""
+        later = (OperatorState.of(part["play"], part["creep"], self.structure) for part in self.report.get("parts", ()))
+        return [] if self.start is None else [self.start, *later]
 
     def validate(self, recording: Recording) -> Validation:
         """Judge the model on a recording, other than that of its identification if it is to be evidence.

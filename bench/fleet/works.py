@@ -13,8 +13,9 @@ from bench.fleet.storage import model_of
 from bench.messages.progress import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
 from piezo_model.deployment import open_model
+from piezo_model.identification.direction import check_direction
 from piezo_model.identification.fit_review import Review, review
-from piezo_model.identification.identify import Estimator, LagChoice, check_direction
+from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.identification.validation import Validation
 from piezo_model.model import StartChoice
 from piezo_model.recordings import RecordingError, read_reference, write_table

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.creep import candidate_rates
+from piezo_model.identification.direction import check_direction
 from piezo_model.identification.error_model import IdentificationError, Solving
-from piezo_model.identification.identify import check_direction, structure_of
-from piezo_model.identification.start import Prepared, prepare
+from piezo_model.identification.start import Prepared, prepare, structure_of
 from piezo_model.recordings.options import ReadOptions
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
@@ -122,7 +122,7 @@ class Recorded(ProblemSet):
                 if fitted - start <= s.d:
                     self.left_out[name] = f"{fitted - start} samples are too few for {s.d} weights"
                     continue
-                basis = DataBasis(s, fitted_part.state)
+                basis = DataBasis(s, fitted_part.fit.states[0])
                 basis.update(x[:start], y[:start], count=False)
                 middle = (start + fitted) // 2
                 basis.update(x[start:middle], y[start:middle])

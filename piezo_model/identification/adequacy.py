@@ -1,23 +1,30 @@
-"""Whether a model of hysteresis and creep is adequate for a recording.
+"""Whether a model of hysteresis and creep is adequate for a recording, by few means.
 
-A fit is compared with the best line and the best cubic, on held-out data unless the recording is long. It is refused if
-it is no better than the line or has more than twice the error of an explanation outside the model class
-(`alternative_models`); the refusal is one sentence that names the explanation. Data on a curve with noise are not
-refused: they have no hysteresis, and if the fit is no better than the line, the line is the model, since noise in the
-output biases the slope of (6) and not that of the line.
+    line, cubic   the model errs as much as a line, or twice as much as a cubic: the model class does not fit
+    loop sense    the output leads the drive: columns are swapped, or the drive is above a resonance
+    resonance     v = b(z) / (1 − 2ρ cos φ z⁻¹ + ρ² z⁻²) u errs far less than model and cubic
+    delay         a cubic in the drive some samples ago errs far less
+    drift         a polynomial in time errs far less
+    outlier       one output is far from all others
 
-For cross-validation the drive is cut into blocks of equal travel, up or down, or of equal time at rest, so that every
-branch of every loop has several blocks and one loop is enough. Line, cubic and model are fitted to every second block
-and judged on the others, and vice versa; the operators of the model run through all blocks, and its fit begins with
-that to all of them.
+A refusal is one sentence that names the explanation. Data on a curve with noise are not refused: they have no
+hysteresis, and if the fit is no better than the line, the line is the model, since noise in the output biases the slope
+of (6) and not that of the line.
+
+The model is compared on held-out data unless the recording is long. For this the drive of each part is cut into blocks
+of equal travel, up or down, or of equal time at rest, so that every branch of every loop has several blocks and one
+loop is enough. Line, cubic and model are fitted to every second block and judged on the others, and vice versa; the
+operators of the model run through all blocks, and its fit begins with that to all of them.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from scipy.optimize import minimize
+from scipy.signal import lfilter
 
-from piezo_model.identification import alternative_models as models
 from piezo_model.identification.error_model import Solving, counted_from
 from piezo_model.identification.forward import ForwardFit, fit_forward
 from piezo_model.identification.report import Baseline, Fit, percent
@@ -25,15 +32,23 @@ from piezo_model.identification.start import HEAD, moving_from
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
-from solvers.arrays import Mask, Vector
+from solvers.arrays import Mask, Matrix, Vector
 
+BASELINE_SAMPLES = 1_000_000
+"""Samples, spread over a longer recording, to which a line and a cubic are fitted."""
 BLOCKS = 16
 """Blocks for one traverse of the range, up to about MOST_BLOCKS in all."""
 FEWEST_BLOCKS, MOST_BLOCKS = 64, 2000
+STEPS = 2
+"""Gauss–Newton steps from the fit to all blocks to that of every second one."""
 WINDOW = 12_000
-"""Samples to which alternative models are fitted."""
+"""Samples, consecutive or spread over the recording, to which other explanations are fitted."""
+KNOTS = 24
+"""Knots of a piecewise linear curve."""
 MUCH_BETTER = 0.5
-"""Largest ratio of an alternative model's error to the model's that counts as better."""
+"""Largest ratio of another explanation's error to the model's that counts as better."""
+NO_BETTER = 0.9
+"""Smallest ratio of the model's error to the line's at which it is no better."""
 GOOD = 1e-3
 """Error, as a share of the range, below which a model needs no alternative if it also halves that of a line."""
 EXACT = 1e-5
@@ -45,13 +60,17 @@ WHITE = 0.4
 NOISY = 0.02
 """Smallest error of a curve, as a share of the range, that may be a resonance instead of noise."""
 ROUGH = 0.3
-"""Roughness of a drive of about eight samples a period."""
-NEGLIGIBLE = 0.1
-"""Largest ratio of the model's error to the line's at which turning points between samples do not matter."""
+"""1 − correlation of neighbouring samples of a drive of about eight samples a period."""
 REVERSED = -0.5
 """Largest sense of loops in which the output leads."""
-STEPS = 2
-"""Gauss–Newton steps from the fit to all blocks to that of every second one."""
+VALLEY = 0.7
+"""Largest ratio of net change to total variation of a curve that falls and rises again."""
+PURE = 0.9
+"""Smallest share of the drive's power in one tone at which resonance and hysteresis cannot be distinguished."""
+DAMPING = (0.003, 0.7)
+"""Range of a resonance's damping ratio."""
+OUTLYING = 10.0
+"""Smallest ratio of an outlier's distance from the median to that of any other sample."""
 ONE_WAY = 0.9
 """Smallest share of the drive's travel in one direction that counts as a single branch."""
 
@@ -70,41 +89,90 @@ class Adequacy:
     """Whether the data are nearly a single branch."""
 
 
+def residual(columns: Matrix, v: Vector, fitted: Mask | slice = slice(None)) -> Vector:
+    """Residual (N,) of v (N,) for the combination of the columns (N, p) that is best over the fitted samples."""
+    difference: Vector = v - columns @ np.linalg.lstsq(columns[fitted], v[fitted], rcond=None)[0]
+    return difference
+
+
+def polynomials(u: Vector, degree: int) -> Matrix:
+    """Chebyshev polynomials of −1 ≤ u ≤ 1 up to a degree, shape (N, degree + 1)."""
+    return np.asarray(chebvander(u, degree), dtype=np.float64)
+
+
+def rms(error: Vector) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int, span: float) -> Fit:
+    """What the errors (N,) of a model are over the samples after ``skipped``, beside those of a line and a cubic."""
+    counted = counted_from(recording, skipped)
+    error, x, y = errors[counted], recording.x[counted], recording.y[counted]
+    stride = math.ceil(x.size / BASELINE_SAMPLES)
+    u, v = s.unit_input(x[::stride]), s.unit_output(y[::stride])
+    constant, slope = np.linalg.lstsq(polynomials(u, 1), v, rcond=None)[0].tolist()
+    line, cubic = (abs(s.y_scale) * rms(residual(polynomials(u, degree), v)) for degree in (1, 3))
+    deviation, largest = rms(error), float(np.max(np.abs(error)))
+    return Fit(
+        samples=error.size,
+        skipped=skipped,
+        rms_percent=100.0 * deviation / span,
+        max_percent=100.0 * largest / span,
+        rms=deviation,
+        max=largest,
+        skipped_max_percent=100.0 * float(np.max(np.abs(errors[:skipped]), initial=0.0)) / span,
+        line_percent=100.0 * line / span,
+        cubic_percent=100.0 * cubic / span,
+        line=(constant, slope),
+        span=span,
+        missing=recording.length - skipped - error.size,
+    )
+
+
 def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, solving: Solving, fit: Fit) -> Adequacy:
     """Compare a fit with a line, a cubic and other explanations of the recording."""
     s = fitted.structure
-    moving = moving_from(recording, skip)
     # with many samples and few weights, the error of the fit is near that on held-out data
     held_out = cross_validate(recording, fitted, skip, solving, fit.span) if recording.length <= HEAD else None
     baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent, held_out=False)
-    counted = slice(skip, HEAD + moving)
+    counted = slice(skip, HEAD + moving_from(recording, skip))
     x, y = recording.x[counted], recording.y[counted]
     own = (y - s.y_centre - s.y_scale * fitted.y_model[counted]) / fit.span
-    energy = np.concatenate([[0.0], np.cumsum(own**2)])
-    first = (
-        int(np.argmax(energy[WINDOW:] - energy[:-WINDOW])) if x.size > WINDOW else 0
-    )  # where explanations differ most
-    window = slice(first, first + WINDOW)
-    stride = math.ceil(x.size / WINDOW)
-    u, v = 0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span
-    thin_u, thin_v = u[::stride], v[::stride]
+    data = _Data(0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span, own)
     error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
-    curve = models.rms(models.residual(models.hats(thin_u), thin_v))
-    noise = curve < EXACT or models.is_noise(u[window], models.residual(models.hats(u[window]), v[window]), WHITE)
-    monotone = abs(models.rise(thin_u, thin_v)) > 0.8
+    curve = rms(residual(hats(data.thin_u), data.thin_v))
+    scattered = curve < EXACT or correlation(residual(hats(data.near_u), data.near_v)) < WHITE
     hidden = curve < EXACT or error > LOOPS * curve  # loops much smaller than the noise still lower the error
-    on_curve = noise and monotone and hidden and curve < min(0.8 * float(v.std()), 1.2 * error + EXACT)
-    refusal, at = None, models.outlier(y)
-    if at is not None and models.outlier(x) != at:
-        refusal = models.outlier_sentence(y, at, skip, s.output_unit)
-    elif not on_curve and not (error < GOOD and error < MUCH_BETTER * line):
-        refusal = _refusal(u, v, own, window, s, error, line)
-    elif on_curve and curve > NOISY:
-        resonant = models.resonance(u[window], v[window])
-        if resonant.error < MUCH_BETTER * curve:
-            refusal = _of_resonance(resonant, s, f"this model leaves {percent(100.0 * error)} of the range")
+    on_curve = scattered and hidden and curve < 1.2 * error + EXACT and line < 0.8 * float(data.v.std())
+    compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
+    good = error < GOOD and error < MUCH_BETTER * line
+    refusal = outlier(recording, counted, s.output_unit)
+    if refusal is None and not good and (not on_curve or curve > NOISY):
+        refusal = _late(data, s, error > MUCH_BETTER * line, compared)
+    if refusal is None and not good and not on_curve:
+        refusal = _mismatch(data, error, line, fit.cubic_percent / 100.0, compared)
     on_curve = on_curve and refusal is None
-    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, is_one_way(thin_u))
+    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, is_one_way(data.thin_u))
+
+
+class _Data:
+    """Drive and output (N,) as shares of their ranges: all of them, a thinned set, and the window where the model errs
+    most."""
+
+    def __init__(self, u: Vector, v: Vector, own: Vector) -> None:
+        energy, thinned = np.concatenate([[0.0], np.cumsum(own**2)]), slice(None, None, math.ceil(u.size / WINDOW))
+        first = int(np.argmax(energy[WINDOW:] - energy[:-WINDOW])) if u.size > WINDOW else 0
+        near = slice(first, first + WINDOW)
+        self.v, self.thin_u, self.thin_v = v, u[thinned], v[thinned]
+        self.near_u, self.near_v, self.near_error = u[near], v[near], rms(own[near])
+
+    @property
+    def is_valley(self) -> bool:
+        """Whether the best cubic falls and rises again."""
+        columns, grid = polynomials(2.0 * self.thin_u - 1.0, 3), polynomials(np.linspace(-1.0, 1.0, WINDOW), 3)
+        steps = np.diff(grid @ np.linalg.lstsq(columns, self.thin_v, rcond=None)[0])
+        return abs(float(steps.sum())) < VALLEY * float(np.abs(steps).sum())
 
 
 def is_one_way(x: Vector) -> bool:
@@ -114,91 +182,166 @@ def is_one_way(x: Vector) -> bool:
     return max(up, down) > ONE_WAY * max(up + down, 1e-300)
 
 
-def _refusal(
-    u: Vector, v: Vector, own: Vector, window: slice, s: ModelStructure, error: float, line: float
-) -> str | None:
-    """The reason against a model; None without one.
-
-    Alternative models are fitted to all data, thinned, and to a window of consecutive samples.
-    """
-    stride, channels = math.ceil(u.size / WINDOW), models.channels(u, v, WINDOW)
-    thin_u, thin_v, u, v = u[::stride], v[::stride], u[window], v[window]
-    no_better, far_better = error >= 0.9 * line, MUCH_BETTER * min(error, line)
-    cubic, cubic_in_window = (
-        models.rms(models.residual(models.polynomials(2.0 * a - 1.0, 3), b)) for a, b in ((thin_u, thin_v), (u, v))
-    )
-    compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
-    noise = no_better and models.correlation(v) < WHITE and line > 0.9 * float(v.std()) and channels.error > far_better
-    rough = models.roughness(u) > ROUGH
-    undersampled = rough and error > NEGLIGIBLE * line and models.unpredicted(u) < MUCH_BETTER
-    if (noise or undersampled) and (resonant := models.resonance(u, v)).error < far_better:
-        return _of_resonance(resonant, s, compared)
-    if noise:
-        return f"the output is noise that does not follow the drive: {compared}"
-    if undersampled:
-        period = 2.0 * math.pi / math.acos(max(1.0 - models.roughness(u), -1.0))
+def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> str | None:
+    """The reason against a model that a resonance, a delay, a lack of samples or the sense of the loops gives; None
+    without one."""
+    u, v = data.near_u, data.near_v
+    leads = poor and sense(data.thin_u, data.thin_v) < REVERSED
+    cubic = rms(residual(polynomials(2.0 * u - 1.0, 3), v))
+    far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(data.near_error, cubic)
+    (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
+    if resonant < min(far_better, delayed):
+        return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz: {compared}"
+    if delayed < far_better:
+        return f"the output is the drive with a delay of {quantity(delay * s.sample_time, 's', 3)}: {compared}"
+    rough = float(np.mean(np.diff(u) ** 2) / (2.0 * u.var()))  # 1 − cos(2π/p) for a sine of p samples a period
+    if poor and rough > ROUGH:
+        period = 2.0 * math.pi / math.acos(max(1.0 - rough, -1.0))
         return (
-            f"the drive is undersampled, with {period:.1f} samples a period, or aliased: its turning points, on which "
-            f"hysteresis depends, are lost; {compared}"
+            f"the drive is undersampled, with {period:.1f} samples a period, "
+            f"or aliased: its turning points, on which hysteresis depends, are lost; {compared}"
         )
-    if not rough and error > MUCH_BETTER * line:
-        backlash = models.backlash(thin_u, thin_v)
-        if backlash.error < far_better:
-            width = quantity(2.0 * s.x_scale * backlash.parameter, s.input_unit, 3)
-            return (
-                f"the output follows the drive with a backlash of {width}, as of a gear or a loose coupling, which "
-                f"leaves {percent(100.0 * backlash.error)} of the range: {compared}"
-            )
-        if models.sense(thin_u, thin_v) < REVERSED:
-            if (resonant := models.resonance(u, v)).error < MUCH_BETTER * far_better:
-                return _of_resonance(resonant, s, compared)
-            phase, frequency = models.phase_lag(u, v)
-            if models.is_tonal(u) and phase > 90.0:
-                return (
-                    f"the output lags by {phase:.0f}° at {frequency / s.sample_time:.3g} Hz, as above a resonance, or "
-                    f"falls as the drive rises and leads it, as where the columns are swapped: {compared}"
-                )
-            return (
-                "the output leads the drive round its loops, as where the columns of input and output are swapped: "
-                f"{compared}"
-            )
-    candidates = {"channels": channels, "butterfly": models.butterfly(thin_u, thin_v)}
-    if no_better:  # otherwise not: over a single loop, time explains as much as the drive does
-        candidates["drift"] = models.drift(thin_v)
-    if min(candidates.values()).error > far_better:
-        candidates["delay"] = models.delay(thin_u, thin_v)
-        resonant = models.resonance(u, v)
-        # fitted to the window, so its error is scaled to all data like those of the model or the cubic
-        scale = max(models.rms(own) / max(models.rms(own[window]), 1e-300), cubic / max(cubic_in_window, 1e-300))
-        candidates["resonance"] = resonant._replace(error=scale * resonant.error)
-    name, best = min(candidates.items(), key=lambda candidate: candidate[1])
-    if best.error < (far_better if name == "butterfly" else min(far_better, MUCH_BETTER * cubic)):
-        left = f"leaves {percent(100.0 * best.error)} of the range where this model leaves {percent(100.0 * error)}"
-        if name == "resonance":
-            return _of_resonance(best, s, f"it {left}")
-        delay = quantity(best.parameter * stride * s.sample_time, "s", 3)
-        why = {
-            "drift": "the output drifts with time and does not follow the drive",
-            "channels": "the output seems to hold two channels in turn, even samples on one curve and odd ones on "
-            "another",
-            "butterfly": "the output falls and rises again on one way of the drive, as the butterfly of a strain over "
-            "a field",
-            "delay": f"the output is the drive with a delay of {delay}",
-        }
-        return f"{why[name]}, which {left}"
-    return f"the model class does not describe these data: {compared}" if no_better else None
+    phase, tone = phase_lag(u, v)
+    if leads and is_tonal(u) and phase > 90.0:
+        return (
+            f"the output lags by {phase:.0f}° at {tone / s.sample_time:.3g} Hz, as above a resonance, or falls as the "
+            f"drive rises and leads it, as where the columns are swapped: {compared}"
+        )
+    if leads:
+        return (
+            "the output leads the drive round its loops, as where the columns of input and output are swapped: "
+            f"{compared}"
+        )
+    return None
 
 
-def _of_resonance(model: models.AlternativeModel, s: ModelStructure, why: str) -> str:
-    return f"the output has a resonance at {model.parameter / s.sample_time:.3g} Hz: {why}"
+def _mismatch(data: _Data, error: float, line: float, cubic: float, compared: str) -> str | None:
+    """The reason against a model that errs as much as a line, a cubic, or a trend in time; None without one."""
+    no_better = error >= NO_BETTER * line
+    trend = rms(residual(polynomials(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
+    if no_better and trend < MUCH_BETTER * min(error, cubic):
+        return (
+            f"the output drifts with time and does not follow the drive, which leaves {percent(100.0 * trend)} of the "
+            f"range: {compared}"
+        )
+    if no_better and correlation(data.near_v) < WHITE and line > NO_BETTER * float(data.v.std()):
+        return f"the output is noise that does not follow the drive: {compared}"
+    if no_better and cubic < NO_BETTER * line and data.is_valley:
+        return (
+            "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field: "
+            f"{compared}, a cubic {percent(100.0 * cubic)}"
+        )
+    if no_better or cubic < MUCH_BETTER * error:
+        return f"the model class does not describe these data: {compared}, a cubic {percent(100.0 * cubic)}"
+    return None
 
 
-def alternate_blocks(x: Vector) -> Mask:
-    """Whether each sample is in an even block, shape (N,)."""
-    travel = np.abs(np.diff(x))
-    block = max(float(np.ptp(x)) / BLOCKS, float(travel.sum()) / MOST_BLOCKS)
-    blocks = np.concatenate([[0.0], np.cumsum(np.maximum(travel / block, FEWEST_BLOCKS / x.size))])
-    mask: Mask = blocks.astype(int) % 2 == 0
+def correlation(error: Vector) -> float:
+    """Correlation of neighbouring samples, positive or negative: 0 for white noise, 1 for a slow signal."""
+    e = error - error.mean()
+    return abs(float(e[1:] @ e[:-1] / max(e @ e, 1e-300)))
+
+
+def hats(u: Vector) -> Matrix:
+    """Piecewise linear functions of u over knots with equally many samples between them, shape (N, ≤ KNOTS)."""
+    at = np.unique(np.quantile(u, np.linspace(0.0, 1.0, KNOTS)))
+    return np.column_stack([np.interp(u, at, row) for row in np.eye(at.size)])
+
+
+def sense(u: Vector, v: Vector) -> float:
+    """Sense of the loops: 1 if the output always lags the drive, −1 if it always leads."""
+    error = residual(hats(u), v)
+    area = 0.5 * (error[1:] + error[:-1]) * np.diff(u)
+    return float(-np.sign(np.cov(u, v)[0, 1]) * np.sum(area) / max(np.sum(np.abs(area)), 1e-300))
+
+
+def outlier(recording: Recording, samples: slice, unit: str) -> str | None:
+    """A clause about a single outlier of the output that is none of the drive; None without one."""
+    y = recording.y[samples]
+    at = _outlying(y)
+    if at is None or at == _outlying(recording.x[samples]):
+        return None
+    others = np.delete(y, at)
+    lowest, highest = (quantity(float(end), unit) for end in (others.min(), others.max()))
+    return (
+        f"the output is {quantity(float(y[at]), unit)} in sample {(samples.start or 0) + at}, and from {lowest} to "
+        f"{highest} in all others: an outlier"
+    )
+
+
+def _outlying(v: Vector) -> int | None:
+    """Index of a single outlier; None without one."""
+    distance = np.abs(v - np.median(v))
+    at = int(np.argmax(distance))
+    return at if distance[at] > OUTLYING * np.max(np.delete(distance, at), initial=0.0) else None
+
+
+def is_tonal(u: Vector, tones: int = 1) -> bool:
+    """Whether nearly all of the drive's power is in a number of tones."""
+    power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size))) ** 2
+    total = power.sum()
+    for _ in range(tones):
+        top = int(np.argmax(power))
+        power[max(top - 2, 0) : top + 3] = 0.0
+    return bool(power.sum() < (1.0 - PURE) * total)
+
+
+def phase_lag(u: Vector, v: Vector) -> tuple[float, float]:
+    """Phase lag of the output in degrees at the drive's strongest tone, and that tone in cycles per sample."""
+    U, V = (np.fft.rfft((signal - signal.mean()) * np.hanning(u.size)) for signal in (u, v))
+    top = int(np.argmax(np.abs(U)))
+    return float(np.degrees(np.angle(U[top] / V[top]))), top / u.size
+
+
+def delay_of(u: Vector, v: Vector) -> tuple[float, int]:
+    """RMS error of a cubic in the delayed drive, infinite for one tone, and the delay in samples, up to a quarter of
+    the recording."""
+    longest = min(u.size // 4, 2000)
+    if is_tonal(u):
+        return math.inf, 0
+
+    def error(samples: int) -> float:
+        return rms(residual(polynomials(2.0 * u[longest - samples : u.size - samples] - 1.0, 3), v[longest:]))
+
+    coarse = np.unique(np.geomspace(1, max(longest, 1), 40).astype(int)).tolist()
+    best = coarse.index(min(coarse, key=error))
+    fine = np.linspace(coarse[max(best - 1, 0)], coarse[min(best + 1, len(coarse) - 1)], 40).astype(int)
+    return min((error(samples), samples) for samples in np.unique(fine).tolist())
+
+
+def resonance(u: Vector, v: Vector) -> tuple[float, float]:
+    """RMS error of two conjugate poles, infinite if they do not apply, and their frequency in cycles per sample. Two
+    tones determine no zeros, and one tone no resonance."""
+    if is_tonal(u):
+        return math.inf, 0.0
+    delays = (1,) if is_tonal(u, 2) else range(3)
+    u = u - u[0]
+
+    def error(at: Vector) -> float:
+        rho, phi = 1.0 / (1.0 + np.exp(-at[0])), np.exp(at[1])
+        poles = [1.0, -2.0 * rho * np.cos(phi), rho * rho]
+        signals = [lfilter([0.0] * samples + [1.0], poles, u) for samples in delays]
+        columns = [signal / (np.linalg.norm(signal) or 1.0) for signal in signals]
+        return rms(residual(np.column_stack([*columns, np.ones_like(u)]), v))
+
+    grid = [
+        np.array([np.log(rho / (1.0 - rho)), np.log(phi)])
+        for rho in (0.8, 0.95, 0.99, 0.997)
+        for phi in np.geomspace(0.01, 2.5, 24)
+    ]
+    best = minimize(error, min(grid, key=error), method="Nelder-Mead", options={"maxfev": 80})
+    rho, phi = 1.0 / (1.0 + np.exp(-best.x[0])), float(np.exp(best.x[1]))
+    damping = -np.log(rho) / np.hypot(np.log(rho), phi)
+    applies = DAMPING[0] < damping < DAMPING[1] and phi < np.pi
+    return float(best.fun) if applies else math.inf, phi / (2.0 * np.pi)
+
+
+def alternate_blocks(recording: Recording) -> Mask:
+    """Whether each sample is in an even block of its part, shape (N,)."""
+    sweeps = [np.abs(np.diff(sweep.x, prepend=sweep.x[0])) for sweep in recording.sweeps()]
+    block = max(float(np.ptp(recording.x)) / BLOCKS, sum(float(travel.sum()) for travel in sweeps) / MOST_BLOCKS)
+    blocks = [np.cumsum(np.maximum(travel / block, FEWEST_BLOCKS / recording.length)) for travel in sweeps]
+    mask: Mask = np.concatenate(blocks).astype(int) % 2 == 0
     return mask
 
 
@@ -208,14 +351,14 @@ def cross_validate(
     """Errors of line, cubic and model of a recording on every second block, fitted to the others, per cent of ``span``;
     None with too few samples."""
     s, x, y = fitted.structure, recording.x, recording.y
-    even, counted = alternate_blocks(x), counted_from(recording, skip)
+    even, counted = alternate_blocks(recording), counted_from(recording, skip)
     squares = np.zeros(3)
     for inside in (even & counted, ~even & counted):
         held_out = counted & ~inside
         if np.count_nonzero(inside) <= s.d or not held_out.any():
             return None
-        errors = [models.residual(models.polynomials(s.unit_input(x), degree), y, inside) for degree in (1, 3)]
-        model = fit_forward(recording, inside, s, fitted.state, fitted.v, solving, steps=STEPS)
+        errors = [residual(polynomials(s.unit_input(x), degree), y, inside) for degree in (1, 3)]
+        model = fit_forward(recording, inside, s, fitted.states, fitted.v, solving, steps=STEPS)
         errors.append(s.y_scale * model.error)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
     line, cubic, model_error = 100.0 * np.sqrt(squares / np.count_nonzero(counted)) / span

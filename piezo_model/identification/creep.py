@@ -22,14 +22,14 @@ superposition of functions of plays.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_model.identification.error_model import Solving, part_states
-from piezo_model.identification.forward import EXACT, STILL, ForwardFit
-from piezo_model.identification.start import independent_samples
+from piezo_model.identification.error_model import Solving, spans
+from piezo_model.identification.forward import EXACT, STILL, ForwardFit, independent_samples
 from piezo_model.operator_state import OperatorState
 from piezo_model.operators import creep, play
 from piezo_model.recordings import Recording
@@ -128,44 +128,51 @@ def memory_curve(s: ModelStructure, state: OperatorState, thresholds: Vector) ->
 def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Solving) -> Determined:
     """Judge creep and drift over all samples beside the memory curve of a fit, and over the held ones alone, where any
     hysteresis rests."""
-    s, count = fit.structure, int(np.count_nonzero(counted))
-    rates = candidate_rates(recording.sample_time, recording.duration_s)
+    s, count, parts = fit.structure, int(np.count_nonzero(counted)), spans(recording)
+    longest = max(part.stop - part.start for part in parts)
+    rates = candidate_rates(recording.sample_time, (longest - 1) * recording.sample_time)
     at = np.flatnonzero(counted)[:: math.ceil(count / SAMPLES)]
+    edges = np.searchsorted(at, recording.starts[1:])
     solving.passes += 1
     null, states = _columns(recording, at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
     signals = np.column_stack([s.unit_output(recording.y), np.linspace(-1.0, 1.0, recording.length)])[at]
-    whole = _judged(null, signals, states, rates)
-    hold = holds(recording.x)[at]
+    whole = _judged(null, signals, states, rates, edges)
+    hold = holds(recording)[at]
     held = hold >= 0
     if whole.creep is None and np.count_nonzero(held) > HELD_SHARE * at.size:
         levels = (hold[held, None] == np.unique(hold[held])).astype(np.float64)
-        resting = _judged(levels, signals[held], states[held], rates)
+        resting = _judged(levels, signals[held], states[held], rates, edges[:0])
         if resting.creep is not None:
             return replace(resting, independent=whole.independent)
     return whole
 
 
-def holds(x: Vector) -> NDArray[np.int64]:
-    """Number of the hold that each sample of a drive (N,) lies in, and −1 where it moves.
+def holds(recording: Recording) -> NDArray[np.int64]:
+    """Number of the hold that each sample of a recording (N,) lies in, and −1 where its drive moves.
 
     Examples
     --------
-    >>> holds(np.concatenate([np.zeros(200), np.linspace(0, 1, 50), np.ones(300)]))[[0, 220, 400]].tolist()
+    >>> x = np.concatenate([np.zeros(200), np.linspace(0, 1, 50), np.ones(300)])
+    >>> holds(Recording.from_arrays(x, x, 1e-3))[[0, 220, 400]].tolist()
     [0, -1, 1]
     """
-    span = STEADY * float(np.ptp(x))
-    ahead = np.lib.stride_tricks.sliding_window_view(x, SHORTEST_HOLD) if x.size >= SHORTEST_HOLD else x[:0, None]
-    numbers = np.full(x.size, -1)
-    steady = np.concatenate([[False], np.ptp(ahead, axis=1) <= span, [False]])
-    edges = np.flatnonzero(np.diff(steady.astype(np.int8)))
-    for i, (first, last) in enumerate(zip(edges[::2], edges[1::2] + SHORTEST_HOLD - 1, strict=True)):
-        if np.ptp(x[first:last]) <= 2.0 * span:
-            numbers[first:last] = i
+    span, numbers, found = STEADY * float(np.ptp(recording.x)), np.full(recording.length, -1), 0
+    for part in spans(recording):
+        x = recording.x[part]
+        ahead = np.lib.stride_tricks.sliding_window_view(x, SHORTEST_HOLD) if x.size >= SHORTEST_HOLD else x[:0, None]
+        steady = np.concatenate([[False], np.ptp(ahead, axis=1) <= span, [False]])
+        edges = part.start + np.flatnonzero(np.diff(steady.astype(np.int8)))
+        for first, last in zip(edges[::2], edges[1::2] + SHORTEST_HOLD - 1, strict=True):
+            if np.ptp(recording.x[first:last]) <= 2.0 * span:
+                numbers[first:last], found = found, found + 1
     return numbers
 
 
-def _judged(null: Matrix, signals: Matrix, states: Matrix, rates: tuple[float, ...]) -> Determined:
-    """Judge creep and drift beside the columns of a null (M, p); the signals (M, 2) are output and time."""
+def _judged(
+    null: Matrix, signals: Matrix, states: Matrix, rates: tuple[float, ...], edges: NDArray[np.int64]
+) -> Determined:
+    """Judge creep and drift beside the columns of a null (M, p); the signals (M, 2) are output and time, of parts that
+    begin at the edges."""
     left, used = _residual(null, np.hstack([signals, states]))
     error, drift, states_left = left[:, 0], left[:, 1], left[:, 2:]
     informed = _norms(states_left) >= INFORMATION * _norms(states - states.mean(axis=0))
@@ -174,20 +181,24 @@ def _judged(null: Matrix, signals: Matrix, states: Matrix, rates: tuple[float, .
     creeping = [(states_left[:, informed].sum(axis=1), LARGEST)] if admitted else []
     drifting = [(drift, math.inf)] if known >= INFORMATION else []
     freedom = len(null) - used
-    share, chi_square = _gain(error, drifting, creeping, freedom)
+
+    def independent(error: Vector) -> float:
+        return max(min(independent_samples(np.split(error, edges)), freedom), 3.0)
+
+    share, chi_square = _gain(error, drifting, creeping, independent)
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
         creeping = []
-    explained, significance = _gain(error, creeping, drifting, freedom)
+    explained, significance = _gain(error, creeping, drifting, independent)
     if not (known >= DRIFT_INFORMATION and explained >= DRIFT_SHARE and significance >= DRIFT_CHI_SQUARE):
         drifting = []
-    estimates, left_over = _fit(error, creeping + drifting, freedom)
+    estimates, left_over = _fit(error, creeping + drifting, independent)
     return Determined(
         admitted,
         estimates[0] if creeping else None,
         estimates[-1] if drifting else None,
         share,
         chi_square,
-        independent_samples(left_over),
+        independent_samples(np.split(left_over, edges)),
     )
 
 
@@ -197,27 +208,30 @@ def _norms(columns: Matrix) -> Vector:
     return norms
 
 
-def _fit(error: Vector, columns: Columns, freedom: int) -> tuple[list[Bounded], Vector]:
+def _fit(error: Vector, columns: Columns, independent: Callable[[Vector], float]) -> tuple[list[Bounded], Vector]:
     """Coefficients of the columns by least squares, one after another within 0 and its limit, and the residual (M,)."""
     matrix, found = np.column_stack([column for column, _ in columns] or [error]), []
     for i, (column, limit) in enumerate(columns):
         value = float(np.linalg.lstsq(matrix[:, i:], error, rcond=None)[0][0])
         found.append(value if math.isinf(limit) else min(max(value, 0.0), limit))
         error = error - found[-1] * column
-    variance = float(error @ error) / max(min(independent_samples(error), freedom), 3.0)
+    variance = float(error @ error) / independent(error)
     ses = np.sqrt(np.diag(np.linalg.pinv(matrix.T @ matrix)) * variance).tolist()
     return [Bounded(value, se) for value, se in zip(found, ses, strict=False)], error
 
 
-def _gain(error: Vector, columns: Columns, more: Columns, freedom: int) -> tuple[float, float]:
+def _gain(
+    error: Vector, columns: Columns, more: Columns, independent: Callable[[Vector], float]
+) -> tuple[float, float]:
     """The share of the error left by some columns, beyond noise, that further columns explain, and its χ²."""
-    fewer, residual = (_fit(error, each, freedom)[1] for each in (columns, columns + more))
+    fewer, residual = (_fit(error, each, independent)[1] for each in (columns, columns + more))
     before, after = float(fewer @ fewer), float(residual @ residual)
     noise = residual.size * float(np.mean(np.diff(residual, 3) ** 2)) / 20.0  # 20 = 1² + 3² + 3² + 1²
     explainable = before - min(noise, 0.999 * after)
-    independent = max(min(independent_samples(residual), freedom), 3.0)
     smallest = EXACT * residual.size
-    return (before - after) / max(explainable, smallest), independent * (before - after) / max(after, smallest)
+    return (before - after) / max(explainable, smallest), independent(residual) * (before - after) / max(
+        after, smallest
+    )
 
 
 def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
@@ -236,15 +250,15 @@ def _columns(
 ) -> tuple[Matrix, Matrix]:
     """Columns of the null and creep states of each rate, at the samples ``at``."""
     s, count = fit.structure, max(1, int(PLAYS * richness))
-    r = np.arange(count + 1) / (count + 1)
+    r, columns = np.arange(count + 1) / (count + 1), []
     plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
-    for part, start in part_states(recording, s, fit.state):
+    for part, start in zip(spans(recording), fit.states, strict=True):
         inside = (at >= part.start) & (at < part.stop)
+        columns.append(inside.astype(np.float64))
         x, rows = s.unit_input(recording.x[part]), at[inside] - part.start
         plays[inside] = play(x, r, memory_curve(s, start, r))[0][rows]
         for j, rate in enumerate(rates):
             states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]
-    columns = [np.ones(at.size)]
     for i, z in enumerate(plays.T):
         low, high = float(z.min()), float(z.max())
         if high - low > STILL:

@@ -6,11 +6,12 @@ Its error (5) is one of the input, x + Ξ(x, y)ᵀw, linear in the weights; `for
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 import solvers
 from piezo_model.data_basis import DataBasis
@@ -21,6 +22,12 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 from solvers.certificate import certify, exact_cost_gap
+
+States = Sequence[OperatorState]
+"""States before the first sample of each part."""
+
+one_thread = threadpool_limits.wrap(limits=1, user_api="blas")
+"""Decorator with which the bits of a function do not depend on the number of cores, and small matrices come sooner."""
 
 
 class IdentificationError(ValueError):
@@ -80,19 +87,18 @@ def counted_from(recording: Recording, skip: int) -> Mask:
     return counted
 
 
-def part_states(recording: Recording, s: ModelStructure, state: OperatorState) -> Iterator[tuple[slice, OperatorState]]:
-    """The parts of a recording with the states before them: the given ones, and settled at each later start."""
-    for first, last in pairwise((*recording.starts, recording.length)):
-        yield slice(first, last), OperatorState.settled_at(s, float(recording.x[first])) if first else state.copy()
+def spans(recording: Recording) -> list[slice]:
+    """The samples of each part of a recording."""
+    return [slice(*ends) for ends in pairwise((*recording.starts, recording.length))]
 
 
 def accumulate(
-    recording: Recording, counted: Mask, s: ModelStructure, state: OperatorState, proximal: float
+    recording: Recording, counted: Mask, s: ModelStructure, states: States, proximal: float
 ) -> IdentificationProblem:
     """The program of a recording: the operators run from the first sample of each part on."""
-    basis, y = DataBasis(s, state), np.where(counted, recording.y, np.nan)
-    for part, start in part_states(recording, s, state):
-        basis.state.play[:], basis.state.creep[:] = start.play, start.creep
+    basis, y = DataBasis(s, states[0]), np.where(counted, recording.y, np.nan)
+    for part, state in zip(spans(recording), states, strict=True):
+        basis.state.play[:], basis.state.creep[:] = state.play, state.creep
         basis.update(recording.x[part], y[part])
     return basis.problem(proximal=proximal)
 

@@ -92,21 +92,21 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
     s, report = model.structure, model.report
     part, shift = recording.head(LONGEST).in_units(s.input_unit, s.output_unit), 0.0
     if validation is not None:
-        state, skip, shift = validation.start, validation.fit.skipped, validation.shift
+        states, skip, shift = validation.states, validation.fit.skipped, validation.shift
         sentences = tuple(validation.sentences())
     else:
-        assert model.start is not None  # every identification sets it
-        state, skip, sentences = model.start, int(report["fit"]["skipped"]), tuple(report["sentences"])
+        states, skip, sentences = model.starts, int(report["fit"]["skipped"]), tuple(report["sentences"])
     if (lag := report.get("lag")) is not None and lag["removed"]:
         part = without_lag(part, lag["samples"])
     part = replace(part, y=part.y - shift)
-    problem = accumulate(part, counted_from(part, skip), s, state, 1e-10)
+    states = states[: len(part.starts)]
+    problem = accumulate(part, counted_from(part, skip), s, states, 1e-10)
     known = (report.get("intervals") or {}).get("weights") or [None] * s.d
     return Review(
         model,
         part.x,
         part.y,
-        simulate(s, model.arrays, part, state, model.dynamics),
+        simulate(s, model.arrays, part, states, model.dynamics),
         skip,
         tuple(_weights(problem, model.weights, known)),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),

@@ -13,16 +13,20 @@ noise of the sensor biases it however long the recording is, and ŷ has none.
 With dynamics, ŷ in Ξ and s is the output before them, and the columns of J pass them too; their parameters are further
 unknowns, with derivatives by differences of the simulated output.
 
-The slopes dz/dr of the initial states over the thresholds may be unknowns too. A play or a creep state depends on its
-own initial state alone, so the derivatives by all of them are the differences of the rows after a nudge to all. Further
-columns, such as a drift, are added to the output.
+The slopes dz/dr of the initial states of a part over the thresholds may be unknowns too. A play or a creep state
+depends on its own initial state alone, so the derivatives by all of them are the differences of the rows after a nudge
+to all. Further columns, such as a drift, are added to the output.
+
+A step needs no more than GRAM_SAMPLES rows: of a longer recording every k-th block has some. ŷ and the cost are those
+of all samples.
 
 Source: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd edition 2006, section 10.3, for Gauss–Newton.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,15 +34,20 @@ from numpy.typing import NDArray
 
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
-from piezo_model.identification.error_model import Solving, part_states
+from piezo_model.identification.error_model import Solving, States, spans
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.regressors import regressor_rows
-from piezo_model.simulation import Arrays, all_weights, arrays_of, behind_amplifier, respond
+from piezo_model.simulation import Arrays, advance, all_weights, arrays_of, behind_amplifier, respond
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
 CHUNK = 16_384
+"""Largest number of samples whose rows are held at once."""
+GRAM_SAMPLES = 1_000_000
+"""Samples of a Gram matrix."""
+GAIN = 0.1
+"""Largest gain that further unknowns must have, as a share of the cost."""
 STILL = 1e-9
 """Largest range of an operator at rest, unit amplitudes."""
 NUDGE = 1e-6
@@ -77,8 +86,8 @@ class ForwardFit:
     """Weights with the smallest error of the output, and the linearisation there."""
 
     structure: ModelStructure
-    state: OperatorState
-    """States before the first sample."""
+    states: States
+    """States before the first sample of each part."""
     v: Vector
     """Weights (d,) in slope coordinates."""
     further: Vector
@@ -91,6 +100,8 @@ class ForwardFit:
     """Output of the model (N,) in unit amplitudes, without the further columns."""
     error: Vector
     """y − ŷ (N,) in unit amplitudes, with the further columns."""
+    errors: Sequence[Vector]
+    """The same of the counted samples of each part."""
     P: Matrix
     """Mean of JᵀJ over (v, further, θ) at the last step."""
     free: Mask
@@ -102,9 +113,36 @@ class ForwardFit:
         """Weights (d,) in weight coordinates."""
         return self.structure.slope_map @ self.v
 
+    @property
+    def independent(self) -> float:
+        """Number of independent samples in the error."""
+        return independent_samples(self.errors)
+
     def slopes(self) -> Vector:
         """Slope of S⁻¹ at every modelled output before the dynamics, shape (N,)."""
         return piece_slopes(self.structure, self.v, self.static)
+
+    def improved_by(self, other: ForwardFit, unknowns: int) -> bool:
+        """Whether the gain of another fit is worth its further unknowns."""
+        independent = self.independent
+        return other.cost < (1.0 - min(GAIN, unknowns * math.log(independent) / independent)) * self.cost
+
+
+def independent_samples(errors: Sequence[Vector]) -> float:
+    """Number of independent samples in the errors (N,) of each part, from their periodograms S: the sum of
+    N_e = 4 (Σ S)² / Σ S², which is N for white noise.
+
+    Examples
+    --------
+    >>> white = np.random.default_rng(0).normal(size=4000)
+    >>> 3000 < independent_samples([white]) < 4500 and independent_samples([np.cumsum(white)]) < 40
+    True
+    """
+    total = 0.0
+    for error in errors:
+        power = np.abs(np.fft.rfft(error - error.mean()))[1:] ** 2 if error.size else np.zeros(1)
+        total += 4.0 * float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
+    return max(total, 3.0)
 
 
 def piece_slopes(s: ModelStructure, v: Vector, unit_y: Vector) -> Vector:
@@ -120,13 +158,13 @@ def initial_slopes(s: ModelStructure, state: OperatorState) -> Vector:
     return slopes
 
 
-def state_with_slopes(recording: Recording, s: ModelStructure, slopes: Vector | float) -> OperatorState:
-    """States of a memory curve with slopes dz/dr that begins at the first input; creep rests with the plays.
+def state_with_slopes(part: Recording, s: ModelStructure, slopes: Vector | float) -> OperatorState:
+    """States of a memory curve with slopes dz/dr that begins at the first input of a part; creep rests with the plays.
 
     A play too wide for the drive rests in the middle, where the drive does not move it.
     """
-    low, high = s.unit_input(np.array([recording.x.min(), recording.x.max()]))
-    first, half = float(s.unit_input(recording.x[:1])[0]), 0.5 * (high - low)
+    low, high = s.unit_input(np.array([part.x.min(), part.x.max()]))
+    first, half = float(s.unit_input(part.x[:1])[0]), 0.5 * (high - low)
     r, play = padded_thresholds(s), np.full(s.lanes, first)
     play[1 : s.n + 1] += np.cumsum(np.diff(s.thresholds) * slopes)
     play = np.where(r >= half, 0.5 * (low + high), play)
@@ -134,18 +172,20 @@ def state_with_slopes(recording: Recording, s: ModelStructure, slopes: Vector | 
 
 
 def simulate(
-    s: ModelStructure, arrays: Arrays, recording: Recording, state: OperatorState, dynamics: Dynamics | None = None
+    s: ModelStructure, arrays: Arrays, recording: Recording, states: States, dynamics: Dynamics | None = None
 ) -> Vector:
-    """Output (N,) of a model in its unit, from the given states, and settled at each later start of a part."""
-    return responses(s, arrays, recording, state, dynamics)[1]
+    """Output (N,) of a model in its unit, from the given states before each part."""
+    return responses(s, arrays, recording, states, dynamics)[1]
 
 
 def responses(
-    s: ModelStructure, arrays: Arrays, recording: Recording, state: OperatorState, dynamics: Dynamics | None
+    s: ModelStructure, arrays: Arrays, recording: Recording, states: States, dynamics: Dynamics | None
 ) -> tuple[Vector, Vector]:
     """Outputs (N,) before and behind the dynamics, as of `simulate`."""
-    parts = [respond(s, arrays, dynamics, recording.x[part], start) for part, start in part_states(recording, s, state)]
-    before, behind = zip(*parts, strict=True)
+    parts = zip(spans(recording), states, strict=True)
+    before, behind = zip(
+        *(respond(s, arrays, dynamics, recording.x[part], state) for part, state in parts), strict=True
+    )
     return np.concatenate(before), np.concatenate(behind)
 
 
@@ -153,12 +193,12 @@ def fit_forward(
     recording: Recording,
     counted: Mask,
     s: ModelStructure,
-    state: OperatorState,
+    states: States,
     v: Vector,
     solving: Solving,
     *,
     steps: int = 6,
-    free_start: bool = False,
+    searched: Sequence[bool] = (),
     weights_known: bool = False,
     further: Columns | None = None,
     creep_limits: Vector | None = None,
@@ -171,12 +211,14 @@ def fit_forward(
     recording : Recording
         In the units of the structure.
     counted : array (N,) of bool
-    state : OperatorState
-        States before the first sample; those of the plays are where ``free_start`` begins.
+    states : sequence of OperatorState
+        States before the first sample of each part.
     v : array (d,)
         Weights to begin with, slope coordinates.
     steps : int
         Most steps.
+    searched : sequence of bool
+        Whether the states of a part are unknown, and those given are where the search begins; for none by default.
     weights_known : bool
         Whether the weights stay as they are.
     further : Columns, optional
@@ -189,7 +231,8 @@ def fit_forward(
     -------
     ForwardFit
     """
-    n, d, k = s.n * free_start, s.d, 0 if further is None else further.low.size
+    sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
+    n, d, k = s.n * len(free_parts), s.d, 0 if further is None else further.low.size
     ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
     low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), np.full(k, -np.inf), ends[0]])
     high = np.concatenate([np.full(d, np.inf), np.ones(n), np.full(k, np.inf), ends[1]])
@@ -198,13 +241,15 @@ def fit_forward(
     if creep_limits is not None:
         high[s.slices[2]] = creep_limits
     theta = np.zeros(0) if parameters is None else parameters.vector
-    z = np.concatenate([v, initial_slopes(s, state)[:n], np.zeros(k), theta])
+    z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
     z = np.where(np.isfinite(low) & np.isfinite(high), np.clip(z, low, high), np.maximum(np.minimum(z, high), low))
     unit_y = s.unit_output(recording.y)
 
     def trial(z: Vector) -> Trial:
         solving.passes += 1
-        begun = state_with_slopes(recording, s, z[d : d + n]) if n else state
+        begun = list(states)
+        for part, slopes in zip(free_parts, z[d : d + n].reshape(-1, s.n), strict=True):
+            begun[part] = state_with_slopes(sweeps[part], s, slopes)
         arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
         dynamics = None if parameters is None else parameters.at(z[d + n + k :])
         static, y_model = (s.unit_output(y) for y in responses(s, arrays, recording, begun, dynamics))
@@ -215,7 +260,7 @@ def fit_forward(
     known[:d] = weights_known
     best = trial(z)
     P, free = np.eye(z.size), ~known
-    for _ in range(steps):
+    for _ in range(0 if known.all() else steps):
         solving.passes += 1
         moves = []
         for i in range(d + n + k, z.size):
@@ -223,7 +268,7 @@ def fit_forward(
             other = trial(best.z + step * (np.arange(z.size) == i))
             moves.append(Columns.of((other.y_model - best.y_model) / step))
         beside = [*([] if further is None else [further]), *moves]
-        gram, moved = _gram(recording, counted, s, best, n, Columns.joined(beside) if beside else None)
+        gram, moved = _gram(recording, counted, s, best, free_parts, Columns.joined(beside) if beside else None)
         P, Je = gram[:-1, :-1], gram[:-1, -1]
         determined = (np.diag(P) > 0.0) & ~known
         determined[:d] &= moved
@@ -251,13 +296,14 @@ def fit_forward(
     kept: NDArray[np.int64] = np.r_[np.arange(d), np.arange(d + n, z.size)]
     return ForwardFit(
         s,
-        best.state,
+        best.states,
         best.z[:d],
         best.z[d + n : d + n + k],
         best.cost,
         best.static,
         best.y_model,
         best.error,
+        [best.error[part][counted[part]] for part in spans(recording)],
         P[np.ix_(kept, kept)],
         free[kept],
         best.dynamics,
@@ -269,7 +315,7 @@ class Trial:
     """The model of all unknowns ``z``, simulated, in unit amplitudes."""
 
     z: Vector
-    state: OperatorState
+    states: States
     dynamics: Dynamics | None
     static: Vector
     y_model: Vector
@@ -277,57 +323,82 @@ class Trial:
     cost: float
 
 
-def _nudged(s: ModelStructure, state: OperatorState) -> OperatorState:
-    """The states with those of all thresholds above zero nudged towards the input."""
-    nudged, nudge = state.copy(), _nudges(s, state)
-    nudged.play[1 : s.n + 1] += nudge
-    nudged.creep.reshape(-1, s.lanes)[:, 1 : s.n + 1] += nudge
-    return nudged
-
-
-def _nudges(s: ModelStructure, state: OperatorState) -> Vector:
-    """Nudge of each threshold above zero, shape (n,)."""
-    nudges: Vector = np.where(state.play[1 : s.n + 1] > state.play[0], -NUDGE, NUDGE)
-    return nudges
-
-
 def _gram(
     recording: Recording,
     counted: Mask,
     s: ModelStructure,
     at: Trial,
-    free_slopes: int,
+    free_parts: Sequence[int],
     further: Columns | None,
 ) -> tuple[Matrix, Mask]:
     """Means of the products of the columns of J and e over the counted samples, and which operators moved (d,)."""
-    v, y, slopes = at.z[: s.d], s.y_centre + s.y_scale * at.static, piece_slopes(s, at.z[: s.d], at.static)
-    width = s.d + free_slopes + (0 if further is None else further.low.size) + 1
-    sums = np.zeros((width, width))
-    lowest, highest = np.full(s.d, np.inf), np.full(s.d, -np.inf)
+    v, slopes = at.z[: s.d], piece_slopes(s, at.z[: s.d], at.static)
+    beside = np.hstack([*([] if further is None else [further.signals]), at.error[:, None]])
+    nudges = [np.where(state.play[1 : s.n + 1] > state.play[0], -NUDGE, NUDGE) for state in at.states]
+    nudged = [_nudged(s, *pair) for pair in zip(at.states, nudges, strict=True)]
     steps = np.tril(np.ones((s.n, s.n))) * np.diff(s.thresholds)  # dz_i / d(slope j)
-    for part, start in part_states(recording, s, at.state):
-        nudged, nudges = _nudged(s, start), _nudges(s, start)
-        x = behind_amplifier(s, at.dynamics, recording.x[part], start)
-        through = (lambda rows: rows) if at.dynamics is None else at.dynamics.stream(s.sample_time)
-        for first in range(part.start, part.stop, CHUNK):
-            samples = slice(first, min(first + CHUNK, part.stop))
-            own = slice(samples.start - part.start, samples.stop - part.start)
-            rows = regressor_rows(s, start, x[own], y[samples], slopes=True)[:, 1:]
-            lowest, highest = np.minimum(lowest, rows.min(axis=0)), np.maximum(highest, rows.max(axis=0))
-            columns = [rows]
-            if free_slopes and part.start == 0:
-                other = regressor_rows(s, nudged, x[own], y[samples], slopes=True)[:, 1:]
-                change = (other - rows) * v
-                creeps = change[:, s.slices[2]][:, 1:] if s.creep_rates else 0.0
-                columns.append((change[:, : s.n] + creeps) / nudges @ steps)
-            elif free_slopes:
-                columns.append(np.zeros((len(rows), free_slopes)))
-            J = through(np.hstack(columns) / slopes[samples, None])
-            J = np.hstack([J, *([] if further is None else [further.signals[samples]]), at.error[samples, None]])
-            J = J[counted[samples]]
-            sums += J.T @ J
+
+    def columns(part: int, samples: slice, rows: Matrix, *others: Matrix) -> Matrix:
+        by_slopes = np.zeros((len(rows), s.n * len(free_parts)))
+        if part in free_parts:
+            change = (others[0] - rows)[:, 1:] * v
+            creeps = change[:, s.slices[2]][:, 1:] if s.creep_rates else 0.0
+            first = s.n * free_parts.index(part)
+            by_slopes[:, first : first + s.n] = (change[:, : s.n] + creeps) / nudges[part] @ steps
+        return np.hstack([rows[:, 1:], by_slopes]) / slopes[samples, None]
+
+    y, starts = s.y_centre + s.y_scale * at.static, (at.states, nudged) if free_parts else (at.states,)
+    return gram_of(recording, counted, s, starts, y, columns, beside, slopes=True, dynamics=at.dynamics)
+
+
+def _nudged(s: ModelStructure, state: OperatorState, nudges: Vector) -> OperatorState:
+    """The states with those of all thresholds above zero nudged."""
+    nudged = state.copy()
+    nudged.play[1 : s.n + 1] += nudges
+    nudged.creep.reshape(-1, s.lanes)[:, 1 : s.n + 1] += nudges
+    return nudged
+
+
+def gram_of(
+    recording: Recording,
+    counted: Mask,
+    s: ModelStructure,
+    starts: Sequence[States],
+    y: Vector,
+    columns: Callable[..., Matrix],
+    beside: Matrix,
+    *,
+    slopes: bool = False,
+    dynamics: Dynamics | None = None,
+) -> tuple[Matrix, Mask]:
+    """Means of the products of columns over the counted samples of every block, or of every few in a long recording,
+    and which operators moved (d,).
+
+    The columns are a function of the number of a part, samples of it, and their rows (x, Ξ(x, y)) from each of the
+    starts, one after another. They pass the dynamics; those ``beside`` (N, k) do not.
+    """
+    blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
+    lowest, highest = np.full(s.d, np.inf), np.full(s.d, -np.inf)
+    total, count, plain = np.zeros(()), 0, arrays_of(s, all_weights(s, s.straight_line))
+    for i, part in enumerate(spans(recording)):
+        states, through = [start[i].copy() for start in starts], None
+        drive = behind_amplifier(s, dynamics, recording.x[part], states[0])
+        for k, first in enumerate(range(part.start, part.stop, CHUNK // blocks)):
+            samples = slice(first, min(first + CHUNK // blocks, part.stop))
+            x = drive[first - part.start : samples.stop - part.start]
+            if k % blocks:
+                states, through = [advance(s, plain, x, state)[1] for state in states], None
+                continue
+            rows = [regressor_rows(s, state, x, y[samples], slopes=slopes) for state in states]
+            lowest = np.minimum(lowest, rows[0][:, 1:].min(axis=0))
+            highest = np.maximum(highest, rows[0][:, 1:].max(axis=0))
+            J = columns(i, samples, *rows)
+            if dynamics is not None:
+                through = through or dynamics.stream(s.sample_time)
+                J = through(J)
+            chosen = np.hstack([J, beside[samples]])[counted[samples]]
+            total, count = total + chosen.T @ chosen, count + len(chosen)
     moved = highest - lowest > STILL
     moved[s.slices[1]] = True  # a piece of S⁻¹ that the output never enters has a column of zeros
-    if s.offset:
-        moved[-1] = True
-    return sums / np.count_nonzero(counted), moved
+    moved[s.d - s.offset :] = True
+    return total / count, moved

@@ -16,24 +16,24 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from threadpoolctl import threadpool_limits
 
 from piezo_model import checks
 from piezo_model.figures import figures_of
-from piezo_model.identification.adequacy import check_adequacy, is_one_way
+from piezo_model.identification.adequacy import Adequacy, check_adequacy, fit_of
 from piezo_model.identification.creep import Determined, determine
+from piezo_model.identification.direction import check_direction
 from piezo_model.identification.error_model import (
     IdentificationError,
     Solving,
     accumulate,
     counted_from,
     offset,
+    one_thread,
     prove,
 )
-from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
+from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, simulate
 from piezo_model.identification.intervals import intervals
-from piezo_model.identification.output_error import output_error
-from piezo_model.identification.report import CreepFinding, Drift, Fit, FitReport, percent
+from piezo_model.identification.report import CreepFinding, Drift, Fit, FitReport, Lag, Part
 from piezo_model.identification.selection import (
     HYSTERESIS_ORDERS,
     SUPERPOSITION_ORDERS,
@@ -43,45 +43,23 @@ from piezo_model.identification.selection import (
     state_on,
 )
 from piezo_model.identification.sensor_lag import estimate_lag, without_lag
-from piezo_model.identification.start import Prepared, clear_gain, prepare, y_range
+from piezo_model.identification.start import USUAL, Prepared, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
-from piezo_model.recordings import Recording, RecordingError
-from piezo_model.recordings.evidence import REASONS
+from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Mask, Vector
+from solvers.arrays import Vector
 
 LagChoice = Literal["estimate", "remove", "ignore"]
 Estimator = Literal["forward", "error-model"]
 
-USUAL = 5, 3
-"""Orders n and m of the first fit."""
-DIRECTION_SAMPLES = 20_000
-"""Samples from the start to which both directions are fitted."""
-CLEAR = 1.15
-"""Smallest ratio of the two errors that contradicts a guess."""
 STEPS = 6
 """Most Gauss–Newton steps of the final fit."""
 
 
-def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] = ()) -> ModelStructure:
-    """Structure with a free offset over the ranges of a recording."""
-    return ModelStructure.equidistant(
-        n,
-        m,
-        recording.x_range,
-        recording.y_range,
-        creep_rates,
-        recording.sample_time,
-        offset=True,
-        input_unit=recording.input_unit,
-        output_unit=recording.output_unit,
-    )
-
-
 @dataclass(frozen=True)
-class Identification:
+class Options:
     """The options of `identify`."""
 
     structure: ModelStructure | None
@@ -91,23 +69,21 @@ class Identification:
     skip: int | None
     lag: LagChoice
     state: OperatorState | None
-    solver: str
     estimator: Estimator
-    proximal: float
     force: bool
-
-    @property
-    def first(self) -> tuple[int, int]:
-        """Orders of the first fit."""
-        return USUAL[0] if self.n is None else self.n, USUAL[1] if self.m is None else self.m
 
     @property
     def chooses_creep(self) -> bool:
         """Whether the data decide about creep."""
         return self.structure is None and self.creep_rates is None
 
+    def first(self, recording: Recording) -> ModelStructure:
+        """Structure of the first fit."""
+        n, m = (usual if given is None else given for given, usual in zip((self.n, self.m), USUAL, strict=True))
+        return self.structure or structure_of(recording, n, m, self.creep_rates or ())
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # the same bits on any number of cores, and small matrices sooner
+
+@one_thread
 def identify(
     x: ArrayLike | Recording,
     y: ArrayLike | None = None,
@@ -185,87 +161,63 @@ def identify(
         checks.whole(0, skip=0 if skip is None else skip)
         checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
     recording = check_direction(_recording_of(x, y, structure))
-    options = Identification(structure, n, m, creep_rates, skip, lag, state, solver, estimator, proximal, force)
+    options = Options(structure, n, m, creep_rates, skip, lag, state, estimator, force)
 
-    model = _identified(recording, options, progress)
+    model = _identified(recording, options, Solving(solver, proximal), progress)
     return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.notes]})
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")
-def check_direction(recording: Recording) -> Recording:
-    """The recording, with input and output swapped if they were guessed by their values and a fit contradicts that.
-
-    The guess (`piezo_model.recordings.evidence`) depends on the sense of the loops alone, which an open path or a drift
-    reverses. A model is fitted in both directions: the operators can only lag, so the drive explains the output and
-    not vice versa.
-
-    Raises
-    ------
-    RecordingError
-        Input and output were guessed, and the fits do not distinguish them.
-    """
-    if recording.uncounted.any() or not {recording.reasons.get(role) for role in ("input", "output")} <= {*REASONS}:
-        return recording
-    part = recording.head(DIRECTION_SAMPLES)
-    ways = [part, part.swapped()]
-    fits = [prepare(way, structure_of(way, *USUAL), Solving(), fit_range=True) for way in ways]
-    errors = [50.0 * math.sqrt(prepared.fit.cost) for prepared in fits]
-    either = f"{percent(errors[0])} of the range as they were guessed and {percent(errors[1])} the other way round"
-    if any(is_one_way(way.x) for way in ways) or errors[1] < errors[0] <= CLEAR * errors[1]:
-        raise RecordingError(
-            f"{recording.name}: cannot tell which column is the input and which the output: a model "
-            f"leaves {either}; name them with --input and --output"
-        )
-    reason = (
-        f"because a model leaves {percent(min(errors))} of the range that way and {percent(max(errors))} the "
-        "other way round"
-    )
-    reasons = {role: reason if role in ("input", "output") else why for role, why in recording.reasons.items()}
-    return replace(recording if errors[0] <= errors[1] else recording.swapped(), reasons=reasons)
-
-
-def _identified(recording: Recording, options: Identification, progress: Progress) -> HysteresisCreepModel:
+def _identified(recording: Recording, options: Options, solving: Solving, progress: Progress) -> HysteresisCreepModel:
     """The model of a recording; IdentificationError for a recording that it does not describe."""
-    first = options.structure or structure_of(recording, *options.first, options.creep_rates or ())
+    first = options.first(recording)
     recording = recording.in_units(first.input_unit, first.output_unit)
     if not math.isclose(first.sample_time, recording.sample_time, rel_tol=1e-3):
         raise IdentificationError(
             f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
             f"structure is {first.sample_time:g} s"
         )
-    solving, own = Solving(options.solver, options.proximal), options.structure is None
     progress("start", 0, 4)
-    prepared = prepare(recording, first, solving, options.skip, options.state, fit_range=own)
-    counted = counted_from(recording, prepared.skip)
+    own_range = options.structure is None
+    prepared = prepare(recording, first, solving, options.skip, options.state, fit_range=own_range)
     progress("creep", 1, 4)
-    determined = determine(recording, counted, prepared.fit, solving)
+    determined = determine(recording, counted_from(recording, prepared.skip), prepared.fit, solving)
     progress("orders", 2, 4)
-    selection, near = _chosen(recording, counted, prepared, determined, options, solving)
+    selection, near = _chosen(recording, prepared, determined, options, solving)
     progress("fit", 3, 4)
-    return _reported(recording, prepared, determined, selection, near, options, solving)
+    fitting = Fitting(recording, prepared, determined, options, solving)
+    final, lag = fitting.final(near)
+    verdict, found = fitting.judged(final)
+    if verdict.refusal is not None and not options.force:
+        raise IdentificationError(f"{recording.name}: {verdict.refusal}")
+    return _reported(fitting, final, lag, verdict, found, selection)
+
+
+@dataclass(frozen=True)
+class Near:
+    """Structure, states before each part, and weights (d,) in slope coordinates from which the final fit begins."""
+
+    structure: ModelStructure
+    states: Sequence[OperatorState]
+    v: Vector
 
 
 def _chosen(
-    recording: Recording,
-    counted: Mask,
-    prepared: Prepared,
-    determined: Determined,
-    options: Identification,
-    solving: Solving,
-) -> tuple[Selection | None, tuple[ModelStructure, OperatorState, Vector]]:
-    """The choice of the orders, and structure, states and weights from which the final fit begins."""
+    recording: Recording, prepared: Prepared, determined: Determined, options: Options, solving: Solving
+) -> tuple[Selection | None, Near]:
+    """The choice of the orders, and where the final fit begins."""
     fit, s = prepared.fit, prepared.structure
     rates = s.creep_rates
     if options.chooses_creep and determined.creep is not None:
         rates = determined.rates
     if options.structure is not None or (rates == s.creep_rates and None not in (options.n, options.m)):
-        return None, (s, fit.state, fit.v)
+        return None, Near(s, fit.states, fit.v)
     ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
     ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
+    counted = counted_from(recording, prepared.skip)
     selection = select(recording, counted, fit, determined, rates, solving, ns, ms)
     best = selection.chosen
-    choice = selection if None in (options.n, options.m) else None
-    return choice, (best.structure, state_on(s, fit.state, best.structure), best.v)
+    states = [state_on(s, state, best.structure) for state in fit.states]
+    return selection if None in (options.n, options.m) else None, Near(best.structure, states, best.v)
 
 
 @dataclass(frozen=True)
@@ -273,6 +225,7 @@ class Final:
     """The final fit, and the program (6) beside it."""
 
     recording: Recording
+    """Without a lag that is removed."""
     problem: IdentificationProblem
     optimal: Vector
     """Weights (d,) of the program."""
@@ -280,84 +233,96 @@ class Final:
     drift: Columns | None
 
 
-def _final(
-    recording: Recording,
-    skip: int,
-    near: tuple[ModelStructure, OperatorState, Vector],
-    drift: Columns | None,
-    creep_limits: Vector | None,
-    free_start: bool,
-    options: Identification,
-    solving: Solving,
-) -> Final:
-    """Solve (6) and minimise the error of the output from given states and weights, with a drift if the gain is
-    clear."""
-    (s, state, v), counted = near, counted_from(recording, skip)
-    solving.passes += 1
-    problem = accumulate(recording, counted, s, state, solving.proximal)
-    optimal = solving.optimum(problem)
-    if options.estimator == "error-model":
-        v = s.inverse_slope_map @ optimal
-        return Final(recording, problem, optimal, fit_forward(recording, counted, s, state, v, solving, steps=0), None)
+@dataclass(frozen=True)
+class Fitting:
+    """Final fits of a recording, after what was found before them."""
 
-    def fitted(state: OperatorState, v: Vector, further: Columns | None) -> ForwardFit:
-        return fit_forward(
-            recording,
-            counted,
-            s,
-            state,
-            v,
-            solving,
-            steps=STEPS,
-            free_start=free_start,
-            further=further,
-            creep_limits=creep_limits,
-        )
+    recording: Recording
+    prepared: Prepared
+    determined: Determined
+    options: Options
+    solving: Solving
 
-    fit = fitted(state, v, None)
-    if drift is not None:
-        drifting = fitted(fit.state, fit.v, drift)
-        if drifting.cost < (1.0 - clear_gain(fit.error[counted], 1)) * fit.cost:
-            return Final(recording, problem, optimal, drifting, drift)
-    return Final(recording, problem, optimal, fit, None)
+    @property
+    def span(self) -> float:
+        """The output's full range."""
+        low, high = y_range(self.recording, self.prepared.skip)
+        return high - low
+
+    def final(self, near: Near) -> tuple[Final, Lag | None]:
+        """The final fit, and the lag of the sensor, which is removed if that is wanted."""
+        final, remove = self._fitted(self.recording, near), self.options.lag == "remove"
+        if self.options.lag == "ignore":
+            return final, None
+        lag = estimate_lag(self.recording, final.fit, self.prepared.skip, final.drift, self.solving, remove=remove)
+        if lag is not None and lag.removed:
+            near = Near(near.structure, final.fit.states, final.fit.v)
+            final = self._fitted(without_lag(self.recording, lag.samples), near)
+        return final, lag
+
+    def _fitted(self, recording: Recording, near: Near) -> Final:
+        """Solve (6) and minimise the error of the output, with a drift if the gain is clear."""
+        s, counted, solving = near.structure, counted_from(recording, self.prepared.skip), self.solving
+        solving.passes += 1
+        problem = accumulate(recording, counted, s, near.states, solving.proximal)
+        optimal = solving.optimum(problem)
+        if self.options.estimator == "error-model":
+            fit = fit_forward(recording, counted, s, near.states, s.inverse_slope_map @ optimal, solving, steps=0)
+            return Final(recording, problem, optimal, fit, None)
+        slope = float(np.mean(self.prepared.fit.v[self.prepared.structure.slices[1]]))
+        limits = self.determined.creep_limits(s, slope) if self.options.chooses_creep else None
+
+        def fitted(states: Sequence[OperatorState], v: Vector, further: Columns | None) -> ForwardFit:
+            return fit_forward(
+                recording,
+                counted,
+                s,
+                states,
+                v,
+                solving,
+                steps=STEPS,
+                searched=self.prepared.searched,
+                further=further,
+                creep_limits=limits,
+            )
+
+        fit = fitted(near.states, near.v, None)
+        if (
+            fit.cost > self.prepared.fit.cost
+        ):  # where the model class does not fit, the prediction of a choice is far off
+            fit = min(fit, fitted(near.states, s.inverse_slope_map @ optimal, None), key=lambda fit: fit.cost)
+        if self.determined.drift is not None:
+            drift = self.determined.drift
+            column = Columns.of(np.linspace(-1.0, 1.0, recording.length), drift.lowest, drift.highest)
+            drifting = fitted(fit.states, fit.v, column)
+            if fit.improved_by(drifting, 1):
+                return Final(recording, problem, optimal, drifting, column)
+        return Final(recording, problem, optimal, fit, None)
+
+    def judged(self, final: Final) -> tuple[Adequacy, Fit]:
+        """Whether the fit is adequate, and its errors."""
+        recording, fit, skip = final.recording, final.fit, self.prepared.skip
+        s = fit.structure
+        found = fit_of(recording, s, recording.y - s.y_centre - s.y_scale * fit.y_model, skip, self.span)
+        if final.drift is not None:
+            recording = replace(recording, y=recording.y - s.y_scale * (final.drift.signals @ fit.further))
+        return check_adequacy(recording, fit, skip, self.solving, found), found
 
 
 def _reported(
-    recording: Recording,
-    prepared: Prepared,
-    determined: Determined,
-    selection: Selection | None,
-    near: tuple[ModelStructure, OperatorState, Vector],
-    options: Identification,
-    solving: Solving,
+    fitting: Fitting, final: Final, lag: Lag | None, verdict: Adequacy, found: Fit, selection: Selection | None
 ) -> HysteresisCreepModel:
-    """The final fit with its report; IdentificationError if the model class does not describe the recording."""
-    skip, (low, high) = prepared.skip, y_range(recording, prepared.skip)
-    slope = float(np.mean(prepared.fit.v[prepared.structure.slices[1]]))
-    limits = determined.creep_limits(near[0], slope) if options.chooses_creep else None
-    searched, span = prepared.start == "searched", high - low
-    final = _final(recording, skip, near, _drift(recording, determined), limits, searched, options, solving)
-    lag = None
-    if options.lag != "ignore":
-        lag = estimate_lag(recording, final.fit, skip, final.drift, solving, remove=options.lag == "remove")
-        if lag is not None and lag.removed:
-            near = near[0], final.fit.state, final.fit.v
-            advanced = without_lag(recording, lag.samples)
-            final = _final(advanced, skip, near, final.drift, limits, searched, options, solving)
-    recording, fit, drift, s = final.recording, final.fit, final.drift, near[0]
-    problem, optimal, model = final.problem, final.optimal, HysteresisCreepModel.from_weights(s, final.fit.weights)
-    found, _ = output_error(model, recording, skip, fit.state, span)
-    straightened = recording if drift is None else _without_drift(recording, fit, drift)
-    verdict = check_adequacy(straightened, fit, skip, solving, found)
-    if verdict.refusal is not None and not options.force:
-        raise IdentificationError(f"{recording.name}: {verdict.refusal}")
+    """The model of a final fit, or the line that is as good, with its report."""
+    recording, fit, problem, options = final.recording, final.fit, final.problem, fitting.options
+    s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
     straight = verdict.straight and found.line[1] > 0.0
+    model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
     if straight:
-        model = HysteresisCreepModel.from_weights(s, line(s, found))
-        found, _ = output_error(model, recording, skip, fit.state, span)
+        errors = recording.y - simulate(s, model.arrays, recording, fit.states)
+        found = fit_of(recording, s, errors, prepared.skip, fitting.span)
     known = options.estimator == "forward" and not straight and fit.cost > 0.0
     report = FitReport(
-        solver=options.solver,
+        solver=solving.solver,
         estimator=options.estimator,
         fit=found,
         baseline=verdict.baseline,
@@ -365,10 +330,14 @@ def _reported(
         refusal=verdict.refusal,
         one_way=verdict.one_way,
         excitation=problem.excitation_report(),
-        certificate=None if straight else prove(problem, optimal),
+        certificate=None if straight else prove(problem, final.optimal),
         lag=lag,
-        offset=offset(problem, solving, optimal) if s.offset else None,
-        start=prepared.start,
+        offset=offset(problem, solving, final.optimal) if s.offset else None,
+        start=prepared.starts[0],
+        parts=[
+            Part(first, start, **state.to_dict(s))
+            for first, start, state in zip(recording.starts, prepared.starts, fit.states, strict=True)
+        ][1:],
         creep=CreepFinding(
             determined.creep is not None,
             options.chooses_creep,
@@ -376,8 +345,8 @@ def _reported(
             determined.share,
             determined.chi_square,
         ),
-        drift=None if drift is None else _drift_finding(fit, determined, recording, span),
-        intervals=intervals(fit, fit.error[counted_from(recording, skip)]) if known else None,
+        drift=None if final.drift is None else _drift(final, determined, fitting.span),
+        intervals=intervals(fit) if known else None,
         figures=figures_of(model),
         units=recording.units,
         passes=solving.passes,
@@ -386,30 +355,15 @@ def _reported(
     if selection is not None:
         report["selection"] = selection.to_dict()
         report["sentences"].append(selection.sentence)
-    return replace(model, report=report, start=fit.state)
+    return replace(model, report=report, start=fit.states[0])
 
 
-def _drift(recording: Recording, determined: Determined) -> Columns | None:
-    """The column of a drift, with its bounds."""
-    if determined.drift is None:
-        return None
-    time = np.linspace(-1.0, 1.0, recording.length)
-    return Columns.of(time, determined.drift.lowest, determined.drift.highest)
-
-
-def _without_drift(recording: Recording, fit: ForwardFit, drift: Columns) -> Recording:
-    s = fit.structure
-    return replace(recording, y=recording.y - s.y_scale * (drift.signals @ fit.further))
-
-
-def _drift_finding(fit: ForwardFit, determined: Determined, recording: Recording, span: float) -> Drift:
+def _drift(final: Final, determined: Determined, span: float) -> Drift:
     assert determined.drift is not None  # where there is a column, there is an estimate
-    per_s = 2.0 * fit.structure.y_scale / recording.duration_s
-    return Drift(
-        per_s * float(fit.further[0]),
-        abs(per_s) * determined.drift.se,
-        100.0 * abs(fit.structure.y_scale) * math.sqrt(fit.cost) / span,
-    )
+    fit = final.fit
+    per_s = 2.0 * fit.structure.y_scale / final.recording.duration_s
+    rms_percent = 100.0 * abs(fit.structure.y_scale) * math.sqrt(fit.cost) / span
+    return Drift(per_s * float(fit.further[0]), abs(per_s) * determined.drift.se, rms_percent)
 
 
 def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: ModelStructure | None) -> Recording:

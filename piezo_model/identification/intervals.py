@@ -12,6 +12,7 @@ Source: A. Sokal, "Monte Carlo methods in statistical mechanics", 1996, section 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,17 +29,17 @@ STEP = 1e-4
 """Change of a weight for the derivatives of the figures, unit amplitudes."""
 
 
-def autocorrelation_time(error: Vector) -> float:
-    """1 + 2 Σ ρ_k of an error (N,), at least 1.
+def autocorrelation_time(errors: Sequence[Vector]) -> float:
+    """1 + 2 Σ ρ_k of the errors (N,) of each part, at least 1.
 
     Examples
     --------
-    >>> bool(autocorrelation_time(np.random.default_rng(0).normal(size=10_000)) < 1.1)
+    >>> bool(autocorrelation_time([np.random.default_rng(0).normal(size=10_000)]) < 1.1)
     True
     """
-    centred = error - error.mean()
-    power = np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2
-    correlation = np.fft.irfft(power)[: centred.size]
+    mean, size = np.concatenate(errors).mean(), max(error.size for error in errors)
+    power = sum(np.abs(np.fft.rfft(error - mean, 2 * size)) ** 2 for error in errors)
+    correlation = np.fft.irfft(power)[:size]
     if correlation[0] <= 0.0:
         return 1.0
     times = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
@@ -46,12 +47,12 @@ def autocorrelation_time(error: Vector) -> float:
     return max(1.0, float(times[ended[0] if ended.size else -1]))
 
 
-def intervals(fit: ForwardFit, error: Vector) -> dict[str, Any]:
-    """Intervals [low, high] of the weights, in the order of ``weight_names``, and of the figures by their names, for
-    the counted ``error`` (N,) of a fit; None for a weight that the data do not determine."""
+def intervals(fit: ForwardFit) -> dict[str, Any]:
+    """Intervals [low, high] of the weights of a fit, in the order of ``weight_names``, and of the figures by their
+    names; None for a weight that the data do not determine."""
     s, T = fit.structure, fit.structure.slope_map
-    time = autocorrelation_time(error)
-    variance = fit.cost * time / max(error.size - np.count_nonzero(fit.free) * time, 1.0)
+    time, samples = autocorrelation_time(fit.errors), sum(error.size for error in fit.errors)
+    variance = fit.cost * time / max(samples - np.count_nonzero(fit.free) * time, 1.0)
     C = variance * _inverse(fit.P, fit.free)[: s.d, : s.d]
     weights, deviations = fit.weights, np.sqrt(np.diag(T @ C @ T.T))
     ranges: list[list[float] | None] = []

@@ -104,11 +104,8 @@ class Lag:
     error_without_lag_percent: float
     at_edge: bool
     """Whether the best lag is the largest tried one: it may be larger."""
-
-    @property
-    def pays(self) -> bool:
-        """Whether removal of the lag lowers the error by more than two per cent of itself."""
-        return abs(self.samples) > 0.1 and self.error_without_lag_percent < 0.98 * self.error_percent
+    pays: bool
+    """Whether the gain of its removal is clear."""
 
 
 @dataclass(frozen=True)
@@ -168,10 +165,21 @@ class Drift:
 
 
 @dataclass(frozen=True)
+class Part:
+    """A later part of a recording: its first sample, how the states before it were found, and these."""
+
+    first_sample: int
+    start: str
+    play: list[float]
+    creep: list[list[float]]
+
+
+@dataclass(frozen=True)
 class FitReport:
     """The ``report`` that is stored with an identified model.
 
-    ``refusal`` is the reason against a forced model; ``start`` says how the states before the first sample were found;
+    ``refusal`` is the reason against a forced model; ``start`` says how the states before the first sample were found,
+    and ``parts`` has those before the others;
     ``passes`` and ``programs`` count the passes of the operators over the samples and the quadratic programs solved.
     """
 
@@ -187,6 +195,7 @@ class FitReport:
     lag: Lag | None
     offset: Offset | None
     start: str
+    parts: Sequence[Part]
     creep: CreepFinding
     drift: Drift | None
     intervals: Mapping[str, Any] | None

@@ -7,7 +7,7 @@ Where ŷ is the output of a first fit, e = y − ŷ its error and s the slope of
 
 linear in the weights, and without the noise of y among the regressors. One pass gives the Gram matrix of the columns
 
-    e,  x/s,  H_r [x]/s for all thresholds r,  −S_r' (ŷ)/s for all dead zones r',  z_r/s for all thresholds r,  1/s,  t
+    x/s,  H_r [x]/s for all thresholds r,  −S_r' (ŷ)/s for all dead zones r',  z_r/s for all thresholds r,  1/s,  e,  t
 
 and the programs of all candidates follow from it without the samples. The candidate with the smallest Bayesian
 information criterion N_e ln V + d ln N_e is chosen, with the number N_e of independent samples in e, or in what
@@ -27,12 +27,10 @@ from typing import Any
 import numpy as np
 
 from piezo_model.identification.creep import Determined, memory_curve
-from piezo_model.identification.error_model import Solving, part_states
-from piezo_model.identification.forward import CHUNK, MIN_SLOPE, STILL, ForwardFit
-from piezo_model.identification.start import independent_samples
+from piezo_model.identification.error_model import Solving
+from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.regressors import regressor_rows
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
@@ -140,7 +138,7 @@ def select(
         dead_zone_thresholds=tuple(sorted({r for s in orders for r in s.dead_zone_thresholds})),
     )
     gram, moved = _gram(recording, counted, fit, union, solving)
-    independent = max(independent_samples(fit.error[counted]), determined.independent)
+    independent = max(fit.independent, determined.independent)
     slope = float(np.mean(fit.v[fit.structure.slices[1]]))
     candidates = [_candidate(s, union, gram, moved, determined, slope, independent, solving) for s in orders]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
@@ -149,30 +147,18 @@ def select(
 def _gram(
     recording: Recording, counted: Mask, fit: ForwardFit, union: ModelStructure, solving: Solving
 ) -> tuple[Matrix, Mask]:
-    """Means of the products of e, x/s, Ξ/s and t, and which of the columns Ξ moved."""
+    """Means of the products of x/s, Ξ/s, e and t, and which of the columns Ξ moved."""
     s, slopes, time = fit.structure, fit.slopes(), np.linspace(-1.0, 1.0, recording.length)
-    y, total, count = s.y_centre + s.y_scale * fit.y_model, np.zeros((union.d + 3, union.d + 3)), 0
     chosen = np.zeros(recording.length, dtype=bool)
     chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
-    low, high = np.full(union.d, np.inf), np.full(union.d, -np.inf)
+    states = [state_on(s, state, union) for state in fit.states]
     solving.passes += 1
-    for part, start in part_states(recording, union, state_on(s, fit.state, union)):
-        for first in range(part.start, part.stop, CHUNK):
-            samples = slice(first, min(first + CHUNK, part.stop))
-            rows = regressor_rows(union, start, recording.x[samples], y[samples])
-            low, high = np.minimum(low, rows[:, 1:].min(axis=0)), np.maximum(high, rows[:, 1:].max(axis=0))
-            kept = chosen[samples]
-            columns = (
-                fit.error[samples][kept, None],
-                rows[kept] / slopes[samples][kept, None],
-                time[samples][kept, None],
-            )
-            matrix = np.hstack(columns)
-            total += matrix.T @ matrix
-            count += len(matrix)
-    moved = high - low > STILL
-    moved[-1:] |= union.offset
-    return total / count, moved
+
+    def columns(_: int, samples: slice, rows: Matrix) -> Matrix:
+        return rows / slopes[samples, None]
+
+    beside = np.column_stack([fit.error, time])
+    return gram_of(recording, chosen, union, [states], s.y_centre + s.y_scale * fit.y_model, columns, beside)
 
 
 def _candidate(
@@ -190,9 +176,10 @@ def _candidate(
     of = np.array([names[label] for label in _labels(s)])
     T, drift = np.eye(s.d + 1), determined.drift
     T[: s.d, : s.d] = s.slope_map
-    columns = np.append(2 + of, gram.shape[0] - 1)
-    P, q = T.T @ gram[np.ix_(columns, columns)] @ T, T.T @ (gram[columns, 1] - gram[columns, 0])
-    c = gram[0, 0] - 2.0 * gram[0, 1] + gram[1, 1]
+    x, e, t = 0, len(gram) - 2, len(gram) - 1
+    columns = np.append(1 + of, t)
+    P, q = T.T @ gram[np.ix_(columns, columns)] @ T, T.T @ (gram[columns, x] - gram[columns, e])
+    c = gram[e, e] - 2.0 * gram[e, x] + gram[x, x]
     low, high = np.append(s.lower_bounds(MIN_SLOPE), 0.0), np.append(np.full(s.d, np.inf), 0.0)
     if drift is not None:
         low[-1], high[-1] = drift.lowest, drift.highest
@@ -200,7 +187,6 @@ def _candidate(
         high[s.slices[2]] = limits
     reference = np.append(s.inverse_slope_map @ s.straight_line, 0.0)
     free = np.append(moved[of], drift is not None)
-    free[s.slices[1]] = True
     free &= np.diag(P) > 0.0
     z = np.where(free, 0.0, reference)
     at = np.ix_(free, free)

@@ -12,11 +12,10 @@ of the variance of white noise, which would look like a better fit, and this ker
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
-from piezo_model.identification.error_model import IdentificationError, Solving, counted_from
+from piezo_model.identification.error_model import IdentificationError, Solving, counted_from, spans
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
 from piezo_model.identification.report import Lag
 from piezo_model.identification.start import moving_from
@@ -32,6 +31,8 @@ LONGEST_LAG = 10
 """Longest lag that is found, in samples."""
 RESOLUTION = 0.01
 """Resolution of the lag in samples."""
+SMALLEST = 0.1
+"""Smallest lag in samples that is worth removing."""
 ROUNDS, STEPS = 8, 2
 """Most advances of the output, and steps of the fit after each."""
 
@@ -66,7 +67,7 @@ def without_lag(recording: Recording, lag: float) -> Recording:
     """Return the recording with the output advanced by a lag; the samples at the ends of its parts, which lack
     neighbours, are not counted."""
     y, uncounted = np.empty(recording.length), np.ones(recording.length, dtype=bool)
-    for first, last in pairwise((*recording.starts, recording.length)):
+    for first, last in ((part.start, part.stop) for part in spans(recording)):
         y[first:last] = np.interp(np.arange(last - first) + lag, np.arange(last - first), recording.y[first:last])
         if last - first <= 2 * HALF_WIDTH + lag:
             continue
@@ -98,11 +99,11 @@ def estimate_lag(
     def fitted(lag: float, near: ForwardFit, *, search: bool) -> ForwardFit:
         columns = [] if drift is None else [Columns(drift.signals[: head.length], drift.low, drift.high)]
         if search:
-            lead = -np.gradient(near.y_model[: head.length])
+            lead = -np.concatenate([_rise(near.y_model[part]) for part in spans(head)])
             columns.insert(0, Columns.of(lead, -lag, longest - lag))
+        further, states = Columns.joined(columns) if columns else None, fit.states[: len(head.starts)]
         advanced = without_lag(head, lag)
-        further = Columns.joined(columns) if columns else None
-        return fit_forward(advanced, counted, fit.structure, fit.state, near.v, solving, steps=STEPS, further=further)
+        return fit_forward(advanced, counted, fit.structure, states, near.v, solving, steps=STEPS, further=further)
 
     found = lagging = fitted(0.0, fit, search=False)
     lag = 0.0
@@ -115,4 +116,11 @@ def estimate_lag(
     lag = 0.0 if lag < RESOLUTION else lag
     found = fitted(lag, found, search=False)
     with_lag, without = (50.0 * math.sqrt(each.cost) for each in (lagging, found))
-    return Lag(lag, remove and lag > 0.0, with_lag, without, longest - lag <= RESOLUTION)
+    pays = lag > SMALLEST and lagging.improved_by(found, 1)
+    return Lag(lag, remove and lag > 0.0, with_lag, without, longest - lag <= RESOLUTION, pays)
+
+
+def _rise(y: Vector) -> Vector:
+    """Derivative of a signal (N,) by the sample."""
+    rise: Vector = np.gradient(y) if y.size > 1 else np.zeros(y.size)
+    return rise

@@ -6,6 +6,7 @@ contributes. Four curves are compared by the error of the output of their forwar
 after a long ascent, −1; after a long descent, 1; and searched, with the slopes as further unknowns of the best of
 these. Rest is left only for a clear gain, since one more unknown always fits a little better. Creep rests with the
 plays, except where a known model is validated: there it may have been driven before, and had a level for each rate.
+Every part of a recording has a start of its own.
 
 First samples that no start explains, as of an amplifier that was switched on, have an error far larger than all later
 ones and are skipped.
@@ -16,7 +17,7 @@ Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, sect
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -26,8 +27,11 @@ from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
     Solving,
+    States,
     accumulate,
     counted_from,
+    one_thread,
+    spans,
 )
 from piezo_model.identification.forward import (
     NUDGE,
@@ -48,8 +52,7 @@ if TYPE_CHECKING:
 
 CURVES = {"at rest": 0.0, "after an ascent": -1.0, "after a descent": 1.0}
 """Slopes dz/dr of the initial play states."""
-GAIN = 0.1
-"""Largest gain that is asked for, as a share of the cost."""
+SEARCHED = "searched"
 CURVE_UNKNOWNS = 3
 """Unknowns that one of three curves is worth."""
 MOVED = 0.01
@@ -72,6 +75,25 @@ SAME = 1.001
 """Largest ratio of the error to the reported one at which the identification's initial state is kept."""
 
 
+USUAL = 5, 3
+"""Orders n and m of a first fit."""
+
+
+def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] = ()) -> ModelStructure:
+    """Structure with a free offset over the ranges of a recording."""
+    return ModelStructure.equidistant(
+        n,
+        m,
+        recording.x_range,
+        recording.y_range,
+        creep_rates,
+        recording.sample_time,
+        offset=True,
+        input_unit=recording.input_unit,
+        output_unit=recording.output_unit,
+    )
+
+
 @dataclass(frozen=True)
 class Prepared:
     """What precedes the choice of a model."""
@@ -79,29 +101,14 @@ class Prepared:
     structure: ModelStructure
     """With the sign of the output, and the range of the modelled one."""
     skip: int
-    state: OperatorState
-    start: str
-    """Key of CURVES, "searched" or "given"."""
+    starts: Sequence[str]
+    """For each part a key of CURVES, "searched" or "given"."""
     fit: ForwardFit
 
-
-def independent_samples(error: Vector) -> float:
-    """Number of independent samples in an error (N,), from its periodogram S: N_e = 4 (Σ S)² / Σ S², N for white noise.
-
-    Examples
-    --------
-    >>> white = np.random.default_rng(0).normal(size=4000)
-    >>> 3000 < independent_samples(white) < 4500 and independent_samples(np.cumsum(white)) < 40
-    True
-    """
-    power = np.abs(np.fft.rfft(error - error.mean()))[1:] ** 2
-    return float(max(4.0 * power.sum() ** 2 / max(float(np.sum(power**2)), 1e-300), 3.0)) if power.any() else 3.0
-
-
-def clear_gain(error: Vector, unknowns: int) -> float:
-    """The share of the cost of an error (N,) that further unknowns must save to be worth it."""
-    independent = independent_samples(error)
-    return min(GAIN, unknowns * math.log(independent) / independent)
+    @property
+    def searched(self) -> list[bool]:
+        """Whether the states of each part are unknowns."""
+        return [start == SEARCHED for start in self.starts]
 
 
 def prepare(
@@ -113,16 +120,14 @@ def prepare(
     *,
     fit_range: bool = False,
 ) -> Prepared:
-    """Find the sign of the output, the samples to skip, and the states before the first sample.
+    """Find the sign of the output, the samples to skip, and the states before the first sample of each part.
 
     By default the samples of a transient are skipped; with ``fit_range`` the output's range in the structure becomes
     that of the counted samples. IdentificationError if too few samples are left.
     """
     if state is not None:
-        counted = counted_from(recording, skip or 0)
-        require(recording, counted, s, skip or 0)
-        fit = fit_forward(recording, counted, s, state, *_started(recording, counted, s, state, solving))
-        return Prepared(s, skip or 0, state, "given", fit)
+        require(recording, counted_from(recording, skip or 0), s, skip or 0)
+        return _fitted(recording, s, skip or 0, solving, state)
     s = _signed(recording, _ranged(recording, s, skip or 0, fit_range), skip or 0, solving)
     found = _fitted(recording, s, skip or 0, solving)
     longest = _longest_transient(recording) if skip is None else 0
@@ -135,19 +140,18 @@ def prepare(
     return _narrowed(recording, found, solving) if fit_range else found
 
 
-def _started(
-    recording: Recording, counted: Mask, s: ModelStructure, state: OperatorState, solving: Solving
-) -> tuple[Vector, Solving]:
-    """Weights of (6) in slope coordinates, with which a forward fit begins."""
+def _started(recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving) -> ForwardFit:
+    """The forward fit that begins with the weights of (6)."""
     solving.passes += 1
-    return s.inverse_slope_map @ solving.optimum(accumulate(recording, counted, s, state, solving.proximal)), solving
+    v = s.inverse_slope_map @ solving.optimum(accumulate(recording, counted, s, states, solving.proximal))
+    return fit_forward(recording, counted, s, states, v, solving)
 
 
 def _signed(recording: Recording, s: ModelStructure, skip: int, solving: Solving) -> ModelStructure:
     """The structure with the sign of the output that has the smaller cost (6)."""
 
     def cost(signed: ModelStructure) -> float:
-        rest = state_with_slopes(recording, signed, 0.0)
+        rest = [state_with_slopes(sweep, signed, 0.0) for sweep in recording.sweeps()]
         solving.passes += 1
         problem = accumulate(recording, counted_from(recording, skip), signed, rest, solving.proximal)
         return problem.cost(solving.optimum(problem))
@@ -174,45 +178,73 @@ def _narrowed(recording: Recording, found: Prepared, solving: Solving) -> Prepar
         return found
     s = replace(s, y_centre=s.y_centre + 0.5 * (low + high) * s.y_scale, y_scale=0.5 * (high - low) * s.y_scale)
     modelled = replace(recording, y=found.structure.y_centre + found.structure.y_scale * fit.y_model)
-    v, _ = _started(modelled, counted, s, fit.state, solving)
-    fit = fit_forward(recording, counted, s, fit.state, v, solving)
-    return replace(found, structure=s, fit=fit)
+    v = s.inverse_slope_map @ solving.optimum(accumulate(modelled, counted, s, fit.states, solving.proximal))
+    solving.passes += 1
+    return replace(found, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, solving))
 
 
-def _fitted(recording: Recording, s: ModelStructure, skip: int, solving: Solving) -> Prepared:
-    """The forward fit from the best start."""
-    counted = counted_from(recording, skip)
+def _fitted(
+    recording: Recording, s: ModelStructure, skip: int, solving: Solving, state: OperatorState | None = None
+) -> Prepared:
+    """The forward fit from the best start of every part, or from given states of the first."""
+    counted, sweeps = counted_from(recording, skip), list(recording.sweeps())
 
     def fit(slope: float) -> ForwardFit:
-        state = state_with_slopes(recording, s, slope)
-        return fit_forward(recording, counted, s, state, *_started(recording, counted, s, state, solving))
+        states = [state_with_slopes(sweep, s, slope) for sweep in sweeps]
+        return _started(recording, counted, s, [*([] if state is None else [state]), *states][: len(sweeps)], solving)
 
     def search(best: ForwardFit) -> ForwardFit:
-        return fit_forward(recording, counted, s, best.state, best.v, solving, free_start=True)
+        return fit_forward(recording, counted, s, best.states, best.v, solving, searched=[True])
 
-    start, best = best_start(s.n, counted, fit, search)
-    return Prepared(s, skip, best.state, start, best)
+    if len(sweeps) == 1:
+        start, best = ("given", fit(0.0)) if state is not None else best_start(s.n, fit, search)
+        return Prepared(s, skip, [start], best)
+    start, best = best_start(s.n, fit)
+    starts, states = [start] * len(sweeps), list(best.states)
+    for i, (sweep, part) in enumerate(zip(sweeps, spans(recording), strict=True)):
+        if counted[part].any():
+            starts[i], own = start_of(sweep, counted[part], s, best.v, solving)
+            states[i] = own.states[0]
+    if state is not None:
+        starts[0], states[0] = "given", state
+    searched = [start == SEARCHED for start in starts]
+    best = fit_forward(recording, counted, s, states, best.v, solving, searched=searched)
+    return Prepared(s, skip, starts, best)
+
+
+def start_of(
+    part: Recording,
+    counted: Mask,
+    s: ModelStructure,
+    v: Vector,
+    solving: Solving,
+    further: Columns | None = None,
+    parameters: Parameters | None = None,
+) -> tuple[str, ForwardFit]:
+    """The best start of one part for known weights and dynamics, and the fit from there."""
+
+    def fit(states: States, searched: Sequence[bool] = ()) -> ForwardFit:
+        return fit_forward(part, counted, s, states, v, solving, searched=searched, weights_known=True, further=further)
+
+    return best_start(
+        s.n, lambda slope: fit([state_with_slopes(part, s, slope)]), lambda best: fit(best.states, [True])
+    )
 
 
 def best_start(
-    n: int, counted: Mask, fit: Callable[[float], ForwardFit], search: Callable[[ForwardFit], ForwardFit]
+    n: int, fit: Callable[[float], ForwardFit], search: Callable[[ForwardFit], ForwardFit] | None = None
 ) -> tuple[str, ForwardFit]:
     """The start with the smallest error of the output, and its fit; a simpler one unless the gain is clear."""
     start, best = "at rest", fit(CURVES["at rest"])
     if not n:
         return start, best
     rest = best
-
-    def clear(fit: ForwardFit, unknowns: int) -> bool:
-        return fit.cost < (1.0 - clear_gain(fit.error[counted], unknowns)) * rest.cost
-
     for name, slope in [*CURVES.items()][1:]:
         other = fit(slope)
-        if other.cost < best.cost and clear(other, CURVE_UNKNOWNS):
+        if other.cost < best.cost and rest.improved_by(other, CURVE_UNKNOWNS):
             start, best = name, other
-    rest, other = best, search(best)
-    if clear(other, n):
-        start, best = "searched", other
+    if search is not None and best.improved_by(other := search(best), n):
+        start, best = SEARCHED, other
     return start, best
 
 
@@ -264,7 +296,7 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
 
 def _longest_transient(recording: Recording) -> int:
     """Largest number of samples at the start that may be a transient; 0 if the drive does not move after them."""
-    longest = int(TRANSIENT_SHARE * recording.length)
+    longest = int(TRANSIENT_SHARE * spans(recording)[0].stop)
     return longest if longest and moving_from(recording, longest) < recording.length else 0
 
 
@@ -286,11 +318,17 @@ def transient_end(error: Vector, longest: int) -> int:
 
 
 def _with_creep_levels(
-    recording: Recording, counted: Mask, arrays: Arrays, found: ForwardFit, shift: Columns, solving: Solving
+    part: Recording,
+    counted: Mask,
+    arrays: Arrays,
+    found: ForwardFit,
+    shift: Columns,
+    solving: Solving,
+    parameters: Parameters | None,
 ) -> ForwardFit:
     """The fit of known weights, those of ``arrays``, with the creep of each rate begun at a level of its own, if the
     gain is clear."""
-    s, state = found.structure, found.state.copy()
+    s, state = found.structure, found.states[0].copy()
     if not s.creep_rates:
         return found
     effects = []
@@ -298,71 +336,82 @@ def _with_creep_levels(
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
         solving.passes += 1
-        change = s.unit_output(simulate(s, arrays, recording, nudged, found.dynamics)) - found.y_model
+        change = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics)) - found.y_model
         effects.append(Columns.of(change / NUDGE, -FARTHEST, FARTHEST))
 
-    def fit(state: OperatorState, further: Columns) -> ForwardFit:
-        known = None if found.dynamics is None else Parameters(found.dynamics, s.sample_time)
+    def fit(further: Columns) -> ForwardFit:
         return fit_forward(
-            recording, counted, s, state, found.v, solving, weights_known=True, further=further, parameters=known
+            part, counted, s, [state], found.v, solving, weights_known=True, further=further, parameters=parameters
         )
 
-    levels = fit(state, Columns.joined([shift, *effects])).further[1:]
+    levels = fit(Columns.joined([shift, *effects])).further[1:]
     state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
-    other = fit(state, shift)
-    clear = other.cost < (1.0 - clear_gain(found.error[counted], len(effects))) * found.cost
-    return other if clear else found
+    other = fit(shift)
+    return other if found.improved_by(other, len(effects)) else found
 
 
-def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[OperatorState, int]:
-    """The states before the first sample of a recording with which a model, and a constant added to it, err least, and
-    the number of samples in a transient.
+def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[States, int]:
+    """The states before the first sample of each part of a recording with which a model, and a constant added to it,
+    err least, and the number of samples in a transient.
 
     The identification's states are kept if the error is as small as it was there.
     """
-    s, solving = model.structure, Solving()
-    head, v = head_of(recording, s), s.inverse_slope_map @ model.weights
-    shift = Columns.of(np.ones(head.length))
-    parameters = None if model.dynamics is None else Parameters(model.dynamics, s.sample_time)
-
-    def fitted(skip: int) -> ForwardFit:
-        counted = counted_from(head, skip)
-
-        def fit(slope: float, state: OperatorState | None = None, free: bool = False) -> ForwardFit:
-            state = state_with_slopes(head, s, slope) if state is None else state
-            return fit_forward(
-                head,
-                counted,
-                s,
-                state,
-                v,
-                solving,
-                free_start=free,
-                weights_known=True,
-                further=shift,
-                parameters=parameters,
-            )
-
-        best = best_start(s.n, counted, fit, lambda best: fit(0.0, best.state, free=True))[1]
-        return _with_creep_levels(head, counted, model.arrays, best, shift, solving)
-
-    def error(fit: ForwardFit, skip: int) -> Vector:
-        centred: Vector = 0.5 * (fit.error - np.median(fit.error[counted_from(head, skip)]))
-        return centred
-
-    longest, report = _longest_transient(head), model.report.get("fit")
-    if model.start is not None and report is not None:
+    s, solving, report = model.structure, Solving(), model.report.get("fit")
+    v, sweeps = s.inverse_slope_map @ model.weights, list(recording.sweeps())
+    known, parameters = model.starts, _known(model)
+    if report is not None and len(known) == len(sweeps):
+        head = head_of(recording, s) if len(sweeps) == 1 else recording
         counted = counted_from(head, report["skipped"])
         if counted.any():
-            own = fit_forward(
-                head, counted, s, model.start, v, solving, steps=0, weights_known=True, parameters=parameters
-            )
+            own = fit_forward(head, counted, s, known, v, solving, steps=0, weights_known=True, parameters=parameters)
             if abs(s.y_scale) * math.sqrt(own.cost) <= SAME * report["rms"]:
-                skipped = transient_end(np.abs(error(own, report["skipped"])), longest) if longest else 0
-                return model.start, skipped
-    whole = fitted(0)
+                longest, error = _longest_transient(head), _centred(own, counted)
+                return known, transient_end(np.abs(error), longest) if longest else 0
+    states, skips = zip(*(_start_and_transient(model, sweep, v, solving) for sweep in sweeps), strict=True)
+    return states, skips[0]
+
+
+def _start_and_transient(
+    model: HysteresisCreepModel, part: Recording, v: Vector, solving: Solving
+) -> tuple[OperatorState, int]:
+    """The same of one part."""
+    s, parameters = model.structure, _known(model)
+    head = head_of(part, s)
+    shift, longest = Columns.of(np.ones(head.length)), _longest_transient(head)
+
+    def fitted(skip: int) -> tuple[ForwardFit, Vector]:
+        counted = counted_from(head, skip)
+        best = start_of(head, counted, s, v, solving, shift, parameters)[1]
+        best = _with_creep_levels(head, counted, model.arrays, best, shift, solving, parameters)
+        return best, _centred(best, counted)
+
+    whole, error = fitted(0)
     if longest and np.max(np.abs(whole.error[:longest])) > np.max(np.abs(whole.error[longest:])):
-        settled = fitted(longest)
-        if skip := _transient(error(whole, 0), error(settled, longest), longest):
-            return settled.state, skip
-    return whole.state, 0
+        settled, later = fitted(longest)
+        if skip := _transient(error, later, longest):
+            return settled.states[0], skip
+    return whole.states[0], 0
+
+
+def _known(model: HysteresisCreepModel) -> Parameters | None:
+    return None if model.dynamics is None else Parameters(model.dynamics, model.structure.sample_time)
+
+
+def _centred(fit: ForwardFit, counted: Mask) -> Vector:
+    """Errors (N,) of a fit from their median, as shares of the range."""
+    centred: Vector = 0.5 * (fit.error - np.median(fit.error[counted]))
+    return centred
+
+
+@one_thread
+def simulated(model: HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
+    """Output (N,) of a model over a recording, from given states before its first sample, and settled at the start of
+    each later part; by default from those with which the model errs least."""
+    model = model.at(recording.sample_time)
+    s = model.structure
+    recording = recording.in_units(s.input_unit, s.output_unit)
+    if state is None:
+        states, _ = start_and_transient(model, recording)
+    else:
+        states = [state, *(OperatorState.settled_at(s, float(recording.x[first])) for first in recording.starts[1:])]
+    return simulate(s, model.arrays, recording, states, model.dynamics)

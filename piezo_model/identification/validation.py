@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from piezo_model.identification.alternative_models import outlier, outlier_sentence
-from piezo_model.identification.output_error import output_error
+from piezo_model.identification.adequacy import fit_of, outlier
+from piezo_model.identification.error_model import States, counted_from, one_thread
+from piezo_model.identification.forward import simulate
 from piezo_model.identification.report import Fit, percent
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.start import start_and_transient, y_range
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 OUTLIER_SAMPLES = 1_000_000
 """Samples from the start in which an outlier is searched for."""
+WITHIN, FEWEST_INSIDE = 1.01, 0.2
+"""Largest unit amplitude of a drive within the model's range, and the smallest share of such samples that determines a
+shift, since extrapolation has errors of its own."""
 
 
 @dataclass(frozen=True)
@@ -39,16 +42,21 @@ class Validation:
     """The errors as of an identification, with ``shift`` removed."""
     shift: float
     """Constant difference of the outputs, measured minus modelled, output unit."""
-    start: OperatorState
-    """Estimated states before the first sample."""
+    states: States
+    """Estimated states before the first sample of each part."""
     beyond_percent: float
     """Excess of the drive over the range of the identification, per cent of that range."""
-    outlier: str
-    """A clause about a single outlier of the output; "" without one."""
+    outlier: str | None
+    """A clause about a single outlier of the output; None without one."""
     units: str
     """What the recording's units needed to be the model's, in a sentence; "" if they are the same."""
     own: bool
     """Whether the model was fitted to exactly these samples."""
+
+    @property
+    def start(self) -> OperatorState:
+        """Estimated states before the first sample."""
+        return self.states[0]
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
@@ -86,26 +94,30 @@ class Validation:
             )
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # the same bits on any number of cores
+@one_thread
 def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     model = model.at(recording.sample_time)
     s, own = model.structure, model.report.get("recording") == recording.digest()
     recording = recording.in_units(s.input_unit, s.output_unit)
-    (state, skip), lag = start_and_transient(model, recording), model.report.get("lag")
+    (states, skip), lag = start_and_transient(model, recording), model.report.get("lag")
     low, high = y_range(recording, skip)
     if lag is not None and lag["removed"]:
         recording = without_lag(recording, lag["samples"])
-    fit, shift = output_error(model, recording, skip, state, high - low, free_shift=True)
-    y = recording.y[:OUTLIER_SAMPLES]
+    errors, counted = (
+        recording.y - simulate(s, model.arrays, recording, states, model.dynamics),
+        counted_from(recording, skip),
+    )
+    inside = errors[counted & (np.abs(s.unit_input(recording.x)) <= WITHIN)]
+    shift = float(inside.mean()) if inside.size > FEWEST_INSIDE * np.count_nonzero(counted) else 0.0
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
     return Validation(
         model,
-        fit,
+        fit_of(recording, s, errors - shift, skip, high - low),
         shift,
-        state,
+        states,
         max(0.0, 50.0 * (farthest - 1.0)),
-        "" if (at := outlier(y)) is None else outlier_sentence(y, at, 0, s.output_unit),
+        outlier(recording, slice(OUTLIER_SAMPLES), s.output_unit),
         recording.units,
         own,
     )

@@ -187,7 +187,7 @@ UNDESCRIBABLE: dict[str, tuple[Kind, str]] = {
         ),
         "drift",
     ),
-    "two interleaved channels": (_interleaved, "two channels"),
+    "two interleaved channels": (_interleaved, "does not describe"),
     "aliased": (_aliased, "samples a period"),
 }
 

@@ -157,7 +157,7 @@ def test_a_known_resonance_is_fitted_with_the_weights() -> None:
     begun = Parameters(Dynamics((11.15,), (0.027,), (0.8,), 2e-3, 1e-3), 5e-3, free=True, residual=True, with_lag=True)
     v = s.inverse_slope_map @ s.straight_line
     counted = np.ones(x.size, dtype=bool)
-    fit = fit_forward(recording, counted, s, state, v, Solving(), steps=12, parameters=begun)
+    fit = fit_forward(recording, counted, s, [state], v, Solving(), steps=12, parameters=begun)
     assert fit.cost < 1e-10
     np.testing.assert_allclose(fit.weights, model.weights, atol=1e-3)
     for name, value in SLOW.to_dict().items():

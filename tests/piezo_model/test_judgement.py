@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from piezo_model import IdentificationError, ModelStructure, Recording, identify
 from piezo_model.identification import adequacy
 from piezo_model.identification.fit_review import review
-from piezo_model.identification.identify import structure_of
+from piezo_model.identification.start import structure_of
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import RecordingError
 from piezo_model.units import UnitError, quantity

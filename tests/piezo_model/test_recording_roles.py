@@ -8,7 +8,7 @@ from recording_files import text_file
 from recording_kinds import DESCRIBABLE, creeping, noisy
 
 from piezo_model import identify
-from piezo_model.identification.identify import check_direction
+from piezo_model.identification.direction import check_direction
 from piezo_model.operators import play
 from piezo_model.recordings import Recording, RecordingError
 

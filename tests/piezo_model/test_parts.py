@@ -1,0 +1,122 @@
+"""Parts of a recording: each has a start of its own, and nothing crosses from one into the next."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from piezo_model import HysteresisCreepModel, Recording, identify
+from piezo_model.identification.adequacy import alternate_blocks
+from piezo_model.identification.creep import holds
+from piezo_model.identification.forward import independent_samples
+from piezo_model.identification.intervals import autocorrelation_time
+from piezo_model.identification.sensor_lag import without_lag
+from piezo_model.operators import play
+
+Vector = NDArray[np.float64]
+SAMPLE_TIME, THRESHOLDS = 5e-3, np.array([0.24, 0.8, 2.0])
+
+
+def stage(u: Vector, before: Vector) -> Vector:
+    """Output in um for an input in V, with the plays ``before`` away from the first input."""
+    return np.asarray(40 * (0.8 * u + play(u, THRESHOLDS, u[0] + before)[0] @ [0.1, 0.08, 0.06]))
+
+
+def swelling(cycles: float, samples: int) -> Vector:
+    """A sine that swells, so that it erases the states before it slowly."""
+    t = np.linspace(0.0, 1.0, samples)
+    return np.asarray(5 + 4 * np.sin(2 * np.pi * cycles * t) * (0.1 + 0.9 * t))
+
+
+def joined(parts: list[tuple[Vector, Vector]], noise: float = 0.1) -> Recording:
+    """Parts, each a drive and the states before it, as one recording."""
+    u = np.concatenate([drive for drive, _ in parts])
+    y = np.concatenate([stage(*part) for part in parts])
+    y += np.random.default_rng(0).normal(0.0, noise, y.size)
+    starts = np.cumsum([0, *(drive.size for drive, _ in parts[:-1])]).tolist()
+    return replace(Recording.from_arrays(u, y, SAMPLE_TIME, input_unit="V", output_unit="um"), starts=tuple(starts))
+
+
+UP, DOWN = -THRESHOLDS, np.array([0.24, 0.8, 1.1])
+"""States after an ascent, and those of a memory curve that no single branch has."""
+
+
+def test_each_part_begins_in_states_of_its_own_and_the_model_keeps_them(tmp_path: Path) -> None:
+    made = joined([(swelling(10.0, 4000), UP), (swelling(7.0, 4000), DOWN)])
+    model = identify(made)
+    (later,) = model.report["parts"]
+    assert model.report["fit"]["rms"] < 0.12
+    assert later["first_sample"] == 4000
+    assert later["start"] == "searched"
+    model.save(tmp_path / "model.json")
+    loaded = HysteresisCreepModel.load(tmp_path / "model.json")
+    first, second = loaded.starts
+    np.testing.assert_array_equal(first.play, model.start.play)  # type: ignore[union-attr]
+    plays = slice(model.structure.n + 1)
+    assert first.play[plays].min() < first.play[0]  # after an ascent
+    assert second.play[plays].max() > second.play[0]
+    error = loaded.simulate(made) - made.y
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(model.report["fit"]["rms"], rel=1e-9)
+    assert loaded.validate(made).fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-9)
+    alone = loaded.validate(made.part(slice(4000, None)))
+    assert alone.fit.rms < 0.13
+
+
+def test_many_short_parts_give_the_model_of_a_long_recording_without_a_search_of_their_states() -> None:
+    rng = np.random.default_rng(1)
+    drives = [5 + rng.uniform(2, 4) * np.sin(np.linspace(0, rng.uniform(9, 15), 30)) for _ in range(60)]
+    parts = joined([(drive, UP) for drive in drives])
+    model = identify(parts, n=5, m=1, creep_rates=())
+    assert model.report["start"] == "after an ascent"
+    assert len(model.report["parts"]) == 59
+    assert "searched" not in {part["start"] for part in model.report["parts"]}
+    slow = swelling(3.0, 3000)
+    error = model.simulate(slow) - stage(slow, np.zeros(3))
+    assert np.std(error[1500:]) < 0.5  # the states before it are forgotten by then
+
+
+def test_a_part_without_a_counted_output_takes_the_start_of_the_others() -> None:
+    made = joined([(swelling(10.0, 3000), UP), (swelling(7.0, 500), UP), (swelling(7.0, 3000), UP)])
+    silent = made.uncounted.copy()
+    silent[3000:3500] = True
+    model = identify(replace(made, uncounted=silent), n=4, m=1)
+    assert model.report["fit"]["missing"] == 500
+    assert model.report["fit"]["rms"] < 0.5
+    assert len(model.report["parts"]) == 2
+
+
+def test_blocks_holds_and_the_lag_of_a_part_do_not_depend_on_the_others() -> None:
+    held = np.concatenate([swelling(3.0, 500), np.full(150, 5.0)])
+    drives = [held, held[::-1].copy(), held]
+    made = joined([(drive, UP) for drive in drives])
+    pieces = list(made.sweeps())
+    assert [np.unique(holds(made)[part]).tolist() for part in (slice(0, 650), slice(650, 1300))] == [[-1, 0], [-1, 1]]
+    np.testing.assert_array_equal(alternate_blocks(made)[:650], alternate_blocks(made)[1300:])
+    advanced = without_lag(made, 1.5)
+    for i, piece in enumerate(pieces):
+        own = without_lag(piece, 1.5)
+        part = slice(650 * i, 650 * (i + 1))
+        np.testing.assert_array_equal(advanced.y[part], own.y)
+        np.testing.assert_array_equal(advanced.uncounted[part], own.uncounted)
+
+
+def test_independent_samples_are_counted_in_each_part_and_no_correlation_crosses_them() -> None:
+    white = np.random.default_rng(0).normal(size=4000)
+    slow = np.cumsum(white) / 50
+    assert independent_samples([slow[:2000], slow[2000:]]) == pytest.approx(
+        independent_samples([slow[:2000]]) + independent_samples([slow[2000:]])
+    )
+    levels = [np.full(50, level) for level in white[:80]]
+    assert autocorrelation_time([np.concatenate(levels)]) > 30
+    assert autocorrelation_time([white[:2000], white[2000:]]) < 1.2
+    assert autocorrelation_time([white[:2000], white[:2000]]) < 1.2
+
+
+@pytest.mark.parametrize("lag", ["estimate", "remove"])
+def test_sweeps_below_each_other_do_not_show_a_lag_that_the_sensor_has_not(lag: str) -> None:
+    made = joined([(swelling(2.0, 2000), np.zeros(3)), (swelling(8.0, 2000), np.zeros(3))], noise=1e-3)
+    model = identify(made, lag=lag)
+    assert not model.report["lag"]["pays"]
+    assert not any("lag" in advice for advice in model.report["advice"])
