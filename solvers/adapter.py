@@ -2,10 +2,10 @@
 
 The file of an adapter declares the properties of its library and has up to four short methods:
 
-    build        make the library's object, once
-    pass_data    pass new P and q to it; not needed if the library reads the program at each solve
-    run          call the library; x, or None if it found no answer
-    answer       read multipliers, status and counts of the last run
+    build         make the library's object, once
+    pass_data     pass new P and q to it; not needed if the library reads the program at each solve
+    call_library  call it; x, or None if it found no answer
+    report        read multipliers, status and counts of the last call
 """
 
 from abc import abstractmethod
@@ -22,13 +22,13 @@ from solvers.rows import Cones, Intervals, Program, Stack, Triangle
 
 # The names that the files of adapters import.
 __all__ = [
-    "Answer",
     "Cones",
     "Intervals",
     "Lane",
     "LibrarySolver",
     "Matrix",
     "Program",
+    "Report",
     "Stack",
     "Triangle",
     "Unsupported",
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 
-class Answer(NamedTuple):
+class Report(NamedTuple):
     """Report of a library on its last solve."""
 
     x: Vector
@@ -67,7 +67,7 @@ class LibrarySolver(Solver):
     """Beginnings of the status after a solve that the iteration limit ended."""
     why_refused: ClassVar[str] = ""
     """Possible reasons of a refusal by ``refuse``, beginning with a colon."""
-    takes_data: ClassVar[bool] = False
+    reads_given_arrays: ClassVar[bool] = False
     """Whether ``pass_data`` is all that the library needs of new data; then it gets the caller's arrays without a copy,
     and only ``solution`` refers to them later."""
     program: Program
@@ -82,7 +82,7 @@ class LibrarySolver(Solver):
         if "library" in vars(cls):
             b = cls.library
             cls.algorithm, cls.licence, cls.distribution = b.algorithm, b.licence, b.distribution
-            cls.always, cls.exponents = b.always, b.exponents
+            cls.fixed_settings, cls.exponents = b.fixed_settings, b.exponents
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -92,7 +92,7 @@ class LibrarySolver(Solver):
     def setup(self, problem: Problem) -> None:
         """Refuse problems that the library cannot take, convert the others and make the library's object."""
         b, self._ready, self.found = self.library, None, None
-        if self.settings and not (b.tolerances or b.more or b.always):
+        if self.settings and not (b.tolerances or b.rung_settings or b.fixed_settings):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
         if self.bounds_only:
             only_box(problem, self.name)
@@ -117,14 +117,14 @@ class LibrarySolver(Solver):
         """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for unchanged data."""
 
     @abstractmethod
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         """Call the library, from a contiguous ``warm_start`` (d,) or cold; x (d,), or None if it found no answer."""
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Pass P (d, d) and q (d,) on, of any strides; a refusal of their numbers holds until the next good update."""
         if self._ready is None:
             self._refuse_to_work()
-        data = self.program.take(P, q, copy=not self.takes_data)
+        data = self.program.set_data(P, q, copy=not self.reads_given_arrays)
         self.found, self._ready = None, False
         self.pass_data(*data)
         self._ready = True
@@ -139,19 +139,19 @@ class LibrarySolver(Solver):
             self._refuse_to_work()
         self.found = None
         start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
-        x = self.run(start)
+        x = self.call_library(start)
         self.found = x is not None
         return self.program.no_answer() if x is None else x
 
     @abstractmethod
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         """Read the library's report on its last solve; x and w are used only if it found an answer."""
 
     def iterate(self) -> Vector | None:
         """Return x if the status is that of a solve ended by the iteration limit."""
         if self.found is None:
             return None
-        x, _, status, *_ = self.answer()
+        x, _, status, *_ = self.report()
         return np.array(x) if status.startswith(self.at_limit) else None
 
     def solution(self) -> Solution:
@@ -161,11 +161,11 @@ class LibrarySolver(Solver):
             self._refuse_to_work()
         if self.found is None:
             return self.program.solution(None, None, {"status": REASONS[UNSOLVED]})
-        x, w, status, iterations, reported_us = self.answer()
+        x, w, status, iterations, reported_us = self.report()
         extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
         if not self.found:
             return self.program.solution(None, None, extras)
-        return self.program.solution(np.array(x), self.rows.distribute(w), extras)
+        return self.program.solution(np.array(x), self.rows.scatter(w), extras)
 
     def choose(self, target: Any, **defaults: Any) -> None:
         """Write the defaults and the settings into the library's own object.

@@ -27,7 +27,7 @@ def absolute(c: float, k: float) -> float:
     return c * 10.0**-k
 
 
-def share(c: float, k: float) -> float:
+def relative(c: float, k: float) -> float:
     """10⁻ᵏ."""
     return 10.0**-k
 
@@ -59,11 +59,11 @@ class Backend:
     """The settings that differ between rungs, as functions of c and k."""
     exponents: tuple[float, ...] = ()
     """The exponent k of each rung, from loose to tight; without any the library has one rung."""
-    polish: Mapping[str, Any] = field(default_factory=dict)
+    last_rung: Mapping[str, Any] = field(default_factory=dict)
     """Further settings of the last rung, by which the library polishes its answer."""
-    more: Mapping[str, Any] = field(default_factory=dict)
+    rung_settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of every rung."""
-    always: Mapping[str, Any] = field(default_factory=dict)
+    fixed_settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of every rung and of the default."""
 
     def ladder(self, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -75,10 +75,14 @@ class Backend:
         [0.0001, 1e-06]
         """
         rungs = [
-            {**{name: tolerance(c, k) for name, tolerance in self.tolerances.items()}, **self.more, **self.always}
+            {
+                **{name: tolerance(c, k) for name, tolerance in self.tolerances.items()},
+                **self.rung_settings,
+                **self.fixed_settings,
+            }
             for k in self.exponents or (0.0,)
         ]
-        rungs[-1].update(self.polish)
+        rungs[-1].update(self.last_rung)
         return tuple(MappingProxyType(rung) for rung in rungs)
 
 
@@ -93,19 +97,23 @@ GAP: Mapping[str, Tolerance] = {"eps_duality_gap_abs": absolute, "eps_duality_ga
 CONE: Mapping[str, Tolerance] = {"abstol": absolute, "reltol": nothing, "feastol": residual}
 RESIDUALS: Mapping[str, Tolerance] = {"tol_feas": residual, "tol_gap_abs": absolute, "tol_gap_rel": nothing}
 
-CLARABEL = Backend("interior point", "Apache-2.0", "clarabel", RESIDUALS, INTERIOR_POINT, more={"max_iter": 1000})
+CLARABEL = Backend(
+    "interior point", "Apache-2.0", "clarabel", RESIDUALS, INTERIOR_POINT, rung_settings={"max_iter": 1000}
+)
 # Commercial; their packages solve small problems without a licence file. One thread, as all solvers here.
 COPT = Backend(
     "interior point",
     "proprietary",
     "coptpy",
-    {"FeasTol": between(1e-9, 1e-4, residual), "DualTol": between(1e-9, 1e-4, residual), "RelGap": share},
+    {"FeasTol": between(1e-9, 1e-4, residual), "DualTol": between(1e-9, 1e-4, residual), "RelGap": relative},
     INTERIOR_POINT,
-    always={"Threads": 1},
+    fixed_settings={"Threads": 1},
 )
 CVXOPT = Backend("interior point", "GPL-3.0-or-later", "cvxopt", CONE, (4, 6, 8, 10, 12, 14, 15, 16))
 # At its default of 1e-6, one answer in some thousands misses a bound that is violated by less than that, a gap of 1e-6.
-DAQP = Backend("dual active set", "MIT", "daqp", {"primal_tol": share}, (9, 12), more={"iter_limit": 100_000})
+DAQP = Backend(
+    "dual active set", "MIT", "daqp", {"primal_tol": relative}, (9, 12), rung_settings={"iter_limit": 100_000}
+)
 # It refuses a relative tolerance of 0. From k = 10 on it mostly ends "close to optimal".
 ECOS = Backend(
     "interior point", "GPL-3.0-or-later", "ecos", {**CONE, "reltol": lambda c, k: 1e-300}, (4, 6, 7, 8, 9, 10, 12)
@@ -117,10 +125,10 @@ GUROBI = Backend(
     {
         "FeasibilityTol": between(1e-9, 1e-2, residual),
         "OptimalityTol": between(1e-9, 1e-2, residual),
-        "BarConvTol": share,
+        "BarConvTol": relative,
     },
     INTERIOR_POINT,
-    always={"Threads": 1},
+    fixed_settings={"Threads": 1},
 )
 # The regularisation changes the answer, but without it the library can hang; without a time limit it can run for ever.
 HIGHS = Backend(
@@ -128,12 +136,12 @@ HIGHS = Backend(
     "MIT",
     "highspy",
     {
-        "primal_feasibility_tolerance": between(1e-10, 1e-7, share),
-        "dual_feasibility_tolerance": between(1e-10, 1e-7, share),
-        "qp_regularization_value": share,
+        "primal_feasibility_tolerance": between(1e-10, 1e-7, relative),
+        "dual_feasibility_tolerance": between(1e-10, 1e-7, relative),
+        "qp_regularization_value": relative,
     },
     (7, 9, 11, 13),
-    always={"time_limit": 10.0},
+    fixed_settings={"time_limit": 10.0},
 )
 # The default lower limit of the multipliers, 1e-16, times the number in place of an infinite bound exceeds the
 # complementarity that the rungs from 10⁻¹⁰ allow.
@@ -143,7 +151,7 @@ HPIPM = Backend(
     "casadi",
     {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual},
     INTERIOR_POINT,
-    more={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30},
+    rung_settings={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30},
 )
 # The interval of adaptation is counted in steps, not in seconds, so that runs are repeatable.
 OSQP = Backend(
@@ -162,7 +170,7 @@ PIQP = Backend(
     "piqp",
     {**EPS, **GAP},
     (4, 6, 8, 10, 12, 13, 14),
-    more={"max_iter": 1000},
+    rung_settings={"max_iter": 1000},
 )
 PROXQP = Backend(
     "proximal augmented Lagrangian",
@@ -170,9 +178,9 @@ PROXQP = Backend(
     "proxsuite",
     {**EPS, **GAP},
     (4, 6, 8, 10, 12, 13, 14),
-    more={"max_iter": 1000, "check_duality_gap": True},
+    rung_settings={"max_iter": 1000, "check_duality_gap": True},
 )
-PYQPMAD = Backend("dual active set", "BSD-3-Clause", "pyqpmad", {"tolerance": share}, (8, 12))
+PYQPMAD = Backend("dual active set", "BSD-3-Clause", "pyqpmad", {"tolerance": relative}, (8, 12))
 QOCO = Backend("interior point", "BSD-3-Clause", "qoco", {"abstol": absolute, "reltol": nothing}, (4, 6, 8, 10, 12, 13))
 QPALM = Backend(
     "proximal augmented Lagrangian",
@@ -180,7 +188,7 @@ QPALM = Backend(
     "qpalm",
     EPS,
     (4, 6, 8, 10, 12, 13),
-    more={"max_iter": 100_000},
+    rung_settings={"max_iter": 100_000},
 )
 # Its explicit method bounds slacks and multipliers from below by 1.5e-8, and thus their products; the implicit one does
 # not.
@@ -190,7 +198,7 @@ QPAX = Backend(
     "qpax",
     {"solver_tol": absolute},
     (6, 7, 8, 10, 12),
-    more={"max_iter": 100, "backend": "i"},
+    rung_settings={"max_iter": 100, "backend": "i"},
 )
 # Its residuals do not fall below its regularisation, by default 1e-8.
 QTQP = Backend(
@@ -199,7 +207,7 @@ QTQP = Backend(
     "qtqp",
     {**RESIDUALS, "tol_feas": lambda c, k: 0.01 * residual(c, k)},
     (4, 6, 8, 10, 12, 14, 15, 15.5),
-    more={"min_static_regularization": 1e-14},
+    rung_settings={"min_static_regularization": 1e-14},
 )
 QUADPROG = Backend("dual active set", "GPL-2.0-or-later", "quadprog")
 # By default SCS uses MKL if its wheel contains it.
@@ -209,8 +217,8 @@ SCS = Backend(
     "scs",
     EPS,
     (4, 6, 8, 10, 12, 14),
-    more={"max_iters": 1_000_000},
-    always={"linear_solver": "qdldl"},
+    rung_settings={"max_iters": 1_000_000},
+    fixed_settings={"linear_solver": "qdldl"},
 )
 XPRESS = Backend(
     "interior point",
@@ -219,10 +227,10 @@ XPRESS = Backend(
     {
         "feastol": residual,
         "optimalitytol": residual,
-        "bargapstop": share,
+        "bargapstop": relative,
         "bardualstop": residual,
         "barprimalstop": residual,
     },
     INTERIOR_POINT,
-    always={"threads": 1},
+    fixed_settings={"threads": 1},
 )

@@ -15,7 +15,7 @@ import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.arrays import shaped
-from solvers.core import BUILT_WITH, CAPPED, NOT_FINITE, OK, REASONS, UNSOLVED, bindings, block, parts
+from solvers.core import BUILT_WITH, CAPPED, NOT_FINITE, OK, REASONS, UNSOLVED, bindings, block, field_views
 from solvers.protocol import (
     Entrant,
     Lane,
@@ -119,9 +119,9 @@ class BuiltInSolver(BuiltIn, Solver):
     def loop(self) -> Callable[..., int]:
         """The compiled loop that times ``update`` and ``solve``."""
 
-    def part(self, name: str) -> Vector:
-        """A view of a part of the state, by its name in ``bindings_*.c``."""
-        return self._parts[name]
+    def field(self, name: str) -> Vector:
+        """A view of a field of the state, by its name in ``bindings_*.c``."""
+        return self._fields[name]
 
     def setup(self, problem: Problem) -> None:
         """Allocate, and take the data; a refused problem leaves the solver as it was.
@@ -136,11 +136,13 @@ class BuiltInSolver(BuiltIn, Solver):
         """
         P, q = dense(problem)
         lb, ub = only_box(problem, self.name)
-        size, begin, places = (getattr(bindings, f"{self.core}_{what}") for what in ("bytes", "setup", "places"))
+        size, begin, offsets = (
+            getattr(bindings, f"{self.core}_{what}") for what in ("bytes", "setup", "field_offsets")
+        )
         state = block(size(q.size))
         self._require(begin(state, lb, ub))
         self._require(self.pass_data(state, P, q), P=P, q=q)
-        self.state, self._parts, self._lb, self._ub = state, parts(state, places(state)), lb, ub
+        self.state, self._fields, self._lb, self._ub = state, field_views(state, offsets(state)), lb, ub
         self._missing, self._status = frozenset(), UNSOLVED
         self.prepare(P, q)
 

@@ -27,7 +27,7 @@ import numpy as np
 import scipy.linalg
 
 from solvers import backend as known
-from solvers.adapter import Answer, LibrarySolver, Program, Stack
+from solvers.adapter import LibrarySolver, Program, Report, Stack
 from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 
@@ -46,7 +46,9 @@ BACKENDS: dict[str, Backend] = {
     "osqp": known.OSQP,
     "piqp": known.PIQP,
     # cvxpy does not pass its tolerance on the duality gap.
-    "proxqp": replace(known.PROXQP, tolerances=known.EPS, more={"max_iter": known.PROXQP.more["max_iter"]}),
+    "proxqp": replace(
+        known.PROXQP, tolerances=known.EPS, rung_settings={"max_iter": known.PROXQP.rung_settings["max_iter"]}
+    ),
     "qoco": known.QOCO,
     "qpalm": known.QPALM,
     "scs": known.SCS,
@@ -105,7 +107,7 @@ class CvxpySolver(LibrarySolver):
         if q is not None:
             self._q.value = q.copy()
 
-    def run(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
+    def call_library(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
         try:
             self.model.solve(solver=self.name.upper(), warm_start=warm_start is not None, **self.settings)
             self._status = str(self.model.status)
@@ -113,15 +115,15 @@ class CvxpySolver(LibrarySolver):
             self._status = str(error)
         return self._x.value if self._status == cp.OPTIMAL else None
 
-    def answer(self) -> Answer:  # noqa: D102
+    def report(self) -> Report:  # noqa: D102
         w = np.zeros(self.rows.size)
         if not self.found:
-            return Answer(w, w, self._status)
+            return Report(w, w, self._status)
         for numbers, sign, constraint in self._blocks:
             w[numbers] += sign * constraint.dual_value
         stats = self.model.solver_stats
         reported_us = 1e6 * stats.solve_time if stats.solve_time else None
-        return Answer(self._x.value, w, self._status, stats.num_iters, reported_us)
+        return Report(self._x.value, w, self._status, stats.num_iters, reported_us)
 
 
 def make(name: str) -> type[Solver]:

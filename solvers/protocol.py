@@ -71,7 +71,7 @@ class Entrant(ABC):
     """Compiler and flags of a solver that is compiled on this machine; reported with the version."""
     warm_startable: ClassVar[bool] = False
     """Whether ``solve(warm_start=x)`` uses x."""
-    always: ClassVar[Mapping[str, Any]] = {}
+    fixed_settings: ClassVar[Mapping[str, Any]] = {}
     """Settings that always apply, unless they are overridden."""
     exponents: ClassVar[tuple[float, ...]] = ()
     """Exponent k of each rung of the ladder, if rungs request cost gaps of about 10⁻ᵏ."""
@@ -106,9 +106,9 @@ class Entrant(ABC):
             The ladder has no such rung.
         """
         for rung, here in zip(cls.ladder(1.0), cls.ladder(c), strict=True):
-            if setting_text({**cls.always, **rung}) == setting:
+            if setting_text({**cls.fixed_settings, **rung}) == setting:
                 return dict(here)
-        if setting != setting_text(cls.always):
+        if setting != setting_text(cls.fixed_settings):
             raise ValueError(f"{cls.__name__} has no setting {setting} in its ladder")
         return {}
 
@@ -134,7 +134,7 @@ class Solver(Entrant):
     """Name of the setting that limits the iterations of one solve, if ``iterate`` returns the iterate at the limit."""
 
     def __init__(self, **settings: Any) -> None:
-        self.settings: dict[str, Any] = {**self.always, **settings}
+        self.settings: dict[str, Any] = {**self.fixed_settings, **settings}
 
     def __reduce__(self) -> NoReturn:
         """Refuse copies of any kind: they would share the memory of a library, or lose it."""

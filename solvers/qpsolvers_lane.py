@@ -20,7 +20,7 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers import backend as known
-from solvers.adapter import Answer, LibrarySolver, Program, Stack
+from solvers.adapter import LibrarySolver, Program, Report, Stack
 from solvers.backend import Backend
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 
@@ -33,7 +33,7 @@ BACKENDS: dict[str, Backend] = {
     "gurobi": known.GUROBI,
     "highs": known.HIGHS,
     # osqp warns unless raise_error is set.
-    "osqp": replace(known.OSQP, always={**known.OSQP.always, "raise_error": False}),
+    "osqp": replace(known.OSQP, fixed_settings={**known.OSQP.fixed_settings, "raise_error": False}),
     "piqp": known.PIQP,
     "proxqp": known.PROXQP,
     "pyqpmad": known.PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
@@ -81,7 +81,7 @@ class QpsolversSolver(LibrarySolver):
         if P is not None and self._is_sparse:
             self._problem.P = csc_matrix(P)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
+    def call_library(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
         start = warm_start if self.warm_startable else None
         try:
             self._answer = qpsolvers.solve_problem(self._problem, self.name, initvals=start, **self.settings)
@@ -91,7 +91,7 @@ class QpsolversSolver(LibrarySolver):
             self._answer = Solution(self._problem, found=False, extras={"status": str(error)})
         return np.asarray(self._answer.x) if self._answer.found else None
 
-    def answer(self) -> Answer:  # noqa: D102
+    def report(self) -> Report:  # noqa: D102
         a, p, w = self._answer, self.program, np.zeros(self.rows.size)
         for part, place in ((a.z_box, p.bounds), (a.y, p.equalities), (a.z, p.inequalities)):
             if part is not None and np.size(part) == w[place].size:
@@ -99,7 +99,7 @@ class QpsolversSolver(LibrarySolver):
         count = _first_of(a.extras, "iterations", "iter", "num_iterations")
         status = str(_first_of(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
         iterations = None if count is None else int(np.max(count))
-        return Answer(a.x, w, status, iterations, None if a.solve_time is None else 1e6 * a.solve_time)
+        return Report(a.x, w, status, iterations, None if a.solve_time is None else 1e6 * a.solve_time)
 
 
 def _first_of(extras: Mapping[str, Any], *names: str) -> Any:

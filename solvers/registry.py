@@ -68,7 +68,7 @@ class Entry:
         return self.lane in (Lane.KERNEL, Lane.CODEGEN) and self.path is None and not self.of_package
 
     @property
-    def comes_last(self) -> bool:
+    def is_fallback(self) -> bool:
         """Whether other lanes are preferred if none is named: a library is then called by its own interface."""
         return self.lane is Lane.KERNEL and self.name not in OURS
 
@@ -232,7 +232,7 @@ def find(name: str, lane: Lane | str | None = None) -> Entry:
     fallback = None
     for entry in entries():
         if entry.name == name and lane in (None, entry.lane):
-            if lane is not None or not entry.comes_last:
+            if lane is not None or not entry.is_fallback:
                 return entry
             fallback = entry
     if fallback is not None:
@@ -269,7 +269,7 @@ def describe(entry: Entry) -> Described:
             return Described(entry.name, entry.lane, absent=reason)
         version = ""
     version = f"{version}, {cls.built_with}" if cls.built_with else version
-    ladder = tuple({**cls.always, **rung} for rung in cls.ladder(1.0))
+    ladder = tuple({**cls.fixed_settings, **rung} for rung in cls.ladder(1.0))
     return Described(
         entry.name,
         entry.lane,
@@ -278,7 +278,7 @@ def describe(entry: Entry) -> Described:
         cls.licence,
         cls.warm_startable,
         ladder,
-        dict(cls.always),
+        dict(cls.fixed_settings),
         cls.exponents,
         iteration_setting=getattr(cls, "iteration_setting", None) or "",
     )

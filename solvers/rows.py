@@ -70,7 +70,7 @@ class Program:
         """The sparsity pattern of the upper triangle of P."""
         return Triangle(self.d)
 
-    def take(self, P: Matrix | None, q: Vector | None, copy: bool) -> tuple[Matrix | None, Vector | None]:
+    def set_data(self, P: Matrix | None, q: Vector | None, copy: bool) -> tuple[Matrix | None, Vector | None]:
         """Take new P (d, d) and q (d,), by copying them into this program's arrays, which stay in place, or by keeping
         arrays that are contiguous doubles themselves; returns this program's arrays, None for data that stay.
 
@@ -87,7 +87,7 @@ class Program:
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
             P = None if P is None else shaped("P", P, self.P.shape)
             q = None if q is None else shaped("q", q, self.q.shape)
-            return self.take(P, q, copy)
+            return self.set_data(P, q, copy)
         if P is not None:
             P = self.P = self.P if copy else P
         if q is not None:
@@ -124,7 +124,7 @@ class Stack:
     def __init__(self, program: Program) -> None:
         self.size = program.u.size
 
-    def distribute(self, w: Vector) -> Vector:
+    def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack."""
         return w
 
@@ -137,7 +137,7 @@ class Intervals:
         self.R: Matrix = program.R[self._kept]
         self.l, self.u = program.l[self._kept], program.u[self._kept]
 
-    def distribute(self, w: Vector) -> Vector:
+    def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack from those of these rows, shape (k,)."""
         whole = np.zeros(self._kept.size)
         whole[self._kept] = w
@@ -160,7 +160,7 @@ class Cones:
         self.equal = int(equal.sum())
         self.unequal = self.r.size - self.equal
 
-    def distribute(self, w: Vector) -> Vector:
+    def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities."""
         whole = np.zeros(self._equal.size)
         ends = np.cumsum([self.equal, self._upper.sum()])

@@ -145,7 +145,7 @@ class ExportSettings:
                 "min_slope": MIN_SLOPE,
                 "step_ratio": 0.5,
                 "steps": 100_000,
-                "tolerance": AcceleratedProjection.always["tolerance"],
+                "tolerance": AcceleratedProjection.fixed_settings["tolerance"],
             }
         else:
             block, numbers = continuous_numbers(

@@ -36,7 +36,7 @@ class State:
     def __init__(self, size: int, setup: Callable[[NDArray[np.uint8]], Mapping[str, tuple[int, int]]]) -> None:
         self.block = solvers.core.block(size)
         self.offsets = setup(self.block)
-        self._views = solvers.core.parts(self.block, self.offsets)
+        self._views = solvers.core.field_views(self.block, self.offsets)
         self._in_use = threading.Lock()
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:

@@ -14,26 +14,27 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
     const Compensator *const c = &controller.compensator, *const d = &beside.compensator;
     const Learner learner = tile_learner(&b, 0, NULL), next = tile_learner(&b, 1, NULL), *const l = &learner;
     const Regressors *const p = &b.regressors;
-    const Part parts[] = {{"drive_settings", b.drive_settings, sizeof *b.drive_settings / sizeof(real)},
-                          {"settings", b.learner_settings, sizeof *b.learner_settings / sizeof(real)},
-                          REGRESSOR_PARTS(p, s),
-                          {"driver", c->memory, (real *)d->memory - (real *)c->memory},
-                          {"learner", l->clock, (real *)next.clock - (real *)l->clock},
-                          {"checkpoint", l->checkpoint.gram, (real *)next.checkpoint.gram - (real *)l->checkpoint.gram},
-                          {"drive_memory", c->memory, sizeof *c->memory / sizeof(real)},
-                          {"play", c->play, play_vectors(s) * LANES},
-                          {"creep", c->creep, creep_vectors(s) * LANES},
-                          {"w_H", c->inverse.w_H, (s.n + 1) * LANES},
-                          {"w_S", c->inverse.w_S, s.zones * LANES},
-                          {"w_K", c->inverse.w_K, creep_weights(s) * LANES},
-                          {"offset", c->inverse.offset, LANES},
-                          {"mailbox", l->mailbox.head, sizeof *l->mailbox.head / sizeof(real)},
-                          {"clock", l->clock, sizeof *l->clock / sizeof(real)},
-                          {"memory", l->memory, sizeof *l->memory / sizeof(real)},
-                          {"in_use", l->in_use, l->d * LANES},
-                          {"candidate", l->candidate, l->d * LANES},
-                          {"gram", l->gram, data_nums(s) * LANES}};
-    RETURN_PARTS(memory, parts);
+    const Field fields[] = {
+        {"drive_settings", b.drive_settings, sizeof *b.drive_settings / sizeof(real)},
+        {"settings", b.learner_settings, sizeof *b.learner_settings / sizeof(real)},
+        REGRESSOR_PARTS(p, s),
+        {"driver", c->memory, (real *)d->memory - (real *)c->memory},
+        {"learner", l->clock, (real *)next.clock - (real *)l->clock},
+        {"checkpoint", l->checkpoint.gram, (real *)next.checkpoint.gram - (real *)l->checkpoint.gram},
+        {"drive_memory", c->memory, sizeof *c->memory / sizeof(real)},
+        {"play", c->play, play_vectors(s) * LANES},
+        {"creep", c->creep, creep_vectors(s) * LANES},
+        {"w_H", c->inverse.w_H, (s.n + 1) * LANES},
+        {"w_S", c->inverse.w_S, s.zones * LANES},
+        {"w_K", c->inverse.w_K, creep_weights(s) * LANES},
+        {"offset", c->inverse.offset, LANES},
+        {"mailbox", l->mailbox.head, sizeof *l->mailbox.head / sizeof(real)},
+        {"clock", l->clock, sizeof *l->clock / sizeof(real)},
+        {"memory", l->memory, sizeof *l->memory / sizeof(real)},
+        {"in_use", l->in_use, l->d * LANES},
+        {"candidate", l->candidate, l->d * LANES},
+        {"gram", l->gram, data_nums(s) * LANES}};
+    RETURN_FIELDS(memory, fields);
 }
 
 static int nums_finite(const num *v, int count) { return all_finite((const real *)v, (int64_t)count * LANES); }

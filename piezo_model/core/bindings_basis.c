@@ -8,12 +8,12 @@ static void set_up(Arguments *a, void *memory, Shape s, double forgetting)
 {
     basis_setup(memory, s, forgetting);
     const Basis b = basis_at(memory);
-    const Part parts[] = {REGRESSOR_PARTS(&b.regressors, s),
-                          {"play", b.play, lanes(s)},
-                          {"creep", b.creep, creep_lanes(s)},
-                          {"gram", b.gram, symmetric_nums(row_width(s))},
-                          {"counts", &b.head->filled, 2}};
-    RETURN_PARTS(memory, parts);
+    const Field fields[] = {REGRESSOR_PARTS(&b.regressors, s),
+                            {"play", b.play, lanes(s)},
+                            {"creep", b.creep, creep_lanes(s)},
+                            {"gram", b.gram, symmetric_nums(row_width(s))},
+                            {"counts", &b.head->filled, 2}};
+    RETURN_FIELDS(memory, fields);
 }
 
 static void update(Basis *b, int64_t samples, const double *x, const double *y)

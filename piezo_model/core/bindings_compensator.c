@@ -8,22 +8,22 @@ static void set_up(Arguments *a, void *memory, Shape s)
 {
     const Compensator c = compensator_setup(memory, s);
     const Inverse *const p = &c.inverse;
-    const Part parts[] = {{"settings", c.settings, sizeof *c.settings / sizeof(real)},
-                          {"r", c.operators.r, lanes(s)},
-                          {"a", c.operators.a, s.rates},
-                          {"low", c.low, zone_lanes(s)},
-                          {"high", c.high, zone_lanes(s)},
-                          {"memory", c.memory, sizeof *c.memory / sizeof(real)},
-                          {"play", c.play, lanes(s)},
-                          {"creep", c.creep, creep_lanes(s)},
-                          {"w_H", p->w_H, lanes(s)},
-                          {"w_S", p->w_S, zone_lanes(s)},
-                          {"w_K", p->w_K, padded(creep_weights(s))},
-                          {"offset", p->offset, 1},
-                          {"W_H", p->W_H, lanes(s)},
-                          {"w_H_inverse", p->w_H_inverse, lanes(s)},
-                          {"r_H_inverse", p->r_H_inverse, lanes(s)}};
-    RETURN_PARTS(memory, parts);
+    const Field fields[] = {{"settings", c.settings, sizeof *c.settings / sizeof(real)},
+                            {"r", c.operators.r, lanes(s)},
+                            {"a", c.operators.a, s.rates},
+                            {"low", c.low, zone_lanes(s)},
+                            {"high", c.high, zone_lanes(s)},
+                            {"memory", c.memory, sizeof *c.memory / sizeof(real)},
+                            {"play", c.play, lanes(s)},
+                            {"creep", c.creep, creep_lanes(s)},
+                            {"w_H", p->w_H, lanes(s)},
+                            {"w_S", p->w_S, zone_lanes(s)},
+                            {"w_K", p->w_K, padded(creep_weights(s))},
+                            {"offset", p->offset, 1},
+                            {"W_H", p->W_H, lanes(s)},
+                            {"w_H_inverse", p->w_H_inverse, lanes(s)},
+                            {"r_H_inverse", p->r_H_inverse, lanes(s)}};
+    RETURN_FIELDS(memory, fields);
 }
 
 static void run(const Compensator *c, int64_t samples, const double *y_ref, double *x)

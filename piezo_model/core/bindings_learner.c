@@ -26,30 +26,30 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
     const Block first = block_at(&l.mailbox, 0);
     const Cyclic none = {0}, *const c = mode == CYCLIC ? &l.cyclic : &none;
     const Workspace w = workspace_of(&l);
-    const Part parts[] = {{"settings", l.settings, sizeof *l.settings / sizeof(real)},
-                          {"delay", &l.mailbox.head->delay, 1},
-                          {"samples", &l.mailbox.head->samples, 1},
-                          {"clock", l.clock, sizeof *l.clock / sizeof(real)},
-                          {"memory", l.memory, sizeof *l.memory / sizeof(real)},
-                          {"guard", l.mailbox.guard, sizeof(SensorGuard) / sizeof(real)},
-                          {"in_use", l.in_use, l.d},
-                          {"candidate", l.candidate, l.d},
-                          {"gram", l.gram, symmetric_nums(l.d + 1)},
-                          {"block_play", first.play, lanes(s)},
-                          {"block_creep", first.creep, creep_lanes(s)},
-                          REGRESSOR_PARTS(p, s),
-                          {"P", mode == CYCLIC ? c->P : w.P, l.d * l.d},
-                          {"q", mode == CYCLIC ? c->q : w.q, l.d},
-                          {"lower", mode == CYCLIC ? c->lower : w.lb, l.d},
-                          {"start", mode == CYCLIC ? c->start : w.start, l.d},
-                          {"reference", c->reference, l.d},
-                          {"covered", c->covered, SPAN},
-                          {"data", c->data, symmetric_nums(l.d + 1)},
-                          {"answer", c->answer, l.d},
-                          {"start_play", c->start_play, lanes(s)},
-                          {"start_creep", c->start_creep, creep_lanes(s)}};
-    const size_t of_cycles = 6, all = sizeof parts / sizeof *parts;
-    return_parts(a, memory, parts, mode == CYCLIC ? all : all - of_cycles);
+    const Field fields[] = {{"settings", l.settings, sizeof *l.settings / sizeof(real)},
+                            {"delay", &l.mailbox.head->delay, 1},
+                            {"samples", &l.mailbox.head->samples, 1},
+                            {"clock", l.clock, sizeof *l.clock / sizeof(real)},
+                            {"memory", l.memory, sizeof *l.memory / sizeof(real)},
+                            {"guard", l.mailbox.guard, sizeof(SensorGuard) / sizeof(real)},
+                            {"in_use", l.in_use, l.d},
+                            {"candidate", l.candidate, l.d},
+                            {"gram", l.gram, symmetric_nums(l.d + 1)},
+                            {"block_play", first.play, lanes(s)},
+                            {"block_creep", first.creep, creep_lanes(s)},
+                            REGRESSOR_PARTS(p, s),
+                            {"P", mode == CYCLIC ? c->P : w.P, l.d * l.d},
+                            {"q", mode == CYCLIC ? c->q : w.q, l.d},
+                            {"lower", mode == CYCLIC ? c->lower : w.lb, l.d},
+                            {"start", mode == CYCLIC ? c->start : w.start, l.d},
+                            {"reference", c->reference, l.d},
+                            {"covered", c->covered, SPAN},
+                            {"data", c->data, symmetric_nums(l.d + 1)},
+                            {"answer", c->answer, l.d},
+                            {"start_play", c->start_play, lanes(s)},
+                            {"start_creep", c->start_creep, creep_lanes(s)}};
+    const size_t of_cycles = 6, all = sizeof fields / sizeof *fields;
+    return_fields(a, memory, fields, mode == CYCLIC ? all : all - of_cycles);
 }
 
 /* Begin, or continue in other ranges, from these operator states. */

@@ -51,20 +51,20 @@ Cyclic cyclic_at(Arena *arena, Shape s)
 {
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
-    const Extent extents[] = {{&c.reference, ld},
-                              {&c.found, ld},
-                              {&c.q, ld},
-                              {&c.lower, ld},
-                              {&c.upper, ld},
-                              {&c.start, ld},
-                              {&c.scale, ld},
-                              {&c.start_play, lanes(s)},
-                              {&c.start_creep, creep_lanes(s)},
-                              {&c.covered, LANES},
-                              {&c.data, symmetric_nums(d + 1)},
-                              {&c.past, symmetric_nums(d + 1)},
-                              {&c.P, padded(d * d)}};
-    LAY_OUT(arena, extents);
+    const ArenaField fields[] = {{&c.reference, ld},
+                                 {&c.found, ld},
+                                 {&c.q, ld},
+                                 {&c.lower, ld},
+                                 {&c.upper, ld},
+                                 {&c.start, ld},
+                                 {&c.scale, ld},
+                                 {&c.start_play, lanes(s)},
+                                 {&c.start_creep, creep_lanes(s)},
+                                 {&c.covered, LANES},
+                                 {&c.data, symmetric_nums(d + 1)},
+                                 {&c.past, symmetric_nums(d + 1)},
+                                 {&c.P, padded(d * d)}};
+    LAY_OUT(arena, fields);
     c.descent = descent_at(arena_part(arena, (size_t)descent_bytes(d)));
     c.answer = c.descent.answer;
     return c;

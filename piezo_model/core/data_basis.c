@@ -12,11 +12,11 @@ Basis basis_at(void *memory)
     Basis b = {.head = memory, .shape = s};
     Arena arena = after_head(memory);
     b.regressors = regressors_at(&arena, s);
-    const Extent extents[] = {{&b.play, lanes(s)},
-                              {&b.creep, creep_lanes(s)},
-                              {&b.rows, BASIS_BLOCK * row_nums(s)},
-                              {&b.gram, symmetric_nums(row_width(s))}};
-    LAY_OUT(&arena, extents);
+    const ArenaField fields[] = {{&b.play, lanes(s)},
+                                 {&b.creep, creep_lanes(s)},
+                                 {&b.rows, BASIS_BLOCK * row_nums(s)},
+                                 {&b.gram, symmetric_nums(row_width(s))}};
+    LAY_OUT(&arena, fields);
     return b;
 }
 

@@ -207,9 +207,9 @@ CORE_INLINE Workspace workspace_at(void *memory, Shape s, int block, int mode)
     if (mode == CYCLIC) {
         return w;
     }
-    const Extent extents[] = {{&w.P, padded(d * d)}, {&w.q, padded(d)},     {&w.lb, padded(d)},
-                              {&w.ub, padded(d)},    {&w.start, padded(d)}, {&w.noise, padded(d)}};
-    LAY_OUT(&arena, extents);
+    const ArenaField fields[] = {{&w.P, padded(d * d)}, {&w.q, padded(d)},     {&w.lb, padded(d)},
+                                 {&w.ub, padded(d)},    {&w.start, padded(d)}, {&w.noise, padded(d)}};
+    LAY_OUT(&arena, fields);
     return w;
 }
 CORE_INLINE Workspace workspace_of(const Learner *l)

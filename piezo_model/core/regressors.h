@@ -26,12 +26,12 @@ CORE_INLINE int row_nums(Shape s) { return NUMS(row_width(s) + 1) + NUMS(LANES);
 CORE_INLINE Regressors regressors_at(Arena *arena, Shape s)
 {
     Regressors p;
-    const Extent extents[] = {{&p.low, zone_lanes(s)},
-                              {&p.high, zone_lanes(s)},
-                              {&p.outer_low, zone_lanes(s)},
-                              {&p.outer_high, zone_lanes(s)}};
+    const ArenaField fields[] = {{&p.low, zone_lanes(s)},
+                                 {&p.high, zone_lanes(s)},
+                                 {&p.outer_low, zone_lanes(s)},
+                                 {&p.outer_high, zone_lanes(s)}};
     p.operators = operators_at(arena, s);
-    LAY_OUT(arena, extents);
+    LAY_OUT(arena, fields);
     return p;
 }
 

@@ -62,7 +62,7 @@ def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
         cls = solvers.find(solver, lane).load()
     except ImportError:
         return
-    default, *ladder = (setting_text({**cls.always, **rung}) for rung in ({}, *cls.ladder(1.0)))
+    default, *ladder = (setting_text({**cls.fixed_settings, **rung}) for rung in ({}, *cls.ladder(1.0)))
     if setting not in (default, *ladder):
         raise ValueError(f"{solver} has no setting {setting!r}; its ladder goes from {ladder[0]} to {ladder[-1]}")
 

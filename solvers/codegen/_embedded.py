@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from solvers.adapter import Answer, Program, Stack
+from solvers.adapter import Program, Report, Stack
 from solvers.arrays import address
 from solvers.backend import Backend, absolute
 from solvers.codegen._build import CORE, HERE, KERNEL, Sources, built_with, library
@@ -95,7 +95,7 @@ class Embedded(CompiledLibrary):
         values = np.array([float({**self.parameters, **self.settings}[name]) for name in self.parameters])
         if self._library.embedded_setup(address(p.lb), address(p.ub), address(values)):
             raise ValueError(f"{self.name} refuses the bounds")
-        self.bind(loop=Loop.in_dll(self._library, "library_embedded"))
+        self.pack_state(loop=Loop.in_dll(self._library, "library_embedded"))
         self.pass_data(p.P, p.q)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
@@ -104,10 +104,10 @@ class Embedded(CompiledLibrary):
             raise ValueError(f"{self.name}: P and q must be finite")
         super().pass_data(P, q)
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         self._library.embedded_multipliers(address(self._z))
         status = self._library.embedded_status().decode()
-        return Answer(self.x, self._z, status, int(self._library.embedded_iterations()))
+        return Report(self.x, self._z, status, int(self._library.embedded_iterations()))
 
     def _key(self, shape: Shape) -> list[bytes]:
         """Dependencies of the built library: the version of the generator and all sources that may be part of it."""
@@ -123,7 +123,7 @@ class Embedded(CompiledLibrary):
         return Sources((*written.files, HERE / f"{self.name}.c"), written.options)  # which implements ``embedded.h``
 
 
-class OurOwn(Embedded):
+class GeneratedBuiltIn(Embedded):
     """A solver of this project, from the files of ``solvers/core`` that it needs."""
 
     core: ClassVar[tuple[str, ...]]

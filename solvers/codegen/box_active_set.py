@@ -8,11 +8,11 @@ Timed: ``update`` scales and inverts P; ``solve`` is the exchanges.
 from types import MappingProxyType
 
 from solvers.backend import Backend
-from solvers.codegen._embedded import OurOwn
+from solvers.codegen._embedded import GeneratedBuiltIn
 from solvers.core import bindings
 
 
-class BoxActiveSet(OurOwn):
+class BoxActiveSet(GeneratedBuiltIn):
     """``box_active_set.c``; it has no tolerance, so its ladder has one rung."""
 
     name = "box_active_set"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import casadi
 
-from solvers.backend import Backend, share
+from solvers.backend import Backend, relative
 from solvers.codegen._build import Sources
 from solvers.codegen._embedded import Embedded, Shape
 
@@ -22,7 +22,7 @@ class CasadiQrqp(Embedded):
 
     name = "casadi_qrqp"
     library = Backend(
-        "primal-dual active set", "LGPL-3.0-or-later, the C MIT-0", "casadi", {"tolerance": share}, (8, 12)
+        "primal-dual active set", "LGPL-3.0-or-later, the C MIT-0", "casadi", {"tolerance": relative}, (8, 12)
     )
     compiled_in = ("tolerance",)
 

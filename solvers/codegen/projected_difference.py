@@ -10,16 +10,18 @@ from types import MappingProxyType
 
 from solvers.adapter import Program, Stack
 from solvers.backend import Backend
-from solvers.codegen._embedded import OurOwn
+from solvers.codegen._embedded import GeneratedBuiltIn
 from solvers.core import bindings
 from solvers.kernel import projected_difference as kernel
 
 
-class ProjectedDifference(OurOwn):
+class ProjectedDifference(GeneratedBuiltIn):
     """``projected_difference.c``; the settings are those of the lane kernel."""
 
     name = "projected_difference"
-    library = Backend("projected gradient", "MIT", "piezobench", always=kernel.ProjectedDifference.always)
+    library = Backend(
+        "projected gradient", "MIT", "piezobench", fixed_settings=kernel.ProjectedDifference.fixed_settings
+    )
     warm_startable = True
     iteration_setting = "steps"
     parameters = MappingProxyType({"steps": 15200.0, "step_ratio": 0.5})

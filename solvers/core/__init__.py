@@ -93,9 +93,9 @@ def block(size: int) -> NDArray[np.uint8]:
     return raw[skip : skip + size]
 
 
-def parts(state: NDArray[np.uint8], places: Mapping[str, tuple[int, int]]) -> dict[str, NDArray[np.float64]]:
-    """Views of the parts of a state by name; ``places`` has the offset of each in bytes and its length in doubles."""
-    return {name: state[at : at + 8 * length].view(np.float64) for name, (at, length) in places.items()}
+def field_views(state: NDArray[np.uint8], offsets: Mapping[str, tuple[int, int]]) -> dict[str, NDArray[np.float64]]:
+    """Views of the fields of a state by name; ``offsets`` has the offset of each in bytes and its length in doubles."""
+    return {name: state[at : at + 8 * length].view(np.float64) for name, (at, length) in offsets.items()}
 
 
 bindings: Any = load(Path(__file__).parents[1])

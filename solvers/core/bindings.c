@@ -172,14 +172,14 @@ int need_size(Arguments *a, int64_t size, int64_t wanted)
     return a->failed;
 }
 
-void return_parts(Arguments *a, const void *state, const Part *parts, size_t count)
+void return_fields(Arguments *a, const void *state, const Field *fields, size_t count)
 {
     a->object_result = PyDict_New();
     a->failed = a->object_result == NULL;
     for (size_t i = 0; !a->failed && i < count; ++i) {
-        const Py_ssize_t at = (const char *)parts[i].first - (const char *)state;
-        PyObject *const place = Py_BuildValue("(nn)", at, parts[i].length);
-        a->failed = place == NULL || PyDict_SetItemString(a->object_result, parts[i].name, place) != 0;
+        const Py_ssize_t at = (const char *)fields[i].first - (const char *)state;
+        PyObject *const place = Py_BuildValue("(nn)", at, fields[i].length);
+        a->failed = place == NULL || PyDict_SetItemString(a->object_result, fields[i].name, place) != 0;
         Py_DecRef(place);
     }
 }

@@ -51,7 +51,7 @@ typedef struct {
     const char *name;
     const void *first;
     Py_ssize_t length;
-} Part;
+} Field;
 
 /* Parse the arguments by the signature name(arguments), which begin at `place`; whether all fit. */
 int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count);
@@ -64,7 +64,7 @@ int need_bytes(Arguments *a, int argument, int64_t bytes);
 /* Fail if a size is wrong; whether it is. */
 int need_size(Arguments *a, int64_t size, int64_t wanted);
 /* Return a dictionary of the parts of a state: offset in bytes, and length. */
-void return_parts(Arguments *a, const void *state, const Part *parts, size_t count);
+void return_fields(Arguments *a, const void *state, const Field *fields, size_t count);
 /* Release the arrays; the result, or NULL with Python's error if an argument did not fit. */
 PyObject *finish(Arguments *a);
 
@@ -79,7 +79,7 @@ PyObject *finish(Arguments *a);
 #define SIZE(letter) ((int)LENGTH(letter))
 #define NEED_BYTES(i, bytes) need_bytes(&a, i, bytes)
 #define NEED_SIZE(letter, wanted) need_size(&a, LENGTH(letter), wanted)
-#define RETURN_PARTS(state, parts) return_parts(a, state, parts, sizeof parts / sizeof *parts)
+#define RETURN_FIELDS(state, fields) return_fields(a, state, fields, sizeof fields / sizeof *fields)
 #define WHOLE_RESULT a.whole_result
 #define OBJECT_RESULT a.object_result
 #define NUMBER_RESULT a.is_number = 1, a.number_result

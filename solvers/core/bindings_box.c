@@ -8,14 +8,14 @@ enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than relea
 #define BOX ((Box[]){box_at(MEMORY(0))})
 
 /* The parts that Python reads; three counters begin at the exchanges. */
-static void places(Arguments *a, const Box *s)
+static void field_offsets(Arguments *a, const Box *s)
 {
-    const Part parts[] = {
+    const Field fields[] = {
         {"answer", s->answer, s->d}, {"raw_q", s->raw_q, s->d},         {"scale", s->scale, s->d},
         {"cost", &s->head->cost, 1}, {"P", s->P, s->d * s->ld},         {"x", s->x, s->d},
         {"g", s->g, s->d},           {"side", s->side, (s->d + 1) / 2}, {"singular", &s->head->singular, 1},
         {"cap", &s->head->cap, 1},   {"counts", &s->head->exchanges, 3}};
-    RETURN_PARTS(s->head, parts);
+    RETURN_FIELDS(s->head, fields);
 }
 
 static int update(void *solver, const double *P, const double *q) { return box_set_data(solver, P, q); }
@@ -67,7 +67,7 @@ static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, c
 
 #define BINDINGS(F)                                                                                                    \
     F(box_bytes, "d#0:10000", "size of the state of the exact solver.", 0, WHOLE_RESULT = box_bytes(INT(0)))           \
-    F(box_places, "state@BOX1", "offsets of its vectors and counters.", 0, places(&a, BOX))                            \
+    F(box_field_offsets, "state@BOX1", "offsets of its vectors and counters.", 0, field_offsets(&a, BOX))              \
     F(box_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, box_bytes(SIZE(d))),         \
       WHOLE_RESULT = box_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                                \
     F(box_set_data, "state@BOX1, P[d,d]?, q[d]?", "new data, None for data that stay; a status.",                      \

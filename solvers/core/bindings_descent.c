@@ -13,7 +13,7 @@ typedef struct {
     int scaled;
     int64_t steps;
     double tolerance;
-    int goes_on; /* whether to continue from the last iterate instead of the given start */
+    int warm; /* whether to continue from the last iterate instead of the given start */
 } TimedProjectedGradient;
 
 static int update(void *solver, const double *P, const double *q)
@@ -25,14 +25,14 @@ static int update(void *solver, const double *P, const double *q)
 static int solve(void *solver, const double *start, double *x)
 {
     const TimedProjectedGradient *const t = solver;
-    if (!t->goes_on) {
+    if (!t->warm) {
         descent_start(t->s, start);
     }
     t->method(t->s, t->steps, t->tolerance);
-    if (!t->goes_on) {
+    if (!t->warm) {
         descent_answer(t->s);
     }
-    memcpy(x, t->goes_on ? t->s->w : t->s->answer, (size_t)t->s->d * sizeof(double));
+    memcpy(x, t->warm ? t->s->w : t->s->answer, (size_t)t->s->d * sizeof(double));
     return t->tolerance < 0 || t->s->head->met ? OK : CAPPED;
 }
 
@@ -46,19 +46,19 @@ static int all_finite(const double *x, int64_t size)
 }
 
 /* Offsets of the parts that Python reads. */
-static void places(Arguments *a, const ProjectedGradient *s)
+static void field_offsets(Arguments *a, const ProjectedGradient *s)
 {
-    const Part parts[] = {{"answer", s->answer, s->d},
-                          {"eta", &s->head->eta, 1},
-                          {"taken", &s->head->taken, 1},
-                          {"met", &s->head->met, 1}};
-    RETURN_PARTS(s->head, parts);
+    const Field fields[] = {{"answer", s->answer, s->d},
+                            {"eta", &s->head->eta, 1},
+                            {"taken", &s->head->taken, 1},
+                            {"met", &s->head->met, 1}};
+    RETURN_FIELDS(s->head, fields);
 }
 
 #define TIMED_METHOD "state@DSC1, ratio, scaled#0:1, steps#0:, tolerance, " TIMED
 #define BINDINGS(F)                                                                                                    \
     F(descent_bytes, "d#0:10000", "size of the state of a gradient method.", 0, WHOLE_RESULT = descent_bytes(INT(0)))  \
-    F(descent_places, "state@DSC1", "offsets of its parts.", 0, places(&a, DESCENT))                                   \
+    F(descent_field_offsets, "state@DSC1", "offsets of its parts.", 0, field_offsets(&a, DESCENT))                     \
     F(descent_setup, "state@, lb[d], ub[d]", "make a block a state; a status.", NEED_BYTES(0, descent_bytes(SIZE(d))), \
       WHOLE_RESULT = descent_setup(MEMORY(0), SIZE(d), REALS(1), REALS(2)))                                            \
     F(descent_set_data, "state@DSC1, P[d,d]?, q[d]?, ratio, scaled#0:1",                                               \

@@ -25,11 +25,11 @@ ProjectedGradient descent_at(void *memory)
     const int d = VARIABLES((const ProjectedGradientHead *)memory);
     ProjectedGradient s = {.head = memory, .d = d, .ld = padded(d)};
     Arena arena = after_head(memory);
-    const Extent extents[] = {{&s.w, s.ld},           {&s.next, s.ld},    {&s.shift, s.ld},    {&s.carry, s.ld},
-                              {&s.lower, s.ld},       {&s.upper, s.ld},   {&s.momentum, s.ld}, {&s.D, s.ld},
-                              {&s.lb, s.ld},          {&s.ub, s.ld},      {&s.q, s.ld},        {&s.answer, s.ld},
-                              {&s.columns, d * s.ld}, {&s.copy, d * s.ld}};
-    LAY_OUT(&arena, extents);
+    const ArenaField fields[] = {{&s.w, s.ld},           {&s.next, s.ld},    {&s.shift, s.ld},    {&s.carry, s.ld},
+                                 {&s.lower, s.ld},       {&s.upper, s.ld},   {&s.momentum, s.ld}, {&s.D, s.ld},
+                                 {&s.lb, s.ld},          {&s.ub, s.ld},      {&s.q, s.ld},        {&s.answer, s.ld},
+                                 {&s.columns, d * s.ld}, {&s.copy, d * s.ld}};
+    LAY_OUT(&arena, fields);
     return s;
 }
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack
+from solvers.adapter import LibrarySolver, Program, Report, Stack
 from solvers.protocol import Vector, box_duals
 
 
@@ -36,16 +36,16 @@ class BoxMinimiser(LibrarySolver):
     def minimise(self, start: Vector | None) -> Outcome:
         """Call the library on a box that is not empty."""
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         # On an empty box some libraries raise and others return a corner.
         self.outcome = (
             Outcome(self.program.no_answer(), False, "infeasible: lb > ub") if self.empty else self.minimise(warm_start)
         )
         return self.outcome.x if self.outcome.found else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         x, _, status, iterations = self.outcome
-        return Answer(x, box_duals(cost(self.program, x)[1], self.lb, self.ub, x), status, iterations)
+        return Report(x, box_duals(cost(self.program, x)[1], self.lb, self.ub, x), status, iterations)
 
 
 def cost(program: Program, x: Vector) -> tuple[float, Vector]:

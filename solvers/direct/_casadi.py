@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import casadi
 import numpy as np
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
+from solvers.adapter import LibrarySolver, Program, Report, Stack, Vector
 
 
 class Conic(LibrarySolver):
@@ -63,12 +63,12 @@ class Conic(LibrarySolver):
             if array.size:
                 self._buffer.set_res(self._function.index_out(key), array.data)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._call()
         self._stats = self._buffer.stats()
         return self._x if self._stats["success"] else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         stats, seconds = self._stats, self._stats.get("t_wall_solver")
         status = f"{stats['unified_return_status']}: {stats['return_status']}"
-        return Answer(self._x, self._w, status, stats["iter_count"], 1e6 * seconds if seconds else None)
+        return Report(self._x, self._w, status, stats["iter_count"], 1e6 * seconds if seconds else None)

@@ -32,7 +32,7 @@ class CasadiHpipm(Conic):
         infinity = 1e6 if self.settings else 1e8
         return {"N": 0, "nx": [d], "nu": [0], "ng": [m], "inf": infinity, "hpipm": self.settings}
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         p = self.program
         data = {**self._held, "h": p.P, "a": p.R[p.general]}
         result = self._function(**{key: array for key, array in data.items() if array.size})

@@ -10,7 +10,7 @@ Timed: as in :mod:`solvers.direct._casadi`.
 
 from types import MappingProxyType
 
-from solvers.backend import Backend, share
+from solvers.backend import Backend, relative
 from solvers.direct._casadi import Conic
 
 
@@ -18,6 +18,8 @@ class CasadiQpoases(Conic):
     """``casadi.conic`` with the plugin qpoases."""
 
     name = "casadi_qpoases"
-    library = Backend("parametric active set", "LGPL-2.1-or-later", "casadi", {"terminationTolerance": share}, (8, 12))
+    library = Backend(
+        "parametric active set", "LGPL-2.1-or-later", "casadi", {"terminationTolerance": relative}, (8, 12)
+    )
     plugin = "qpoases"
     quiet = MappingProxyType({"printLevel": "none"})

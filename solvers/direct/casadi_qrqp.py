@@ -12,7 +12,7 @@ calls an answer solved whose dual residual is 1e-2.
 
 from types import MappingProxyType
 
-from solvers.backend import Backend, share
+from solvers.backend import Backend, relative
 from solvers.direct._casadi import Conic
 
 
@@ -24,7 +24,7 @@ class CasadiQrqp(Conic):
         "primal-dual active set",
         "LGPL-3.0-or-later",
         "casadi",
-        {"constr_viol_tol": share, "dual_inf_tol": share},
+        {"constr_viol_tol": relative, "dual_inf_tol": relative},
         (8, 12),
     )
     plugin = "qrqp"

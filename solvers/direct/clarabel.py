@@ -15,7 +15,7 @@ import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import CLARABEL
 
 
@@ -24,7 +24,7 @@ class Clarabel(LibrarySolver):
 
     name = "clarabel"
     library = CLARABEL
-    takes_data = True
+    reads_given_arrays = True
     form = Cones
     iteration_setting = "max_iter"
     at_limit = ("MaxIterations", "AlmostSolved")
@@ -43,10 +43,10 @@ class Clarabel(LibrarySolver):
             new["q"] = q
         self._solver.update(**new)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._answer = self._solver.solve()
         return np.array(self._answer.x) if self._answer.status == clarabel.SolverStatus.Solved else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         a = self._answer
-        return Answer(a.x, np.array(a.z), str(a.status), a.iterations, 1e6 * a.solve_time)
+        return Report(a.x, np.array(a.z), str(a.status), a.iterations, 1e6 * a.solve_time)

@@ -12,7 +12,7 @@ import cvxopt
 import cvxopt.solvers
 import numpy as np
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import CVXOPT
 
 
@@ -21,7 +21,7 @@ class Cvxopt(LibrarySolver):
 
     name = "cvxopt"
     library = CVXOPT
-    takes_data = True
+    reads_given_arrays = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:
@@ -32,14 +32,14 @@ class Cvxopt(LibrarySolver):
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self._data |= {"P": cvxopt.matrix(self.program.P), "q": cvxopt.matrix(self.program.q)}
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         try:
             self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
         except ValueError as error:  # the rows or the KKT matrix are singular
             self._result = {"status": str(error), "x": (), "y": (), "z": ()}
         return np.array(self._result["x"]).ravel() if self._result["status"] == "optimal" else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r = self._result
         x, y, z = (np.array(r[key]).ravel() for key in "xyz")
-        return Answer(x, np.concatenate([y, z]), r["status"], r.get("iterations"))
+        return Report(x, np.concatenate([y, z]), r["status"], r.get("iterations"))

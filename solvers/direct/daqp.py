@@ -14,7 +14,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.adapter import Answer, LibrarySolver, Matrix, Program, Stack, Vector
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Vector
 from solvers.backend import DAQP
 from solvers.core import bindings
 
@@ -27,7 +27,7 @@ class Daqp(LibrarySolver):
 
     name = "daqp"
     library = DAQP
-    takes_data = True
+    reads_given_arrays = True
     warm_startable = True
     why_refused = ": P is not positive semidefinite, or bounds cross"
 
@@ -47,7 +47,7 @@ class Daqp(LibrarySolver):
         self.refuse(self._model.update(H=P, f=q, sense=self._cold))
         self._is_cold = True
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is not None:
             p = self.program
             bindings.active_rows(p.R, p.l, p.u, self._primal_tol, warm_start, self._cold, self._sense)
@@ -58,9 +58,9 @@ class Daqp(LibrarySolver):
         self._answer = x, _, flag, _ = self._model.solve()
         return x if flag > 0 else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         x, _, flag, info = self._answer
-        return Answer(x, info["lam"], f"exit flag {flag}", info["iterations"], 1e6 * info["solve_time"])
+        return Report(x, info["lam"], f"exit flag {flag}", info["iterations"], 1e6 * info["solve_time"])
 
 
 def senses(program: Program) -> Sense:

@@ -15,7 +15,7 @@ import ecos
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import ECOS
 from solvers.direct._least_squares import cholesky
 
@@ -25,7 +25,7 @@ class Ecos(LibrarySolver):
 
     name = "ecos"
     library = ECOS
-    takes_data = True
+    reads_given_arrays = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:
@@ -50,13 +50,13 @@ class Ecos(LibrarySolver):
             # Lᵀ column by column is L row by row
             self._G.data[self._factor] = -np.sqrt(2.0) * self.program.triangle.values(cholesky(P, self.name))
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._result = ecos.solve(
             self._cost, self._G, self._h, self._dims, *self._equalities, verbose=False, **self.settings
         )
         return self._result["x"][:-1] if self._result["info"]["exitFlag"] == 0 else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r, info = self._result, self._result["info"]
         w = np.concatenate([r["y"], r["z"][: self.rows.unequal]])
-        return Answer(r["x"][:-1], w, info["infostring"], info["iter"], 1e6 * info["timing"]["tsolve"])
+        return Report(r["x"][:-1], w, info["infostring"], info["iter"], 1e6 * info["timing"]["tsolve"])

@@ -18,7 +18,7 @@ import highspy
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, LibrarySolver, Matrix, Program, Stack, Triangle, Vector
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Triangle, Vector
 from solvers.backend import HIGHS
 
 
@@ -27,7 +27,7 @@ class Highspy(LibrarySolver):
 
     name = "highspy"
     library = HIGHS
-    takes_data = True
+    reads_given_arrays = True
 
     def build(self, p: Program, rows: Stack) -> None:
         self._triangle = Triangle(p.d, upper=False)
@@ -60,19 +60,19 @@ class Highspy(LibrarySolver):
         if q is not None:
             self._highs.changeColsCost(d, self._columns, q)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._begin_s = self._highs.getRunTime()
         self._highs.setOptionValue("time_limit", self._begin_s + self._time_limit_s)
         self._highs.run()
         is_optimal = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
         return np.array(self._highs.getSolution().col_value) if is_optimal else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         highs, answer, p = self._highs, self._highs.getSolution(), self.program
         w = -np.concatenate([answer.col_dual, answer.row_dual[: p.u.size - p.d]])
         status = highs.modelStatusToString(highs.getModelStatus())
         reported_us = 1e6 * (highs.getRunTime() - self._begin_s)
-        return Answer(answer.col_value, w, status, highs.getInfo().qp_iteration_count, reported_us)
+        return Report(answer.col_value, w, status, highs.getInfo().qp_iteration_count, reported_us)
 
 
 def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:

@@ -18,7 +18,7 @@ import numpy as np
 import osqp
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, Intervals, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import OSQP
 
 
@@ -27,7 +27,7 @@ class Osqp(LibrarySolver):
 
     name = "osqp"
     library = OSQP
-    takes_data = True
+    reads_given_arrays = True
     form = Intervals
     refuses_crossing = True
     warm_startable = True
@@ -46,7 +46,7 @@ class Osqp(LibrarySolver):
             new["Px"] = self.program.triangle.values(P)
         self._solver.update(**new)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is None:
             self._solver.warm_start(*self._zero)
         else:
@@ -55,6 +55,6 @@ class Osqp(LibrarySolver):
         # After a failure x is finite (the bits of a NaN read as an integer), so only the status tells.
         return self._result.x if self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r, info = self._result, self._result.info
-        return Answer(r.x, r.y, info.status, info.iter, 1e6 * info.solve_time)
+        return Report(r.x, r.y, info.status, info.iter, 1e6 * info.solve_time)

@@ -12,7 +12,7 @@ one factorisation a step, and copies x out of the library's memory. There is no 
 import numpy as np
 import piqp
 
-from solvers.adapter import Answer, LibrarySolver, Matrix, Program, Stack, Vector
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Vector
 from solvers.backend import PIQP
 
 
@@ -21,7 +21,7 @@ class Piqp(LibrarySolver):
 
     name = "piqp"
     library = PIQP
-    takes_data = True
+    reads_given_arrays = True
     iteration_setting = "max_iter"
     at_limit = ("PIQP_MAX_ITER_REACHED",)
 
@@ -39,11 +39,11 @@ class Piqp(LibrarySolver):
         A = None if P is None else self._A
         self._solver.update(P=None if P is None else P.T, c=q, A=A)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._status = self._solver.solve()
         return self._solver.result.x.copy() if self._status == piqp.PIQP_SOLVED else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r = self._solver.result
         w = np.concatenate([r.z_bu - r.z_bl, r.y, r.z_u])
-        return Answer(r.x, w, self._status.name, r.info.iter, 1e6 * r.info.solve_time)
+        return Report(r.x, w, self._status.name, r.info.iter, 1e6 * r.info.solve_time)

@@ -12,25 +12,25 @@ library takes whole solutions of a nearby problem, not points.
 import numpy as np
 import pounce
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
-from solvers.backend import Backend, share
+from solvers.adapter import LibrarySolver, Program, Report, Stack, Vector
+from solvers.backend import Backend, relative
 
 
 class Pounce(LibrarySolver):
     """The library's ``solve_qp``."""
 
     name = "pounce"
-    library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": share}, (4, 6, 8, 10, 12, 13, 14, 15.5))
+    library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": relative}, (4, 6, 8, 10, 12, 13, 14, 15.5))
 
     def build(self, p: Program, rows: Stack) -> None:
         self._constraints = {name: getattr(p, name) for name in ("A", "b", "G", "h", "lb", "ub")}
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._result = pounce.solve_qp(
             self.program.P, self.program.q, **self._constraints, check_psd=False, **self.settings
         )
         return self._result.x if self._result.status == "optimal" else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r = self._result
-        return Answer(r.x, np.concatenate([np.subtract(r.z_ub, r.z_lb), r.y, r.z]), r.status, r.iters)
+        return Report(r.x, np.concatenate([np.subtract(r.z_ub, r.z_lb), r.y, r.z]), r.status, r.iters)

@@ -19,7 +19,7 @@ kept here.
 import numpy as np
 from proxsuite import proxqp
 
-from solvers.adapter import Answer, Intervals, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import PROXQP
 
 
@@ -46,7 +46,7 @@ class Proxsuite(LibrarySolver):
         self._qp.update(H=P, g=q)
         self._is_fresh = True
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         if not self._is_fresh:
             self._qp.update(g=self.program.q)
         if warm_start is None:
@@ -61,8 +61,8 @@ class Proxsuite(LibrarySolver):
         self._dual = results.y.copy(), results.z.copy()  # an update resets them
         return results.x.copy()
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         results, info = self._qp.results, self._qp.results.info
         w = np.empty(self._equal.size)
         w[self._equal], w[~self._equal] = results.y, results.z
-        return Answer(results.x, w, info.status.name, info.iter, info.solve_time)
+        return Report(results.x, w, info.status.name, info.iter, info.solve_time)

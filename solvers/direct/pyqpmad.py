@@ -12,7 +12,7 @@ overwrites it, factorises and iterates. There is no warm start, only the workspa
 import numpy as np
 import pyqpmad
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
+from solvers.adapter import LibrarySolver, Program, Report, Stack, Vector
 from solvers.backend import PYQPMAD
 
 
@@ -33,7 +33,7 @@ class Pyqpmad(LibrarySolver):
         general = (np.asfortranarray(p.R[p.general]), p.l[p.general], p.u[p.general]) if m else (None, None, None)
         self._arguments = (self._x, self._work.T, p.q, p.lb, p.ub, *general, parameters)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._work[:] = self.program.P
         try:
             status = self._solver.solve(*self._arguments)
@@ -43,13 +43,13 @@ class Pyqpmad(LibrarySolver):
         self._status = status.name
         return self._x if status == pyqpmad.ReturnStatus.OK else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         p, w = self.program, np.zeros(self.rows.size)
         if not self.found:
-            return Answer(self._x, w, self._status)
+            return Report(self._x, w, self._status)
         dual = self._solver.get_inequality_dual()
         w[dual.indices] = np.where(dual.is_lower, -dual.dual, dual.dual)
         # The library gives no multipliers of equalities; they follow from stationarity.
         equal = p.l == p.u
         w[equal] = np.linalg.lstsq(p.R[equal].T, -(p.P @ self._x + p.q + p.R.T @ w), rcond=None)[0]
-        return Answer(self._x, w, self._status, self._solver.get_num_iterations())
+        return Report(self._x, w, self._status, self._solver.get_num_iterations())

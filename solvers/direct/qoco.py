@@ -21,7 +21,7 @@ import numpy as np
 import qoco
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import QOCO, absolute, nothing
 
 ABSTOL = 1e-9
@@ -41,7 +41,7 @@ class Qoco(LibrarySolver):
         tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
         exponents=(4, 6, 8, 10, 12, 13, 14, 15),
     )
-    takes_data = True
+    reads_given_arrays = True
     form = Cones
     iteration_setting = "max_iters"
     at_limit = ("QOCO_MAX_ITER", "QOCO_SOLVED_INACCURATE")
@@ -61,11 +61,11 @@ class Qoco(LibrarySolver):
         if q is not None:
             self._solver.update_vector_data(c=q / self._unit)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._result = self._solver.solve()
         return self._result.x if self._result.status == "QOCO_SOLVED" else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r = self._result
         w = self._unit * np.concatenate([r.y, r.z])
-        return Answer(r.x, w, r.status, r.iters, 1e6 * r.solve_time_sec)
+        return Report(r.x, w, r.status, r.iters, 1e6 * r.solve_time_sec)

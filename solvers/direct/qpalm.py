@@ -13,7 +13,7 @@ solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
 import qpalm
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, Intervals, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import QPALM
 
 
@@ -22,7 +22,7 @@ class Qpalm(LibrarySolver):
 
     name = "qpalm"
     library = QPALM
-    takes_data = True
+    reads_given_arrays = True
     form = Intervals
     refuses_crossing = True
     warm_startable = True
@@ -44,12 +44,12 @@ class Qpalm(LibrarySolver):
         if q is not None:
             self._solver.update_q(q)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is not None:
             self._solver.warm_start(warm_start, None)
         self._solver.solve(asynchronous=False)
         return self._solver.solution.x.copy() if self._solver.info.status == "solved" else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         s, info = self._solver.solution, self._solver.info
-        return Answer(s.x, s.y, info.status, info.iter, 1e6 * info.solve_time)
+        return Report(s.x, s.y, info.status, info.iter, 1e6 * info.solve_time)

@@ -16,7 +16,7 @@ import jax
 import numpy as np
 import qpax
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Program, Report, Vector
 from solvers.backend import QPAX
 
 jax.config.update("jax_enable_x64", True)
@@ -35,10 +35,10 @@ class Qpax(LibrarySolver):
         solve = jax.jit(partial(qpax.solve_qp, **self.settings))
         self._solve = solve.lower(p.P, p.q, *self._constraints).compile()
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._result = self._solve(self.program.P, self.program.q, *self._constraints)
         return np.asarray(self._result[0]) if self._result[4] else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         x, _, z, y, _, iterations = self._result
-        return Answer(x, np.concatenate([y, z]), "converged" if self.found else "not converged", int(iterations))
+        return Report(x, np.concatenate([y, z]), "converged" if self.found else "not converged", int(iterations))

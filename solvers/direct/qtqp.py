@@ -12,7 +12,7 @@ library uses the first that it finds, possibly MKL's.
 import qtqp
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Unsupported, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Unsupported, Vector
 from solvers.backend import QTQP
 
 
@@ -33,11 +33,11 @@ class Qtqp(LibrarySolver):
         p, rows = self.program, self.rows
         self._solver = qtqp.QTQP(p=csc_matrix(p.P), c=p.q, a=self._a, b=rows.r, z=rows.equal)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         linear = {"linear_solver": qtqp.LinearSolver.SCIPY_DENSE}
         self._result = self._solver.solve(verbose=False, **{**linear, **self.settings})
         return self._result.x if self._result.status is qtqp.SolutionStatus.SOLVED else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r = self._result
-        return Answer(r.x, r.y, r.status.value, r.iterations)
+        return Report(r.x, r.y, r.status.value, r.iterations)

@@ -12,7 +12,7 @@ factorises and iterates. There is no object to keep, no tolerance to set and no 
 import numpy as np
 import quadprog
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import QUADPROG
 
 NO_ANSWER = (
@@ -35,7 +35,7 @@ class Quadprog(LibrarySolver):
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         np.negative(self.program.q, out=self._a)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         try:
             self._answer = quadprog.solve_qp(self.program.P, self._a, *self._constraints)
         except ValueError as error:
@@ -45,8 +45,8 @@ class Quadprog(LibrarySolver):
             return None
         return self._answer[0]
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         if not self.found:
-            return Answer(self.program.no_answer(), np.zeros(0), self._error)
+            return Report(self.program.no_answer(), np.zeros(0), self._error)
         x, _, _, counts, lagrangian, _ = self._answer
-        return Answer(x, lagrangian[: self.rows.r.size], "solved", int(counts[0]))
+        return Report(x, lagrangian[: self.rows.r.size], "solved", int(counts[0]))

@@ -8,7 +8,7 @@ Statistics 10 (1995), pages 129 to 141.
 Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and lsq_linear. There is no warm start.
 """
 
-from solvers.backend import Backend, share
+from solvers.backend import Backend, relative
 from solvers.direct._least_squares import LsqLinear
 
 
@@ -16,5 +16,7 @@ class ScipyBvls(LsqLinear):
     """scipy.optimize.lsq_linear(method="bvls")."""
 
     name = "scipy_bvls"
-    library = Backend("active set", "BSD-3-Clause", "scipy", {"tol": share}, (8, 12), more={"max_iter": 10_000})
+    library = Backend(
+        "active set", "BSD-3-Clause", "scipy", {"tol": relative}, (8, 12), rung_settings={"max_iter": 10_000}
+    )
     method = "bvls"

@@ -35,7 +35,7 @@ class ScipyLbfgsb(BoxMinimiser):
         "scipy",
         {"gtol": absolute},
         (4, 5, 6, 7, 8, 9),
-        more={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000},
+        rung_settings={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000},
     )
     warm_startable = True
 

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
+from solvers.adapter import LibrarySolver, Program, Report, Stack, Vector
 from solvers.backend import Backend, absolute
 from solvers.direct._box import bound_duals, cost, inside
 
@@ -29,7 +29,7 @@ class ScipySlsqp(LibrarySolver):
         "scipy",
         {"ftol": absolute},
         (4, 6, 8, 10, 12, 14, 16),
-        more={"maxiter": 10_000},
+        rung_settings={"maxiter": 10_000},
     )
     refuses_crossing = True
     warm_startable = True
@@ -41,7 +41,7 @@ class ScipySlsqp(LibrarySolver):
             if r.size
         ]
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         lb, ub = self.program.lb, self.program.ub
         self._result = minimize(  # type: ignore[call-overload]
             partial(cost, self.program),
@@ -54,9 +54,9 @@ class ScipySlsqp(LibrarySolver):
         )
         return self._result.x if self._result.success else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         p, r, w = self.program, self._result, np.zeros(self.rows.size)
         w[p.general] = r.multipliers
         w[p.equalities] *= -1.0
         w[p.bounds] = bound_duals(cost(p, r.x)[1] + p.R.T @ w, p.lb, p.ub)
-        return Answer(r.x, w, r.message, int(r.nit))
+        return Report(r.x, w, r.message, int(r.nit))

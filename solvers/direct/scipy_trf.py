@@ -9,8 +9,8 @@ Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and
 answer is strictly inside the box, so its duals are computed from stationarity.
 """
 
-from solvers.adapter import Answer
-from solvers.backend import Backend, share
+from solvers.adapter import Report
+from solvers.backend import Backend, relative
 from solvers.direct._box import bound_duals, cost
 from solvers.direct._least_squares import LsqLinear
 
@@ -23,11 +23,11 @@ class ScipyTrf(LsqLinear):
         "trust region reflective",
         "BSD-3-Clause",
         "scipy",
-        {"tol": share},
+        {"tol": relative},
         (4, 6, 8, 10, 12, 14, 15),
-        more={"max_iter": 10_000},
+        rung_settings={"max_iter": 10_000},
     )
     method = "trf"
 
-    def answer(self) -> Answer:
-        return super().answer()._replace(w=bound_duals(cost(self.program, self.outcome.x)[1], self.lb, self.ub))
+    def report(self) -> Report:
+        return super().report()._replace(w=bound_duals(cost(self.program, self.outcome.x)[1], self.lb, self.ub))

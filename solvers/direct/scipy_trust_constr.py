@@ -17,8 +17,8 @@ from functools import partial
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
-from solvers.adapter import Answer, LibrarySolver, Program, Stack, Vector
-from solvers.backend import Backend, absolute, share
+from solvers.adapter import LibrarySolver, Program, Report, Stack, Vector
+from solvers.backend import Backend, absolute, relative
 from solvers.direct._box import cost, inside
 
 CONVERGED = (1, 2, 4)
@@ -33,9 +33,9 @@ class ScipyTrustConstr(LibrarySolver):
         "interior point",
         "BSD-3-Clause",
         "scipy",
-        {"gtol": lambda c, k: 1e-6 * absolute(c, k), "xtol": share, "barrier_tol": absolute},
+        {"gtol": lambda c, k: 1e-6 * absolute(c, k), "xtol": relative, "barrier_tol": absolute},
         (4, 6, 8, 10, 12),
-        more={"maxiter": 10_000},
+        rung_settings={"maxiter": 10_000},
     )
     refuses_crossing = True
 
@@ -43,7 +43,7 @@ class ScipyTrustConstr(LibrarySolver):
         R = p.R[p.general]
         self._rows = [LinearConstraint(R, p.l[p.general], p.u[p.general])] if len(R) else []
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         p = self.program
         self._result = r = minimize(  # type: ignore[call-overload]
             partial(cost, p),
@@ -57,7 +57,7 @@ class ScipyTrustConstr(LibrarySolver):
         )
         return r.x if r.status in CONVERGED and r.constr_violation <= self.settings.get("xtol", 1e-8) else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r = self._result
         w = np.concatenate([r.v[-1], *r.v[:-1]])
-        return Answer(r.x, w, f"{r.status}: {r.message}", int(r.nit), 1e6 * r.execution_time)
+        return Report(r.x, w, f"{r.status}: {r.message}", int(r.nit), 1e6 * r.execution_time)

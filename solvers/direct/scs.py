@@ -15,7 +15,7 @@ import numpy as np
 import scs
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import SCS
 
 
@@ -49,7 +49,7 @@ class Scs(LibrarySolver):
         elif q is not None:
             self._solver.update(c=q)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is None:
             self._result = self._solver.solve(warm_start=False)
         else:
@@ -59,6 +59,6 @@ class Scs(LibrarySolver):
         self._dual = {"y": self._result["y"], "s": self._result["s"]}
         return self._result["x"]
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r, info = self._result, self._result["info"]
-        return Answer(r["x"], r["y"][: self.rows.r.size], info["status"], info["iter"], 1e3 * info["solve_time"])
+        return Report(r["x"], r["y"][: self.rows.r.size], info["status"], info["iter"], 1e3 * info["solve_time"])

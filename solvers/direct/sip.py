@@ -17,7 +17,7 @@ import numpy as np
 import sip_python as sip
 from scipy.sparse import csc_matrix, csr_matrix
 
-from solvers.adapter import Answer, Cones, LibrarySolver, Matrix, Program, Vector
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import Backend, absolute, unscaled
 
 
@@ -61,7 +61,7 @@ class Sip(LibrarySolver):
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self.program.triangle.fill(self._hessian, self.program.P)
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._point = sip.Variables(self._sizes)
         self._point.x, self._point.y = np.zeros(self.program.d), np.zeros(self.rows.equal)
         self._point.s, self._point.z = np.ones(self.rows.unequal), np.ones(self.rows.unequal)
@@ -69,9 +69,9 @@ class Sip(LibrarySolver):
         self._report = sip.Solver(self._options, self._linear, self._sizes, model).solve(self._point)
         return np.array(self._point.x) if self._report.exit_status == sip.Status.SOLVED else None
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         point, report = self._point, self._report
-        return Answer(point.x, np.concatenate([point.y, point.z]), report.exit_status.name, report.num_iterations)
+        return Report(point.x, np.concatenate([point.y, point.z]), report.exit_status.name, report.num_iterations)
 
 
 def _model(p: Program, rows: Cones, hessian: csc_matrix, A: csr_matrix, G: csr_matrix) -> Callable:

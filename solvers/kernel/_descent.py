@@ -53,12 +53,12 @@ class ProjectedGradient(BuiltInSolver):
         bindings.descent_start(self.state, start)
         type(self).take_steps(self.state, *self._limits)
         self.x = self.answer()
-        return OK if self._limits[1] < 0.0 or self.part("met").view(np.int32)[0] else CAPPED
+        return OK if self._limits[1] < 0.0 or self.field("met").view(np.int32)[0] else CAPPED
 
     def answer(self) -> Vector:
         """The last iterate, exactly at a bound if the scaled one is."""
         bindings.descent_answer(self.state)
-        return self.part("answer").copy()
+        return self.field("answer").copy()
 
     def loop(self) -> Callable[..., int]:
         return partial(type(self).timed_loop, self.state, *self._rule, *self._limits)
@@ -68,4 +68,4 @@ class ProjectedGradient(BuiltInSolver):
 
     def extras(self) -> dict[str, Any]:
         """The number of steps and the step size."""
-        return {"steps": int(self.part("taken").view(np.int64)[0]), "eta": float(self.part("eta")[0])}
+        return {"steps": int(self.field("taken").view(np.int64)[0]), "eta": float(self.field("eta")[0])}

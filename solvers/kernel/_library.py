@@ -88,12 +88,12 @@ def structure(declarations: str) -> type[ctypes.Structure]:
 
 
 class CompiledLibrary(LibrarySolver):
-    """A solver behind the two C functions of a timed loop; its ``build`` sets it up and calls ``bind``."""
+    """A solver behind the two C functions of a timed loop; its ``build`` sets it up and calls ``pack_state``."""
 
     lane = Lane.KERNEL
-    takes_data = False  # a library may keep pointers to P and q
+    reads_given_arrays = False  # a library may keep pointers to P and q
 
-    def bind(self, *values: Any, loop: Loop | None = None) -> None:
+    def pack_state(self, *values: Any, loop: Loop | None = None) -> None:
         """Make the state: the data, then the fields that the C file declares (numbers, arrays, functions, pointers).
 
         ``loop`` is that of <name>.c in the core by default.
@@ -108,7 +108,7 @@ class CompiledLibrary(LibrarySolver):
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
 
-    def run(self, warm_start: Vector | None) -> Vector | None:
+    def call_library(self, warm_start: Vector | None) -> Vector | None:
         self.x = self.program.no_answer()
         self._loop.solve(address(self.state), address(warm_start), address(self.x))
         return None if np.isnan(self.x[0]) else self.x
@@ -116,7 +116,7 @@ class CompiledLibrary(LibrarySolver):
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, warm_start, most_ns)
         last = timings[0].size - 1
-        self.program.take(P[last], q[last], copy=True)
+        self.program.set_data(P[last], q[last], copy=True)
         self._ready = flag >= 0
         self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)

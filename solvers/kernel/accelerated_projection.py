@@ -39,7 +39,7 @@ class AcceleratedProjection(ProjectedGradient):
 
     name = "accelerated_projection"
     algorithm = "accelerated projected gradient"
-    always: ClassVar[Mapping[str, Any]] = MappingProxyType({"tolerance": 1e-13})
+    fixed_settings: ClassVar[Mapping[str, Any]] = MappingProxyType({"tolerance": 1e-13})
     known = MappingProxyType(
         {
             "tolerance": Setting(1e-13),

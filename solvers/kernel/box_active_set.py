@@ -78,8 +78,8 @@ class BoxActiveSet(BuiltInSolver):
         self._warm = self.options["warm"]
 
     def prepare(self, P: Matrix, q: Vector) -> None:
-        self.x = self.part("answer")
-        self.part("cap").view(np.int32)[0] = self.options["most_exchanges"]
+        self.x = self.field("answer")
+        self.field("cap").view(np.int32)[0] = self.options["most_exchanges"]
 
     def run_from(self, start: Vector) -> int:
         return bindings.box_start(self.state, start) or bindings.box_solve(self.state, True)
@@ -97,16 +97,16 @@ class BoxActiveSet(BuiltInSolver):
     def extras(self) -> dict[str, Any]:
         """The numbers of exchanges, refinement steps and proximal steps, ``regularised`` (P is singular) and ``capped``
         (``most_exchanges`` ended the solve before the optimum)."""
-        counts = dict(zip(COUNTS, self.part("counts").view(np.int32)[: len(COUNTS)].tolist(), strict=True))
+        counts = dict(zip(COUNTS, self.field("counts").view(np.int32)[: len(COUNTS)].tolist(), strict=True))
         return {
             **counts,
-            "regularised": bool(self.part("singular").view(np.int32)[0]),
+            "regularised": bool(self.field("singular").view(np.int32)[0]),
             "capped": self._status == CAPPED,
         }
 
     def data(self) -> tuple[Matrix, Vector]:
         """P from its scaled copy, which is exact."""
         d = self._lb.size
-        P, scale = self.part("P").reshape(d, padded(d))[:, :d] / self.part("cost"), self.part("scale")
+        P, scale = self.field("P").reshape(d, padded(d))[:, :d] / self.field("cost"), self.field("scale")
         unit = np.divide(1.0, scale, out=np.zeros(d), where=scale > 0)  # 0 for a zero row
-        return P * unit * unit[:, None], self.part("raw_q").copy()
+        return P * unit * unit[:, None], self.field("raw_q").copy()

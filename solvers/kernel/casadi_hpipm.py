@@ -13,7 +13,7 @@ processor.
 
 import numpy as np
 
-from solvers.adapter import Answer, Program, Stack
+from solvers.adapter import Program, Report, Stack
 from solvers.arrays import Vector, address
 from solvers.backend import HPIPM as LIBRARY
 from solvers.core import block
@@ -102,7 +102,7 @@ class CasadiHpipm(CompiledLibrary):
             if array.size:
                 data = np.ascontiguousarray(array)
                 HPIPM.d_dense_qp_set(field.encode(), address(data), address(qp))
-        self.bind(qp, answer, arguments, self._workspace, *(HPIPM[name] for name in IN_LOOP))
+        self.pack_state(qp, answer, arguments, self._workspace, *(HPIPM[name] for name in IN_LOOP))
 
     def _create(self, part: str, *of: np.ndarray) -> np.ndarray:
         """One of the library's objects, in our memory."""
@@ -119,11 +119,11 @@ class CasadiHpipm(CompiledLibrary):
         HPIPM.d_dense_qp_sol_get(field.encode(), address(self._answer), address(values))
         return values
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         numbers, w, m = np.zeros(2, dtype=np.intc), np.zeros(self.rows.size), self.program.h.size
         HPIPM.d_dense_qp_ipm_get_status(address(self._workspace), address(numbers))
         HPIPM.d_dense_qp_ipm_get_iter(address(self._workspace), address(numbers[1:]))
         w[self._boxed] = self._multipliers("lam_ub", self._boxed.size) - self._multipliers("lam_lb", self._boxed.size)
         w[self._equal] = -self._multipliers("pi", self._equal.size)
         w[self.program.inequalities] = self._multipliers("lam_ug", m)
-        return Answer(self.x, w, MESSAGES[numbers[0]], int(numbers[1]))
+        return Report(self.x, w, MESSAGES[numbers[0]], int(numbers[1]))

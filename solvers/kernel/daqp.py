@@ -12,7 +12,7 @@ from typing import Any
 import daqp
 import numpy as np
 
-from solvers.adapter import Answer, Program, Stack
+from solvers.adapter import Program, Report, Stack
 from solvers.arrays import address
 from solvers.direct import daqp as direct
 from solvers.kernel._library import CompiledLibrary, open_library, structure
@@ -68,7 +68,7 @@ class Daqp(CompiledLibrary, direct.Daqp):
         weakref.finalize(self, _release, work, settings, qp, data)
         self._answer, self._lam = np.zeros(p.d), np.zeros(p.u.size)
         self._result = result = Result(address(self._answer), address(self._lam))
-        self.bind(
+        self.pack_state(
             *map(ctypes.pointer, (qp, work, result)),
             DAQP.daqp_update_ldp,
             DAQP.daqp_solve,
@@ -83,9 +83,9 @@ class Daqp(CompiledLibrary, direct.Daqp):
             1,
         )
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         r = self._result
-        return Answer(self.x, self._lam, f"exit flag {r.exitflag}", r.iter, 1e6 * r.solve_time)
+        return Report(self.x, self._lam, f"exit flag {r.exitflag}", r.iter, 1e6 * r.solve_time)
 
 
 def _release(work: Any, *held: object) -> None:

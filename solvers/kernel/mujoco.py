@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mujoco import _functions
 
-from solvers.adapter import Answer, Program, Stack
+from solvers.adapter import Program, Report, Stack
 from solvers.direct import mujoco as direct
 from solvers.kernel._library import CompiledLibrary, open_library
 
@@ -29,8 +29,8 @@ class Mujoco(CompiledLibrary, direct.Mujoco):
 
     def build(self, p: Program, rows: Stack) -> None:
         super().build(p, rows)
-        self.bind(self.lb, self.ub, self._factor, MUJOCO.mju_boxQP, 0)
+        self.pack_state(self.lb, self.ub, self._factor, MUJOCO.mju_boxQP, 0)
 
-    def answer(self) -> Answer:
+    def report(self) -> Report:
         self.outcome = direct.outcome(self.x, int(self.state[-1]))
-        return super().answer()
+        return super().report()

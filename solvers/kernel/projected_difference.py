@@ -53,7 +53,7 @@ class ProjectedDifference(ProjectedGradient):
 
     name = "projected_difference"
     algorithm = "projected gradient"
-    always: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})
+    fixed_settings: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})
     known = MappingProxyType(
         {
             "steps": Setting(15200, MOST_STEPS, whole=True),

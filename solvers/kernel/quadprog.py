@@ -7,7 +7,7 @@ overwrites them, and calls its function, which writes its answer to our array.
 import numpy as np
 import quadprog
 
-from solvers.adapter import Answer, Cones, Program
+from solvers.adapter import Cones, Program, Report
 from solvers.direct import quadprog as direct
 from solvers.kernel._library import CompiledLibrary, open_library
 
@@ -21,7 +21,7 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
     def build(self, p: Program, rows: Cones) -> None:
         d, least = p.d, min(p.d, rows.r.size)
         self._lagrangian, self._counts = np.zeros(rows.r.size), np.zeros(2, dtype=np.intc)
-        self.bind(
+        self.pack_state(
             np.empty((d, d)),
             np.empty(d),
             self._lagrangian,
@@ -36,5 +36,5 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
             0,
         )
 
-    def answer(self) -> Answer:
-        return Answer(self.x, self._lagrangian, MESSAGES[self.state[-1]], int(self._counts[0]))
+    def report(self) -> Report:
+        return Report(self.x, self._lagrangian, MESSAGES[self.state[-1]], int(self._counts[0]))

@@ -115,7 +115,7 @@ def test_a_limit_of_iterations_is_put_on_the_tightest_setting(race: Race) -> Non
     texts = limited(race, "osqp").setting
     assert len(texts) > 1
     for settings in map(json.loads, texts):
-        assert settings == osqp.always | osqp.ladder(1.0)[-1] | {"max_iter": settings["max_iter"]}
+        assert settings == osqp.fixed_settings | osqp.ladder(1.0)[-1] | {"max_iter": settings["max_iter"]}
 
 
 @pytest.mark.parametrize("labels", [True, pytest.param(False, marks=pytest.mark.slow)])

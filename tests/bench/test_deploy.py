@@ -47,7 +47,7 @@ Us = Callable[[int], np.ndarray]
 def ladder_of(solver: str, lane: str = "direct") -> list[str]:
     """Settings on the ladder of a real solver."""
     cls = find(solver, lane).load()
-    return [setting_text({**cls.always, **rung}) for rung in cls.ladder(1.0)]
+    return [setting_text({**cls.fixed_settings, **rung}) for rung in cls.ladder(1.0)]
 
 
 def racer(

@@ -124,4 +124,4 @@ def asking(cls: type[Solver], tolerance: float | None) -> dict[str, Any]:
         return {"tolerance": tolerance}
     finer = FINER.get(cls.name, {})
     names = [name for name in cls.library.tolerances if name != "cost_unit"]
-    return {**{name: finer.get(name, 1.0) * tolerance for name in names}, **cls.library.more}
+    return {**{name: finer.get(name, 1.0) * tolerance for name in names}, **cls.library.rung_settings}

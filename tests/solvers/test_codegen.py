@@ -144,10 +144,10 @@ def test_our_c_takes_the_steps_of_our_kernel() -> None:
 @pytest.mark.parametrize("name", OURS)
 def test_our_c_is_plain_c99_without_a_warning(name: str, tmp_path: Path) -> None:
     from solvers.codegen._build import COMPILER
-    from solvers.codegen._embedded import OurOwn, Shape
+    from solvers.codegen._embedded import GeneratedBuiltIn, Shape
 
     solver, shape = make(name), Shape(8, (0, 1), (1,))
-    assert isinstance(solver, OurOwn)
+    assert isinstance(solver, GeneratedBuiltIn)
     files, options = solver.sources(shape, tmp_path)
     subprocess.run(
         [

@@ -89,15 +89,15 @@ def test_every_setting_of_a_ladder_has_a_name_and_an_exponent_and_is_found_by_th
     entry: Entry,
 ) -> None:
     cls = solver_class(entry)
-    names = [setting_text({**cls.always, **rung}) for rung in cls.ladder(1.0)]
+    names = [setting_text({**cls.fixed_settings, **rung}) for rung in cls.ladder(1.0)]
     assert len(set(names)) == len(names)
     assert len(cls.exponents) in (0, len(names))
     assert list(cls.exponents) == sorted(cls.exponents)
     assert cls.exponents or entry.lane not in (Lane.QPSOLVERS, Lane.CVXPY) or len(names) == 1
     for c in (1e-4, 1.0, 2.5e6):
         assert [cls.at(name, c) for name in names] == [dict(rung) for rung in cls.ladder(c)]
-        default = cls.at(setting_text(cls.always), c)
-        assert default == {} or setting_text(cls.always) in names
+        default = cls.at(setting_text(cls.fixed_settings), c)
+        assert default == {} or setting_text(cls.fixed_settings) in names
     with pytest.raises(ValueError, match=r"has no setting \{\"no\": 1\} in its ladder"):
         cls.at(setting_text({"no": 1}), 1.0)
 

@@ -123,7 +123,7 @@ class LoopRace(TaskRace[LoopSettings]):
     def entries(cls, settings: LoopSettings) -> Sequence[Entry]:
         """Each solver in its preferred lane."""
         preferred: dict[Any, Entry] = {}
-        for entry in sorted(super().entries(settings), key=lambda entry: entry.comes_last):
+        for entry in sorted(super().entries(settings), key=lambda entry: entry.is_fallback):
             preferred.setdefault((entry.name, entry.path), entry)
         return list(preferred.values())
 
