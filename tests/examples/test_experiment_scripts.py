@@ -10,6 +10,8 @@ from example_scripts import run_example
 
 from bench.stage.setup import StageSetup
 
+PAGE = Path(__file__).parents[2] / "docs/what-to-record.md"
+
 
 def made(folder: Path, script: str, name: str, *words: object) -> tuple[pd.DataFrame, str]:
     """The numbers of a figure, and what its script prints."""
@@ -22,6 +24,16 @@ def test_creep_comes_to_rest_at_its_threshold(tmp_path: Path) -> None:
     t, said = made(tmp_path, "elementary_operators", "fig1_operators")
     assert abs(t[t.name == "rate 10 /s"].output.iloc[-1] - 0.4) < 1e-6
     assert "creep ends at r = 0.4" in said
+
+
+def test_a_recording_of_one_frequency_leaves_creep_out_and_one_with_holds_finds_most_of_it(tmp_path: Path) -> None:
+    t, said = made(tmp_path, "one_frequency", "one_frequency")
+    last = t.groupby("name").moved.last()
+    assert last["model from a triangle"] == pytest.approx(0.0, abs=0.01)
+    assert last["the stage"] == pytest.approx(1.4, abs=0.1)
+    assert last["model from excite"] == pytest.approx(last["the stage"], abs=0.6)
+    figures = ("0.05", "0.11", "1.4", "0.4")
+    assert all(f" {each} %" in said and f"{each}" in PAGE.read_text(encoding="utf-8") for each in figures)
 
 
 @pytest.mark.slow
