@@ -49,8 +49,10 @@ DIRECT = {
     "cvxopt": Stated(5e-4, 1e-6),
     "daqp": Stated(1e-9, 1e-11),
     "ecos": Stated(1e-2, 1e-4),
+    "eiquadprog": Stated(1e-11, 1e-11),
     "fnnlseigen": Stated(1e-12, 1e-12, ("one-sided",)),
     "highspy": Stated(1e-2, 2e-5),
+    "moreau": Stated(1e-9, 1e-11, ("boxes", "one-sided", "mixed", "rows")),
     "mujoco": Stated(1e-8, 1e-8, ("boxes", "one-sided", "free")),
     "osqp": Stated(1e-3, 1e-5),
     "piqp": Stated(1e-3, 1e-3),
@@ -85,7 +87,19 @@ BEHIND = {
 }
 LANES = {Lane.QPSOLVERS: qpsolvers_lane, Lane.CVXPY: cvxpy_lane}
 """Without free: qpsolvers hands a problem without constraints to SciPy."""
-SPREAD = ("clarabel", "daqp", "highspy", "osqp", "piqp", "proxsuite", "pyqpmad", "quadprog", "scs")
+SPREAD = (
+    "clarabel",
+    "daqp",
+    "eiquadprog",
+    "highspy",
+    "moreau",
+    "osqp",
+    "piqp",
+    "proxsuite",
+    "pyqpmad",
+    "quadprog",
+    "scs",
+)
 """Solvers that are also tested with variables of very different size."""
 WARM = ("daqp", "mujoco", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scipy_slsqp", "scs")
 ADAPTING = ("osqp", "scs")
@@ -317,7 +331,7 @@ def test_a_singular_P_is_answered_right_or_not_at_all(name: str) -> None:
     B = rng.normal(size=(4, 10))
     solver = ready(Lane.DIRECT, name, Problem(B.T @ B, rng.normal(size=10), lb=np.zeros(10), ub=np.ones(10)), 1e-9)
     x, solution = solver.solve(), solver.solution()
-    assert bool(solution.found) == (name not in ("pyqpmad", "quadprog"))
+    assert bool(solution.found) == (name not in ("eiquadprog", "pyqpmad", "quadprog"))
     assert solution.is_optimal(1e-6) if solution.found else np.isnan(x).all()
 
 
