@@ -28,6 +28,7 @@ from bench.fleet.storage import absolute
 from bench.fleet.works import FOLLOWED, Compensating, Identifying
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, console, print_result, print_table, progress_bar
+from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.units import quantity
@@ -69,6 +70,10 @@ def identify_verb(
     lag: Annotated[
         LagChoice, typer.Option(help="Whether to estimate a lag of the sensor, to remove it too, or to ignore it.")
     ] = "estimate",
+    dynamics: Annotated[
+        DynamicsChoice,
+        typer.Option(help="Whether a resonance and its delay are taken in where the data determine them, or ignored."),
+    ] = "estimate",
     estimator: Annotated[
         Estimator, typer.Option(help="Whether to minimise the error of the output, or the paper's error model alone.")
     ] = "forward",
@@ -88,7 +93,7 @@ def identify_verb(
     """
     file = recording_of(next(iter(recording or ()), None), input, output)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, estimator, solver, force)
+    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
     if out is None:
         process(
             work,

@@ -14,6 +14,7 @@ from bench.messages.progress import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
 from piezo_model.deployment import open_model
 from piezo_model.identification.direction import check_direction
+from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.fit_review import Review, review
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.identification.validation import Validation
@@ -50,6 +51,7 @@ class Identifying(Work):
     creep_rates: tuple[float, ...] | None = None
     skip: int | None = None
     lag: LagChoice = "estimate"
+    dynamics: DynamicsChoice = "estimate"
     estimator: Estimator = "forward"
     solver: str = "box_active_set"
     force: bool = False
@@ -92,6 +94,7 @@ class Identifying(Work):
             creep_rates=self.creep_rates,
             skip=self.skip,
             lag=self.lag,
+            dynamics=self.dynamics,
             estimator=self.estimator,
             solver=self.solver,
             force=self.force,

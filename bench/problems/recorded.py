@@ -80,7 +80,7 @@ class Recorded(ProblemSet):
     def _of_fitted(self) -> HysteresisCreepModel | IdentificationError:
         """The model of the fitted part, or the reason for its absence."""
         try:
-            return identify(self._parts[0])
+            return identify(self._parts[0], dynamics="ignore")  # programs (6) are those of a static stage
         except IdentificationError as refusal:
             return refusal
 
@@ -103,7 +103,7 @@ class Recorded(ProblemSet):
         """The model of the whole recording, and the error of that of the fitted part on the unseen part."""
         if isinstance(self._of_fitted, IdentificationError):
             raise self._of_fitted
-        return identify(self._whole), self._of_fitted.validate(self._parts[1]).fit.rms_percent
+        return identify(self._whole, dynamics="ignore"), self._of_fitted.validate(self._parts[1]).fit.rms_percent
 
     def digests(self) -> dict[str, str]:
         """What the unseen part is to a model of the fitted part and to one of the whole recording."""

@@ -25,6 +25,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving, counted_from
 from piezo_model.identification.forward import ForwardFit, fit_forward
 from piezo_model.identification.report import Baseline, Fit, percent
@@ -351,6 +352,7 @@ def cross_validate(
     """Errors of line, cubic and model of a recording on every second block, fitted to the others, per cent of ``span``;
     None with too few samples."""
     s, x, y = fitted.structure, recording.x, recording.y
+    known = None if fitted.dynamics is None else Parameters(fitted.dynamics, s.sample_time)
     even, counted = alternate_blocks(recording), counted_from(recording, skip)
     squares = np.zeros(3)
     for inside in (even & counted, ~even & counted):
@@ -358,7 +360,7 @@ def cross_validate(
         if np.count_nonzero(inside) <= s.d or not held_out.any():
             return None
         errors = [residual(polynomials(s.unit_input(x), degree), y, inside) for degree in (1, 3)]
-        model = fit_forward(recording, inside, s, fitted.states, fitted.v, solving, steps=STEPS)
+        model = fit_forward(recording, inside, s, fitted.states, fitted.v, solving, steps=STEPS, parameters=known)
         errors.append(s.y_scale * model.error)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
     line, cubic, model_error = 100.0 * np.sqrt(squares / np.count_nonzero(counted)) / span

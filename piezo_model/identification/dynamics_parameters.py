@@ -56,6 +56,7 @@ class Parameters:
         if self.residual:
             gains = slice(2 * modes, 3 * modes)
             low[gains], high[gains] = SMALLEST_GAIN, 1.0
+            high[gains][1:] -= SMALLEST_GAIN
         if self.with_lag:
             low[-1] = SHORTEST_LAG
         return low, high

@@ -1,5 +1,6 @@
 """From a recording to a model: equations (3) to (6) and the forward fit, in one call.
 
+    dynamics a resonance, and the recording as of a stage without it             `dynamics`
     start    sign, transient, states before the first sample, a first fit        `start`
     creep    creep and drift, where the data determine them                      `creep`
     orders   n and m, from one Gram matrix of all candidates                     `selection`
@@ -18,10 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
+from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy, fit_of
 from piezo_model.identification.creep import Determined, determine
 from piezo_model.identification.direction import check_direction
+from piezo_model.identification.dynamics import DynamicsChoice, Separated, separate
 from piezo_model.identification.error_model import (
     IdentificationError,
     Solving,
@@ -68,6 +71,7 @@ class Options:
     creep_rates: Sequence[float] | None
     skip: int | None
     lag: LagChoice
+    dynamics: DynamicsChoice | Dynamics
     state: OperatorState | None
     estimator: Estimator
     force: bool
@@ -95,6 +99,7 @@ def identify(
     creep_rates: Sequence[float] | None = None,
     skip: int | None = None,
     lag: LagChoice = "estimate",
+    dynamics: DynamicsChoice | Dynamics = "estimate",
     estimator: Estimator = "forward",
     state: OperatorState | None = None,
     proximal: float = 1e-10,
@@ -122,7 +127,10 @@ def identify(
     skip : int, optional
         Samples at the start that move the operators and are not counted; by default those of a switch-on transient.
     lag : "estimate", "remove" or "ignore"
-        Whether a lag of the sensor is estimated and reported, also removed from the output, or ignored.
+        Whether a lag of the sensor is estimated and reported, also removed from the output, or ignored; beside
+        dynamics it is their delay, and stays in the model.
+    dynamics : "estimate", "ignore" or Dynamics
+        Whether a resonance and a delay are taken in where the recording determines them, ignored, or known.
     estimator : "forward" or "error-model"
         Whether the weights minimise the error of the output, or are those of the paper's program (6).
     state : OperatorState, optional
@@ -158,10 +166,12 @@ def identify(
     with checks.refusing(IdentificationError):
         checks.one_of(get_args(LagChoice), lag=lag)
         checks.one_of(get_args(Estimator), estimator=estimator)
+        if not isinstance(dynamics, Dynamics):
+            checks.one_of(get_args(DynamicsChoice), dynamics=dynamics)
         checks.whole(0, skip=0 if skip is None else skip)
         checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
     recording = check_direction(_recording_of(x, y, structure))
-    options = Options(structure, n, m, creep_rates, skip, lag, state, estimator, force)
+    options = Options(structure, n, m, creep_rates, skip, lag, dynamics, state, estimator, force)
 
     model = _identified(recording, options, Solving(solver, proximal), progress)
     return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.notes]})
@@ -178,13 +188,18 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
         )
     progress("start", 0, 4)
     own_range = options.structure is None
-    prepared = prepare(recording, first, solving, options.skip, options.state, fit_range=own_range)
+
+    def start(static: Recording) -> Prepared:
+        return prepare(static, first, solving, options.skip, options.state, fit_range=own_range)
+
+    separated = separate(recording, start, options.dynamics, solving)
+    static, prepared = separated.static, separated.prepared
     progress("creep", 1, 4)
-    determined = determine(recording, counted_from(recording, prepared.skip), prepared.fit, solving)
+    determined = determine(static, counted_from(recording, prepared.skip), prepared.fit, solving)
     progress("orders", 2, 4)
-    selection, near = _chosen(recording, prepared, determined, options, solving)
+    selection, near = _chosen(static, prepared, determined, options, solving)
     progress("fit", 3, 4)
-    fitting = Fitting(recording, prepared, determined, options, solving)
+    fitting = Fitting(recording, separated, determined, options, solving)
     final, lag = fitting.final(near)
     verdict, found = fitting.judged(final)
     if verdict.refusal is not None and not options.force:
@@ -238,10 +253,15 @@ class Fitting:
     """Final fits of a recording, after what was found before them."""
 
     recording: Recording
-    prepared: Prepared
+    separated: Separated
     determined: Determined
     options: Options
     solving: Solving
+
+    @property
+    def prepared(self) -> Prepared:
+        """The start, as of a static stage."""
+        return self.separated.prepared
 
     @property
     def span(self) -> float:
@@ -252,7 +272,7 @@ class Fitting:
     def final(self, near: Near) -> tuple[Final, Lag | None]:
         """The final fit, and the lag of the sensor, which is removed if that is wanted."""
         final, remove = self._fitted(self.recording, near), self.options.lag == "remove"
-        if self.options.lag == "ignore":
+        if self.options.lag == "ignore" or self.separated.parameters is not None:  # which hold the delay
             return final, None
         lag = estimate_lag(self.recording, final.fit, self.prepared.skip, final.drift, self.solving, remove=remove)
         if lag is not None and lag.removed:
@@ -264,10 +284,13 @@ class Fitting:
         """Solve (6) and minimise the error of the output, with a drift if the gain is clear."""
         s, counted, solving = near.structure, counted_from(recording, self.prepared.skip), self.solving
         solving.passes += 1
-        problem = accumulate(recording, counted, s, near.states, solving.proximal)
+        parameters = self.separated.parameters
+        static = recording if parameters is None else self.separated.static
+        problem = accumulate(static, counted, s, near.states, solving.proximal)
         optimal = solving.optimum(problem)
         if self.options.estimator == "error-model":
-            fit = fit_forward(recording, counted, s, near.states, s.inverse_slope_map @ optimal, solving, steps=0)
+            v = s.inverse_slope_map @ optimal
+            fit = fit_forward(recording, counted, s, near.states, v, solving, steps=0, parameters=parameters)
             return Final(recording, problem, optimal, fit, None)
         slope = float(np.mean(self.prepared.fit.v[self.prepared.structure.slices[1]]))
         limits = self.determined.creep_limits(s, slope) if self.options.chooses_creep else None
@@ -284,6 +307,7 @@ class Fitting:
                 searched=self.prepared.searched,
                 further=further,
                 creep_limits=limits,
+                parameters=parameters,
             )
 
         fit = fitted(near.states, near.v, None)
@@ -317,6 +341,7 @@ def _reported(
     s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
     straight = verdict.straight and found.line[1] > 0.0
     model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
+    model = replace(model, dynamics=None if straight else fit.dynamics)
     if straight:
         errors = recording.y - simulate(s, model.arrays, recording, fit.states)
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)
@@ -332,6 +357,7 @@ def _reported(
         excitation=problem.excitation_report(),
         certificate=None if straight else prove(problem, final.optimal),
         lag=lag,
+        dynamics=fitting.separated.found_in(fit),
         offset=offset(problem, solving, final.optimal) if s.offset else None,
         start=prepared.starts[0],
         parts=[

@@ -53,7 +53,7 @@ def intervals(fit: ForwardFit) -> dict[str, Any]:
     s, T = fit.structure, fit.structure.slope_map
     time, samples = autocorrelation_time(fit.errors), sum(error.size for error in fit.errors)
     variance = fit.cost * time / max(samples - np.count_nonzero(fit.free) * time, 1.0)
-    C = variance * _inverse(fit.P, fit.free)[: s.d, : s.d]
+    C = variance * inverse_over(fit.P, fit.free)[: s.d, : s.d]
     weights, deviations = fit.weights, np.sqrt(np.diag(T @ C @ T.T))
     ranges: list[list[float] | None] = []
     for i, (weight, deviation) in enumerate(zip(weights.tolist(), deviations.tolist(), strict=True)):
@@ -62,7 +62,7 @@ def intervals(fit: ForwardFit) -> dict[str, Any]:
         elif fit.P[i, i] > 0.0:
             released = fit.free.copy()
             released[i] = True
-            own = DEVIATIONS * math.sqrt(variance * _inverse(fit.P, released)[i, i])
+            own = DEVIATIONS * math.sqrt(variance * inverse_over(fit.P, released)[i, i])
             ranges.append([weight, weight + own])
         else:
             ranges.append(None)
@@ -75,7 +75,7 @@ def intervals(fit: ForwardFit) -> dict[str, Any]:
     return {"weights": ranges, "figures": bounds, "autocorrelation_time": time}
 
 
-def _inverse(P: Matrix, free: Mask) -> Matrix:
+def inverse_over(P: Matrix, free: Mask) -> Matrix:
     """Inverse of P over the free unknowns, and 0 elsewhere."""
     inverse, at = np.zeros_like(P), np.ix_(free, free)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(P)[free], np.finfo(float).tiny))

@@ -27,6 +27,8 @@ FIGURES = {
     "creep_percent_per_decade": "creep",
     "offset": "offset",
 }
+NOTABLE = 0.1
+"""Smallest share of the squares that a mode explains in the scan at which it is worth a sentence if it is not kept."""
 FAR_MORE = 3.0
 """Smallest ratio of the largest errors of skipped and counted samples that indicates a transient."""
 
@@ -175,6 +177,45 @@ class Part:
 
 
 @dataclass(frozen=True)
+class DynamicsFinding:
+    """What a recording says of structural dynamics."""
+
+    kept: bool
+    frequencies_Hz: tuple[float, ...]
+    damping: tuple[float, ...]
+    delay_s: float
+    intervals: dict[str, list[list[float]]]
+    """Those of frequencies, damping ratios and delay at 95 %."""
+    held_out_percent: tuple[float, float]
+    """Errors on held-out blocks without and with the dynamics, per cent of the output's range."""
+    reason: str
+    """Against dynamics that were not kept; "" for others."""
+    gain: float
+    """Share of the whitened squares that the mode explains in the scan."""
+
+    def sentences(self) -> Iterator[str]:
+        """What a user should know."""
+        if not self.kept and self.gain < NOTABLE:
+            return
+        if not self.kept:
+            yield (
+                f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} is not in the model, since "
+                f"{self.reason}; record steps of 20 ms to determine it."
+            )
+            return
+        for f, zeta, between in zip(self.frequencies_Hz, self.damping, self.intervals["frequencies_Hz"], strict=True):
+            yield (
+                f"A resonance at {quantity(f, 'Hz', 5)} ({between[0]:.5g} to {between[1]:.5g} Hz) with a damping of "
+                f"{100.0 * zeta:.3g} %."
+            )
+        without, behind = self.held_out_percent
+        yield (
+            f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; with "
+            f"the dynamics the error on held-out data is {behind:.3g} % of the range instead of {without:.3g} %."
+        )
+
+
+@dataclass(frozen=True)
 class FitReport:
     """The ``report`` that is stored with an identified model.
 
@@ -193,6 +234,7 @@ class FitReport:
     excitation: ExcitationReport
     certificate: Certificate | None
     lag: Lag | None
+    dynamics: DynamicsFinding | None
     offset: Offset | None
     start: str
     parts: Sequence[Part]
@@ -259,6 +301,10 @@ class FitReport:
                 self.offset.error_without_offset_percent - self.offset.error_percent,
                 _offset_sentence(self.offset, s.input_unit),
             )
+        if self.dynamics is not None:
+            without, behind = self.dynamics.held_out_percent
+            for sentence in self.dynamics.sentences():
+                yield abs(without - behind), sentence
         if self.lag is not None and self.lag.pays:
             yield self.lag.error_percent - self.lag.error_without_lag_percent, _lag_sentence(self.lag, s.sample_time)
 

@@ -224,7 +224,18 @@ def start_of(
     """The best start of one part for known weights and dynamics, and the fit from there."""
 
     def fit(states: States, searched: Sequence[bool] = ()) -> ForwardFit:
-        return fit_forward(part, counted, s, states, v, solving, searched=searched, weights_known=True, further=further)
+        return fit_forward(
+            part,
+            counted,
+            s,
+            states,
+            v,
+            solving,
+            searched=searched,
+            weights_known=True,
+            further=further,
+            parameters=parameters,
+        )
 
     return best_start(
         s.n, lambda slope: fit([state_with_slopes(part, s, slope)]), lambda best: fit(best.states, [True])

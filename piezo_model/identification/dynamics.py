@@ -1,0 +1,275 @@
+"""Structural dynamics of a recording: whether it has any, which, and the recording as of a stage without them.
+
+    scan     the mode that explains the most of the cross-spectra                      `resonance`
+    start    the output through the inverse of that mode, as of a static stage         `start`
+    fit      forward fits with no mode, one, one with residual compliance, two with residual compliance; then with the
+             lag of an amplifier                                                        `forward`
+    judge    no mode against the best of the others, on held-out data
+
+A richer model is taken for a clear gain in the error alone. The dynamics are kept if the scan gains GAIN of the
+whitened squares; the error on held-out blocks of three periods falls significantly, by an F test with as many degrees
+of freedom as there are independent samples; the frequency is known to UNCERTAIN; and no bound holds a frequency or a
+damping.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from piezo_model import checks
+from piezo_model.dynamics import HIGHEST, Dynamics
+from piezo_model.identification.creep import candidate_rates
+from piezo_model.identification.dynamics_parameters import Parameters
+from piezo_model.identification.error_model import IdentificationError, Solving, States, counted_from, spans
+from piezo_model.identification.forward import ForwardFit, fit_forward
+from piezo_model.identification.intervals import DEVIATIONS, autocorrelation_time, inverse_over
+from piezo_model.identification.report import DynamicsFinding
+from piezo_model.identification.resonance import Peak, Spectra
+from piezo_model.identification.selection import state_on
+from piezo_model.identification.start import Prepared
+from piezo_model.recordings import Recording
+from piezo_model.structure import ModelStructure
+from solvers.arrays import Mask, Vector
+
+DynamicsChoice = Literal["estimate", "ignore"]
+
+GAIN = 0.02
+"""Smallest share of the whitened squares that a mode has to explain."""
+LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.25
+UNCERTAIN = 0.03
+"""Largest standard error of a frequency, as a share of it."""
+CHANCE = 1e-3
+"""Largest probability of the gain on held-out data without a mode."""
+SAMPLES = 100_000
+"""Samples from the start that decide."""
+BANDWIDTH = 2.5
+"""Bandwidth of the inverse filter, in frequencies of the mode."""
+DELAY, SHARE, LAG = 0.7, 0.05, 0.3
+"""Where fits begin: the delay in samples, the share of residual compliance or a second mode, and the lag in samples."""
+APART = 0.1
+"""Smallest difference of the logarithms of two frequencies."""
+STEPS, FOLD_STEPS = 6, 2
+PERIODS, SHORTEST = 3.0, 20
+"""Periods, and fewest samples, of a block."""
+
+
+@dataclass(frozen=True)
+class Separated:
+    """A recording as of a static stage, with the start of its identification, and the dynamics behind that."""
+
+    static: Recording
+    prepared: Prepared
+    parameters: Parameters | None = None
+    """The dynamics, and which of their parameters are unknowns of the final fit; None without dynamics."""
+    finding: DynamicsFinding | None = None
+
+    def found_in(self, fit: ForwardFit) -> DynamicsFinding | None:
+        """The finding with the parameters of the final fit."""
+        if self.finding is None or self.parameters is None:
+            return self.finding
+        return _finding(fit, self.parameters, self.finding.held_out_percent, self.finding.gain, "")
+
+
+def separate(
+    recording: Recording,
+    prepare: Callable[[Recording], Prepared],
+    choice: DynamicsChoice | Dynamics,
+    solving: Solving,
+) -> Separated:
+    """Find the dynamics of a recording; ``prepare`` starts the identification of a static stage.
+
+    IdentificationError if given dynamics are too fast for the sampling period.
+    """
+    T = recording.sample_time
+    if isinstance(choice, Dynamics):
+        with checks.refusing(IdentificationError, f"{recording.name}: "):
+            choice.require(T)
+        prepared = prepare(_through_inverse(recording, choice))
+        trials = Trials.of(recording, prepared, solving)
+        known = trials.fit(Parameters(choice, T))
+        return Separated(trials.static(recording, known), prepared, known.parameters)
+    head = recording.head(SAMPLES)
+    peak = Spectra(head).peak() if choice == "estimate" and Spectra.can_be_of(head) else None
+    if peak is None or not _is_plausible(peak):
+        return Separated(recording, prepare(recording))
+    begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), DELAY * T)
+    prepared = prepare(_through_inverse(recording, begin))
+    trials = Trials.of(head, prepared, solving)
+    none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
+    best = trials.best(Parameters(begin, T, free=True))
+    finding = trials.judge(none, best, peak.gain)
+    if not finding.kept:
+        return Separated(recording, prepare(recording), finding=finding)
+    return Separated(trials.static(recording, best), prepared, best.at_optimum, finding)
+
+
+def _is_plausible(peak: Peak) -> bool:
+    """Whether a peak may be a mode."""
+    return peak.gain > GAIN and peak.inside and LEAST_DAMPED < peak.damping < MOST_DAMPED
+
+
+def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
+    """The recording with its output through the inverse of the dynamics, up to a bandwidth."""
+    bandwidth = BANDWIDTH * max(dynamics.frequencies_Hz, default=math.inf)
+    parts = [dynamics.anticipated(recording.y[part], recording.sample_time, bandwidth) for part in spans(recording)]
+    return _with_output(recording, np.concatenate(parts))
+
+
+def _with_output(recording: Recording, y: Vector) -> Recording:
+    return replace(recording, y=y, y_range=(float(y.min()), float(y.max())))
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A forward fit, and what was free in it."""
+
+    parameters: Parameters
+    fit: ForwardFit
+
+    @property
+    def at_optimum(self) -> Parameters:
+        """The same parameters, with bounds about those of the fit."""
+        assert self.fit.dynamics is not None  # it was made with parameters
+        return replace(self.parameters, start=self.fit.dynamics)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Forward fits of one recording with different dynamics."""
+
+    recording: Recording
+    counted: Mask
+    structure: ModelStructure
+    states: States
+    """Those of all parts, of which the recording may have the first."""
+    v: Vector
+    """Weights (d,) in slope coordinates with which fits begin."""
+    solving: Solving
+
+    @classmethod
+    def of(cls, recording: Recording, prepared: Prepared, solving: Solving) -> Trials:
+        """From the start of a static stage, with creep of all rates unless it has some."""
+        own, v, states = prepared.structure, prepared.fit.v, prepared.fit.states
+        counted = counted_from(recording, prepared.skip)
+        if own.creep_rates:
+            return cls(recording, counted, own, states, v, solving)
+        s = replace(own, creep_rates=candidate_rates(recording.sample_time, recording.duration_s))
+        v = np.concatenate([v[: own.slices[1].stop], np.zeros(s.creep_weights), v[own.slices[1].stop :]])
+        return cls(recording, counted, s, [state_on(own, state, s) for state in states], v, solving)
+
+    def fit(
+        self,
+        parameters: Parameters,
+        near: Fitted | None = None,
+        counted: Mask | None = None,
+        steps: int = STEPS,
+    ) -> Fitted:
+        """Fit from the weights of another fit, to all counted samples or some of them."""
+        counted, v = self.counted if counted is None else counted, self.v if near is None else near.fit.v
+        s, states, solving = self.structure, self.states[: len(self.recording.starts)], self.solving
+        return Fitted(
+            parameters,
+            fit_forward(self.recording, counted, s, states, v, solving, steps=steps, parameters=parameters),
+        )
+
+    def best(self, one: Parameters) -> Fitted:
+        """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode."""
+
+        def better(best: Fitted, parameters: Parameters) -> Fitted:
+            other = self.fit(parameters, best)
+            inside = bool(np.all(other.fit.free[self.structure.d :]))
+            unknowns = parameters.vector.size - best.parameters.vector.size
+            return other if inside and best.fit.improved_by(other.fit, unknowns) else best
+
+        best = self.fit(one)
+        g = best.at_optimum.start
+        best = better(best, replace(one, start=replace(g, gains=(1.0 - SHARE,)), residual=True))
+        mode = g.frequencies_Hz[0], g.damping[0]
+        second = Spectra(self.recording).peak([mode])
+        if _is_plausible(second) and abs(math.log(second.frequency_Hz / mode[0])) > APART:
+            own = (*mode, 1.0 - SHARE), (second.frequency_Hz, second.damping, 0.8 * SHARE)
+            f, zeta, gains = zip(*sorted(own), strict=True)
+            two = replace(g, frequencies_Hz=f, damping=zeta, gains=gains)
+            best = better(best, replace(one, start=two, residual=True))
+        lagging = replace(best.at_optimum.start, amplifier_lag_s=LAG * one.sample_time)
+        return better(best, replace(best.parameters, start=lagging, with_lag=True))
+
+    def judge(self, none: Fitted, best: Fitted, gain: float) -> DynamicsFinding:
+        """Decide whether the dynamics are kept."""
+        g, T, count = best.at_optimum.start, self.recording.sample_time, int(np.count_nonzero(self.counted))
+        block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
+        before, after = (self._held_out(each, block) for each in (none, best))
+        independent = count / max(autocorrelation_time(each.fit.errors) for each in (none, best))
+        chance = float(f_distribution.sf(before / max(after, 1e-300), independent, independent))
+        modes = len(g.frequencies_Hz)
+        reason = ""
+        if not np.all(best.fit.free[self.structure.d :][: 2 * modes]):
+            reason = "its frequency or damping reaches the bounds of the search"
+        elif not all(LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping) or g.frequencies_Hz[-1] * T > HIGHEST:
+            reason = "it is no lightly damped mode within the sampling rate"
+        elif np.max(_deviations(best.fit, best.parameters)[:modes]) > UNCERTAIN:
+            reason = "its frequency is uncertain"
+        elif chance > CHANCE:
+            reason = "the error on held-out data does not fall"
+        without, behind = (50.0 * math.sqrt(squares / count) for squares in (before, after))
+        return _finding(best.fit, best.parameters, (without, behind), gain, reason)
+
+    def _held_out(self, fitted: Fitted, block: int) -> float:
+        """Sum of squares on blocks that fits of the others have not used."""
+        even = np.arange(self.recording.length) // block % 2 == 0
+        squares = 0.0
+        for inside in (even & self.counted, ~even & self.counted):
+            error = self.fit(fitted.at_optimum, fitted, inside, FOLD_STEPS).fit.error
+            squares += float(np.sum(error[self.counted & ~inside] ** 2))
+        return squares
+
+    def static(self, recording: Recording, fitted: Fitted) -> Recording:
+        """The recording, of which the trials may be the head, with the output that the stage would have without
+        dynamics: y + (S[…] − G S[…]) of a fit."""
+        known = Parameters(fitted.at_optimum.start, recording.sample_time)
+        whole = replace(self, recording=recording, counted=~recording.uncounted)
+        s, fit = self.structure, whole.fit(known, fitted, steps=0).fit
+        return _with_output(recording, s.y_centre + s.y_scale * (fit.static + fit.error))
+
+
+def _deviations(fit: ForwardFit, parameters: Parameters) -> Vector:
+    """Standard errors of the parameters' vector, as of the intervals of the weights; 0 for those that are not free."""
+    samples, time = sum(error.size for error in fit.errors), autocorrelation_time(fit.errors)
+    C = fit.cost * time / samples * inverse_over(fit.P, fit.free)
+    return np.sqrt(np.diag(C))[fit.free.size - parameters.vector.size :]
+
+
+def _finding(
+    fit: ForwardFit, parameters: Parameters, held_out_percent: tuple[float, float], gain: float, reason: str
+) -> DynamicsFinding:
+    """What a fit says of its dynamics, with intervals at 95 %."""
+    g, deviations = fit.dynamics, DEVIATIONS * _deviations(fit, parameters)
+    assert g is not None  # it was made with parameters
+    modes = len(g.frequencies_Hz)
+    delay = parameters.sample_time * float(deviations[modes * (3 if parameters.residual else 2)])
+
+    def between(values: Sequence[float], relative: Vector) -> list[list[float]]:
+        return [
+            [value * (1.0 - wide), value * (1.0 + wide)] for value, wide in zip(values, relative.tolist(), strict=True)
+        ]
+
+    return DynamicsFinding(
+        not reason,
+        g.frequencies_Hz,
+        g.damping,
+        g.delay_s,
+        {
+            "frequencies_Hz": between(g.frequencies_Hz, deviations[:modes]),
+            "damping": between(g.damping, deviations[modes : 2 * modes]),
+            "delay_s": [[g.delay_s - delay, g.delay_s + delay]],
+        },
+        held_out_percent,
+        reason,
+        gain,
+    )
