@@ -72,8 +72,7 @@ def library(key: Iterable[bytes], generate: Callable[[Path], Sources]) -> ctypes
 
 def _compile(sources: Sources, folder: Path, target: Path) -> None:
     includes = [*(f"-I{each}" for each in (folder, HERE)), *sources.options, f"-I{KERNEL}", f"-I{CORE}"]
-    files = [*sources.files, HERE / "timed_functions.c"]
-    command = [COMPILER, *FLAGS, *_LINK, *includes, *map(str, files), "-o", str(target), "-lm"]
+    command = [COMPILER, *FLAGS, *_LINK, *includes, *map(str, sources.files), "-o", str(target), "-lm"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         first = next((line for line in done.stderr.splitlines() if "error" in line.lower()), done.stderr[:200])

@@ -91,7 +91,7 @@ class Embedded(CompiledLibrary):
             raise Unsupported("the lane codegen builds solvers for problems with bounds, and this one has none")
         self._z = np.empty(p.d)
         self._library = library(self._key(shape), lambda folder: self.sources(shape, folder))
-        self._library.embedded_status.restype = ctypes.c_char_p
+        self._library.embedded_report.restype = ctypes.c_char_p
         values = np.array([float({**self.parameters, **self.settings}[name]) for name in self.parameters])
         if self._library.embedded_setup(address(p.lb), address(p.ub), address(values)):
             raise ValueError(f"{self.name} refuses the bounds")
@@ -105,9 +105,9 @@ class Embedded(CompiledLibrary):
         super().pass_data(P, q)
 
     def report(self) -> Report:
-        self._library.embedded_multipliers(address(self._z))
-        status = self._library.embedded_status().decode()
-        return Report(self.x, self._z, status, int(self._library.embedded_iterations()))
+        iterations = ctypes.c_int()
+        status = self._library.embedded_report(address(self._z), ctypes.byref(iterations)).decode()
+        return Report(self.x, self._z, status, iterations.value)
 
     def _key(self, shape: Shape) -> list[bytes]:
         """Dependencies of the built library: the version of the generator and all sources that may be part of it."""

@@ -18,30 +18,31 @@ int embedded_setup(const double *lb, const double *ub, const double *settings)
     return refused;
 }
 
-void embedded_update(const double *P, const double *q)
+static int update(void *state, const double *P, const double *q)
 {
+    (void)state;
     taken = refused != OK ? refused : box_set_data(&solver, P, q);
+    return OK;
 }
 
-int embedded_solve(const double *start)
+static int solve(void *state, const double *start, double *x)
 {
+    (void)state;
     status = taken == OK && start != NULL ? box_start(&solver, start) : taken;
     status = status == OK ? box_solve(&solver, start != NULL) : status;
-    return status;
+    if (status == OK) {
+        memcpy(x, solver.answer, D * sizeof(double));
+    }
+    return OK;
 }
 
-void embedded_answer(double *x) { memcpy(x, solver.answer, D * sizeof(double)); }
-
-void embedded_multipliers(double *z)
+const char *embedded_report(double *z, int *iterations)
 {
     for (int i = 0; i < D; ++i) {
         z[i] = solver.side[i] == FREE ? 0 : -box_gradient(&solver, i);
     }
-}
-
-const char *embedded_status(void)
-{
+    *iterations = solver.head->exchanges;
     return status == OK ? "solved" : status == INDEFINITE ? "P is not positive semidefinite" : "not solved";
 }
 
-int embedded_iterations(void) { return solver.head->exchanges; }
+LIBRARY(embedded)

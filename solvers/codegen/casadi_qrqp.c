@@ -18,13 +18,14 @@ int embedded_setup(const double *lb, const double *ub, const double *settings)
     return 0;
 }
 
-void embedded_update(const double *P, const double *q)
+static int update(void *state, const double *P, const double *q)
 {
     memcpy(hessian, P, sizeof hessian);
     memcpy(linear, q, sizeof linear);
+    return OK;
 }
 
-int embedded_solve(const double *start)
+static int solve(void *state, const double *start, double *x)
 {
     /* The function overwrites these pointers. */
     memset(arguments, 0, sizeof arguments);
@@ -36,16 +37,17 @@ int embedded_solve(const double *start)
     results[AT_X] = answer;
     results[AT_LAM_X] = multipliers;
     status = qp(arguments, results, integers, reals, 0);
-    return status;
+    if (status == 0) {
+        memcpy(x, answer, sizeof answer);
+    }
+    return OK;
 }
 
-void embedded_answer(double *x) { memcpy(x, answer, sizeof answer); }
-
-void embedded_multipliers(double *z) { memcpy(z, multipliers, sizeof multipliers); }
-
-const char *embedded_status(void)
+const char *embedded_report(double *z, int *iterations)
 {
+    memcpy(z, multipliers, sizeof multipliers);
+    *iterations = -1;
     return status == 0 ? "solved" : status == 4 ? "no search direction" : "not solved";
 }
 
-int embedded_iterations(void) { return -1; }
+LIBRARY(embedded)

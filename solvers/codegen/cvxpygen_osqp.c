@@ -42,7 +42,7 @@ int embedded_setup(const double *lb, const double *ub, const double *settings)
     return 0;
 }
 
-void embedded_update(const double *P, const double *q)
+static int update(void *state, const double *P, const double *q)
 {
     static double S[D][D];
     square_root(P, S);
@@ -54,18 +54,20 @@ void embedded_update(const double *P, const double *q)
     for (int i = 0; i < D; ++i) {
         cpg_update_q(i, q[i]);
     }
+    return OK;
 }
 
-int embedded_solve(const double *start)
+static int solve(void *state, const double *start, double *x)
 {
     osqp_cold_start(&solver);
     cpg_solve();
-    return solver.info->status_val != OSQP_SOLVED;
+    if (solver.info->status_val == OSQP_SOLVED) {
+        memcpy(x, CPG_Result.prim->x, D * sizeof *x);
+    }
+    return OK;
 }
 
-void embedded_answer(double *x) { memcpy(x, CPG_Result.prim->x, D * sizeof *x); }
-
-void embedded_multipliers(double *z)
+const char *embedded_report(double *z, int *iterations)
 {
     memset(z, 0, D * sizeof *z);
     for (int k = 0; k < BELOW; ++k) {
@@ -74,8 +76,8 @@ void embedded_multipliers(double *z)
     for (int k = 0; k < ABOVE; ++k) {
         z[above[k]] += CPG_Result.dual->DUAL_UPPER[k];
     }
+    *iterations = (int)CPG_Result.info->iter;
+    return solver.info->status;
 }
 
-const char *embedded_status(void) { return solver.info->status; }
-
-int embedded_iterations(void) { return (int)CPG_Result.info->iter; }
+LIBRARY(embedded)

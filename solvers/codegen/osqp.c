@@ -24,7 +24,7 @@ int embedded_setup(const double *lb, const double *ub, const double *settings)
     return 0;
 }
 
-void embedded_update(const double *P, const double *q)
+static int update(void *state, const double *P, const double *q)
 {
     for (int j = 0, k = 0; j < D; ++j) {
         for (int i = 0; i <= j; ++i) {
@@ -33,9 +33,10 @@ void embedded_update(const double *P, const double *q)
     }
     osqp_update_data_mat(&solver, triangle, OSQP_NULL, D * (D + 1) / 2, OSQP_NULL, OSQP_NULL, 0);
     osqp_update_data_vec(&solver, q, OSQP_NULL, OSQP_NULL);
+    return OK;
 }
 
-int embedded_solve(const double *start)
+static int solve(void *state, const double *start, double *x)
 {
     if (start) {
         osqp_warm_start(&solver, start, OSQP_NULL);
@@ -43,19 +44,20 @@ int embedded_solve(const double *start)
         osqp_warm_start(&solver, zero_x, zero_y);
     }
     osqp_solve(&solver);
-    return solver.info->status_val != OSQP_SOLVED;
+    if (solver.info->status_val == OSQP_SOLVED) {
+        memcpy(x, solver.solution->x, D * sizeof *x);
+    }
+    return OK;
 }
 
-void embedded_answer(double *x) { memcpy(x, solver.solution->x, D * sizeof *x); }
-
-void embedded_multipliers(double *z)
+const char *embedded_report(double *z, int *iterations)
 {
     memset(z, 0, D * sizeof *z);
     for (int k = 0; k < BOUNDED; ++k) {
         z[bounded[k]] = solver.solution->y[k];
     }
+    *iterations = (int)solver.info->iter;
+    return solver.info->status;
 }
 
-const char *embedded_status(void) { return solver.info->status; }
-
-int embedded_iterations(void) { return (int)solver.info->iter; }
+LIBRARY(embedded)

@@ -22,24 +22,26 @@ int embedded_setup(const double *lb, const double *ub, const double *settings)
     return refused;
 }
 
-void embedded_update(const double *P, const double *q)
+static int update(void *state, const double *P, const double *q)
 {
+    (void)state;
     status = refused != OK ? refused : descent_set_data(&solver, P, q, ratio, 0);
+    return OK;
 }
 
-int embedded_solve(const double *start)
+static int solve(void *state, const double *start, double *x)
 {
+    (void)state;
     if (status == OK) {
         descent_start(&solver, start);
         projected_steps(&solver, steps, -1);
         descent_answer(&solver);
+        memcpy(x, solver.answer, D * sizeof(double));
     }
-    return status;
+    return OK;
 }
 
-void embedded_answer(double *x) { memcpy(x, solver.answer, D * sizeof(double)); }
-
-void embedded_multipliers(double *z)
+const char *embedded_report(double *z, int *iterations)
 {
     const double *const x = solver.answer;
     affine(solver.columns, solver.ld, D, solver.w, solver.shift, solver.next); /* -eta (P x + q) */
@@ -47,8 +49,8 @@ void embedded_multipliers(double *z)
         const double downhill = solver.next[i] / solver.head->eta, lower = solver.lb[i], upper = solver.ub[i];
         z[i] = (x[i] <= lower && (downhill < 0 || lower >= upper)) || (x[i] >= upper && downhill > 0) ? downhill : 0;
     }
+    *iterations = (int)steps;
+    return status == OK ? "all steps taken" : "P or q cannot be taken";
 }
 
-const char *embedded_status(void) { return status == OK ? "all steps taken" : "P or q cannot be taken"; }
-
-int embedded_iterations(void) { return (int)steps; }
+LIBRARY(embedded)

@@ -24,7 +24,7 @@ int embedded_setup(const double *lb, const double *ub, const double *settings)
     return 0;
 }
 
-void embedded_update(const double *P, const double *q)
+static int update(void *state, const double *P, const double *q)
 {
     for (int j = 0, k = 0; j < D; ++j) {
         for (int i = 0; i <= j; ++i) {
@@ -32,17 +32,19 @@ void embedded_update(const double *P, const double *q)
         }
     }
     update_c(&work, (double *)q);
+    return OK;
 }
 
-int embedded_solve(const double *start)
+static int solve(void *state, const double *start, double *x)
 {
     qoco_custom_solve(&work);
-    return work.sol.status != QOCO_CUSTOM_SOLVED;
+    if (work.sol.status == QOCO_CUSTOM_SOLVED) {
+        memcpy(x, work.sol.x, D * sizeof *x);
+    }
+    return OK;
 }
 
-void embedded_answer(double *x) { memcpy(x, work.sol.x, D * sizeof *x); }
-
-void embedded_multipliers(double *z)
+const char *embedded_report(double *z, int *iterations)
 {
     memset(z, 0, D * sizeof *z);
     for (int k = 0; k < BELOW; ++k) {
@@ -51,8 +53,8 @@ void embedded_multipliers(double *z)
     for (int k = 0; k < ABOVE; ++k) {
         z[above[k]] += work.sol.z[BELOW + k];
     }
+    *iterations = work.sol.iters;
+    return QOCO_CUSTOM_SOLVE_STATUS_MESSAGE[work.sol.status];
 }
 
-const char *embedded_status(void) { return QOCO_CUSTOM_SOLVE_STATUS_MESSAGE[work.sol.status]; }
-
-int embedded_iterations(void) { return work.sol.iters; }
+LIBRARY(embedded)

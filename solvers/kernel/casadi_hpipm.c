@@ -17,7 +17,7 @@ typedef struct {
 static int update(void *state, const double *P, const double *q)
 {
     State *const s = state;
-    take_data(&s->data, P, q);
+    set_data(&s->data, P, q);
     s->set_H(P, s->qp);
     s->set_g(q, s->qp);
     return OK;

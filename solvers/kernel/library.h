@@ -31,7 +31,7 @@ typedef struct {
 #define LIBRARY(name) PY_EXPORT const Library library_##name = {update, solve};
 
 /* Keep pointers to the data, for a library that does not copy them. */
-static inline void take_data(Data *data, const double *P, const double *q)
+static inline void set_data(Data *data, const double *P, const double *q)
 {
     data->P = P;
     data->q = q;

@@ -13,7 +13,7 @@ typedef struct {
 
 static int update(void *state, const double *P, const double *q)
 {
-    take_data(state, P, q);
+    set_data(state, P, q);
     return OK;
 }
 

@@ -167,7 +167,6 @@ def test_our_c_is_plain_c99_without_a_warning(name: str, tmp_path: Path) -> None
             *options,
             "-c",
             *files,
-            FOLDER / "timed_functions.c",
         ],
         cwd=tmp_path,
         check=True,
@@ -218,17 +217,20 @@ def test_an_unknown_setting_and_data_that_are_not_finite_are_refused() -> None:
 @pytest.mark.parametrize("name", OURS)
 def test_our_c_solves_nothing_after_a_refused_set_up_or_before_its_data(name: str) -> None:
     solver, given = ready(name), PAIR.problems[0]
-    c, x, lb = solver._library, solver.solve().copy(), given.lb.copy()
+    c, loop, x, lb = solver._library, solver._loop, solver.solve().copy(), given.lb.copy()
     settings = np.array([15200.0, 0.5])
     lb[0] = np.nan
     assert c.embedded_setup(address(lb), address(given.ub), address(settings)) != 0
-    c.embedded_update(address(given.P), address(given.q))
-    assert c.embedded_solve(None) != 0
-    assert c.embedded_solve(address(x)) != 0
+    answer = np.full(8, np.nan)
+    loop.update(None, address(given.P), address(given.q))
+    loop.solve(None, None, address(answer))
+    loop.solve(None, address(x), address(answer))
     assert c.embedded_setup(address(given.lb), address(given.ub), address(settings)) == 0
-    assert c.embedded_solve(None) != 0
-    c.embedded_update(address(given.P), address(given.q))
-    assert c.embedded_solve(None) == 0
+    loop.solve(None, None, address(answer))
+    assert np.isnan(answer).all()
+    loop.update(None, address(given.P), address(given.q))
+    loop.solve(None, None, address(answer))
+    np.testing.assert_array_equal(answer, x)
     np.testing.assert_array_equal(solver.solve(), x)
 
 
@@ -237,8 +239,8 @@ def test_c_that_does_not_compile_is_reported_in_one_sentence() -> None:
     from solvers.codegen._build import BuildError, Sources, library
 
     def generate(folder: Path) -> Sources:
-        (folder / "problem.h").write_text("enum { D = oops };\n", encoding="utf-8")
-        return Sources(())
+        (folder / "wrong.c").write_text("enum { D = oops };\n", encoding="utf-8")
+        return Sources((folder / "wrong.c",))
 
     with pytest.raises(BuildError, match=r"^\w+ does not build the embedded solver: .*oops.*$"):
         library([b"broken"], generate)
