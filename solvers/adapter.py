@@ -1,6 +1,7 @@
 """Base class of the adapters of solver libraries: conversion of the constraints, checks, the answer with its duals.
 
-The file of an adapter declares the properties of its library and has up to four short methods:
+The file of an adapter, whose name is the solver's, declares the properties of its library and has up to four short
+methods:
 
     build         make the library's object, once
     pass_data     pass new P and q to it; not needed if the library reads the program at each solve
@@ -83,6 +84,7 @@ class LibrarySolver(Solver):
             b = cls.library
             cls.algorithm, cls.licence, cls.distribution = b.algorithm, b.licence, b.distribution
             cls.fixed_settings, cls.exponents = b.fixed_settings, b.exponents
+            cls.name = vars(cls).get("name", cls.__module__.rpartition(".")[2])
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:

@@ -15,7 +15,6 @@ from solvers.core import bindings
 class BoxActiveSet(GeneratedBuiltIn):
     """``box_active_set.c``; it has no tolerance, so its ladder has one rung."""
 
-    name = "box_active_set"
     library = Backend("dual active set", "MIT", "piezobench")
     warm_startable = True
     parameters = MappingProxyType({})

@@ -20,7 +20,6 @@ from solvers.codegen._embedded import Embedded, Shape
 class CasadiQrqp(Embedded):
     """``casadi.conic`` with the plugin qrqp through ``casadi.CodeGenerator``."""
 
-    name = "casadi_qrqp"
     library = Backend(
         "primal-dual active set", "LGPL-3.0-or-later, the C MIT-0", "casadi", {"tolerance": relative}, (8, 12)
     )

@@ -30,7 +30,6 @@ if importlib.util.find_spec("cvxpygen") is None:
 class CvxpygenOsqp(Embedded):
     """``cvxpygen.cpg.generate_code``."""
 
-    name = "cvxpygen_osqp"
     library = generator("ADMM", "Apache-2.0", "cvxpygen")
 
     def generate(self, shape: Shape, folder: Path) -> Sources:

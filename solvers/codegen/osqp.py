@@ -21,7 +21,6 @@ from solvers.rows import Triangle
 class Osqp(Embedded):
     """The files of ``osqp.OSQP.codegen`` with parameters "matrices"."""
 
-    name = "osqp"
     library = generator("ADMM", "Apache-2.0", "osqp")
     warm_startable = True
 

@@ -18,7 +18,6 @@ from solvers.kernel import projected_difference as kernel
 class ProjectedDifference(GeneratedBuiltIn):
     """``projected_difference.c``; the settings are those of the lane kernel."""
 
-    name = "projected_difference"
     library = Backend(
         "projected gradient", "MIT", "piezobench", fixed_settings=kernel.ProjectedDifference.fixed_settings
     )

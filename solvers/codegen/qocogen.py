@@ -22,7 +22,6 @@ from solvers.codegen._embedded import Embedded, Shape, generator
 class Qocogen(Embedded):
     """``qocogen.generate_solver``."""
 
-    name = "qocogen"
     library = generator("interior point", "BSD-3-Clause", "qocogen")
 
     def generate(self, shape: Shape, folder: Path) -> Sources:

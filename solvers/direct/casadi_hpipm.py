@@ -24,7 +24,6 @@ from solvers.protocol import Vector
 class CasadiHpipm(Conic):
     """``casadi.conic`` with the plugin hpipm."""
 
-    name = "casadi_hpipm"
     library = HPIPM
     plugin = "hpipm"
 

@@ -17,7 +17,6 @@ from solvers.direct._casadi import Conic
 class CasadiQpoases(Conic):
     """``casadi.conic`` with the plugin qpoases."""
 
-    name = "casadi_qpoases"
     library = Backend(
         "parametric active set", "LGPL-2.1-or-later", "casadi", {"terminationTolerance": relative}, (8, 12)
     )

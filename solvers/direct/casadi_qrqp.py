@@ -19,7 +19,6 @@ from solvers.direct._casadi import Conic
 class CasadiQrqp(Conic):
     """``casadi.conic`` with the plugin qrqp."""
 
-    name = "casadi_qrqp"
     library = Backend(
         "primal-dual active set",
         "LGPL-3.0-or-later",

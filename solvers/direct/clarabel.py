@@ -22,7 +22,6 @@ from solvers.backend import CLARABEL
 class Clarabel(LibrarySolver):
     """The library's ``DefaultSolver``."""
 
-    name = "clarabel"
     library = CLARABEL
     reads_given_arrays = True
     form = Cones

@@ -19,7 +19,6 @@ from solvers.backend import CVXOPT
 class Cvxopt(LibrarySolver):
     """The library's ``solvers.qp``."""
 
-    name = "cvxopt"
     library = CVXOPT
     reads_given_arrays = True
     form = Cones

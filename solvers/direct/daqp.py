@@ -25,7 +25,6 @@ IGNORED, EQUAL = 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
 class Daqp(LibrarySolver):
     """The library's ``Model``."""
 
-    name = "daqp"
     library = DAQP
     reads_given_arrays = True
     warm_startable = True

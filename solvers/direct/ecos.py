@@ -23,7 +23,6 @@ from solvers.direct._least_squares import cholesky
 class Ecos(LibrarySolver):
     """The library's ``solve``; P must be positive definite."""
 
-    name = "ecos"
     library = ECOS
     reads_given_arrays = True
     form = Cones

@@ -50,7 +50,6 @@ STATUSES = ("optimal", "infeasible", "unbounded", "iteration limit", "redundant 
 class Eiquadprog(LibrarySolver):
     """The library's ``EiquadprogFast``."""
 
-    name = "eiquadprog"
     library = Backend("dual active set", "LGPL-3.0-or-later", "eiquadprog")
     form = Cones
 

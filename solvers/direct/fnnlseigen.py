@@ -23,7 +23,6 @@ from solvers.protocol import Matrix, Vector
 class FnnlsEigen(NonNegative):
     """The library's ``fnnls``; needs a finite lower bound everywhere and no upper bound."""
 
-    name = "fnnlseigen"
     library = Backend("active set", "MIT", "fnnlsEigen")
 
     def nonnegative(self, A: Matrix, b: Vector) -> Vector:

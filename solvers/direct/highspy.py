@@ -25,7 +25,6 @@ from solvers.backend import HIGHS
 class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
-    name = "highspy"
     library = HIGHS
     reads_given_arrays = True
 

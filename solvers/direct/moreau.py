@@ -23,7 +23,6 @@ SOLVED = 1
 class Moreau(LibrarySolver):
     """The library's ``ActiveSetSolver``."""
 
-    name = "moreau"
     library = Backend(
         "dual active set",
         "Apache-2.0",

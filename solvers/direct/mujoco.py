@@ -21,7 +21,6 @@ from solvers.direct._box import BoxMinimiser, Outcome
 class Mujoco(BoxMinimiser):
     """The library's ``mju_boxQP``."""
 
-    name = "mujoco"
     library = Backend("projected Newton", "Apache-2.0", "mujoco-core")
     warm_startable = True
     refuses_fixed = True

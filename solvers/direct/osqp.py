@@ -25,7 +25,6 @@ from solvers.backend import OSQP
 class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
 
-    name = "osqp"
     library = OSQP
     reads_given_arrays = True
     form = Intervals

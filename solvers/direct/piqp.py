@@ -19,7 +19,6 @@ from solvers.backend import PIQP
 class Piqp(LibrarySolver):
     """The library's ``DenseSolver``."""
 
-    name = "piqp"
     library = PIQP
     reads_given_arrays = True
     iteration_setting = "max_iter"

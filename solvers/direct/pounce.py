@@ -19,7 +19,6 @@ from solvers.backend import Backend, relative
 class Pounce(LibrarySolver):
     """The library's ``solve_qp``."""
 
-    name = "pounce"
     library = Backend("interior point", "EPL-2.0", "pounce-solver", {"tol": relative}, (4, 6, 8, 10, 12, 13, 14, 15.5))
 
     def build(self, p: Program, rows: Stack) -> None:

@@ -26,7 +26,6 @@ from solvers.backend import PROXQP
 class Proxsuite(LibrarySolver):
     """The library's ``proxqp.dense.QP``, bounds among the rows."""
 
-    name = "proxsuite"
     library = PROXQP
     form = Intervals
     warm_startable = True

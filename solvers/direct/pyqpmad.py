@@ -19,7 +19,6 @@ from solvers.backend import PYQPMAD
 class Pyqpmad(LibrarySolver):
     """The library's ``Solver``."""
 
-    name = "pyqpmad"
     library = PYQPMAD
 
     def build(self, p: Program, rows: Stack) -> None:

@@ -35,7 +35,6 @@ def cost_unit(c: float, k: float) -> float:
 class Qoco(LibrarySolver):
     """The library's ``QOCO``."""
 
-    name = "qoco"
     library = replace(
         QOCO,
         tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},

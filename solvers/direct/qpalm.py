@@ -20,7 +20,6 @@ from solvers.backend import QPALM
 class Qpalm(LibrarySolver):
     """The library's ``Solver``."""
 
-    name = "qpalm"
     library = QPALM
     reads_given_arrays = True
     form = Intervals

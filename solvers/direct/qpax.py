@@ -25,7 +25,6 @@ jax.config.update("jax_enable_x64", True)
 class Qpax(LibrarySolver):
     """The library's ``solve_qp``, compiled."""
 
-    name = "qpax"
     library = QPAX
     form = Cones
 

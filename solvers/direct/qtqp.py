@@ -19,7 +19,6 @@ from solvers.backend import QTQP
 class Qtqp(LibrarySolver):
     """The library's ``QTQP``."""
 
-    name = "qtqp"
     library = QTQP
     form = Cones
 

@@ -24,7 +24,6 @@ NO_ANSWER = (
 class Quadprog(LibrarySolver):
     """The library's function ``solve_qp``."""
 
-    name = "quadprog"
     library = QUADPROG
     form = Cones
 

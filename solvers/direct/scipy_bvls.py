@@ -15,7 +15,6 @@ from solvers.direct._least_squares import LsqLinear
 class ScipyBvls(LsqLinear):
     """scipy.optimize.lsq_linear(method="bvls")."""
 
-    name = "scipy_bvls"
     library = Backend(
         "active set", "BSD-3-Clause", "scipy", {"tol": relative}, (8, 12), rung_settings={"max_iter": 10_000}
     )

@@ -28,7 +28,6 @@ STUCK = ("RELATIVE REDUCTION", "ABNORMAL")
 class ScipyLbfgsb(BoxMinimiser):
     """scipy.optimize.minimize(method="L-BFGS-B")."""
 
-    name = "scipy_lbfgsb"
     library = Backend(
         "quasi-Newton",
         "BSD-3-Clause",

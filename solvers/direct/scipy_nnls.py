@@ -20,7 +20,6 @@ from solvers.protocol import Matrix, Vector
 class ScipyNnls(NonNegative):
     """scipy.optimize.nnls; needs a finite lower bound everywhere and no upper bound."""
 
-    name = "scipy_nnls"
     library = Backend("active set", "BSD-3-Clause", "scipy")
 
     def nonnegative(self, A: Matrix, b: Vector) -> Vector:

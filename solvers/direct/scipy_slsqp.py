@@ -22,7 +22,6 @@ from solvers.direct._box import bound_duals, cost, inside
 class ScipySlsqp(LibrarySolver):
     """scipy.optimize.minimize(method="SLSQP")."""
 
-    name = "scipy_slsqp"
     library = Backend(
         "sequential least squares",
         "BSD-3-Clause",

@@ -18,7 +18,6 @@ from solvers.direct._least_squares import LsqLinear
 class ScipyTrf(LsqLinear):
     """scipy.optimize.lsq_linear(method="trf")."""
 
-    name = "scipy_trf"
     library = Backend(
         "trust region reflective",
         "BSD-3-Clause",

@@ -28,7 +28,6 @@ CONVERGED = (1, 2, 4)
 class ScipyTrustConstr(LibrarySolver):
     """scipy.optimize.minimize(method="trust-constr")."""
 
-    name = "scipy_trust_constr"
     library = Backend(
         "interior point",
         "BSD-3-Clause",

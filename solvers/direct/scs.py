@@ -22,7 +22,6 @@ from solvers.backend import SCS
 class Scs(LibrarySolver):
     """The library's ``SCS``."""
 
-    name = "scs"
     library = SCS
     form = Cones
     warm_startable = True

@@ -24,7 +24,6 @@ from solvers.backend import Backend, absolute, unscaled
 class Sip(LibrarySolver):
     """The library's ``Solver``; the settings are its termination criteria."""
 
-    name = "sip"
     library = Backend(
         "interior point",
         "MIT",

@@ -65,7 +65,6 @@ MESSAGES = (
 class CasadiHpipm(CompiledLibrary):
     """The library's dense programs."""
 
-    name = "casadi_hpipm"
     library = LIBRARY
     refuses_crossing = True
 
