@@ -41,9 +41,9 @@ from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName, decoded, packed, unpacked
 
-VERSION = 3
+VERSION = 4
 """Version of the run folder; raise it when the settings, the columns or their meaning change."""
-TIMES = columns.schema(("task", "repeat", "what", "ns"))
+TIMES = columns.schema(("task", "timed", "session", "repeat", "what", "ns"))
 SENTINEL = columns.schema(("host", "core", "at_s", "ns", "level_ns", "ratio"))
 
 
@@ -66,7 +66,9 @@ class Schema:
     def row(self, **known: Any) -> Row:
         """A row with the known values; other columns hold "", 0, False or NaN."""
         empty = {pa.large_string(): "", pa.int64(): 0, pa.bool_(): False}
-        return {field.name: empty.get(field.type, math.nan) for field in self.arrow} | known
+        return {
+            field.name: () if pa.types.is_list(field.type) else empty.get(field.type, math.nan) for field in self.arrow
+        } | known
 
 
 class RunError(ValueError):
@@ -110,17 +112,6 @@ class Conditions(TypedDict):
     warnings: list[str]
 
 
-class Planned(TypedDict):
-    """The setting of a solver lane in the second pass of a one-shot race."""
-
-    scaling: str
-    solver: str
-    lane: str
-    setting: str
-    longer: bool
-    """Whether it is timed longer than in the first pass."""
-
-
 class ModelNote(TypedDict):
     """As of ``ProblemSet.model`` and ``digests``, and what the recording says of creep; or the reason
     why there is no model."""
@@ -145,7 +136,6 @@ class RunFile(TypedDict):
     models: NotRequired[dict[str, ModelNote]]
     field: NotRequired[dict[str, str]]
     absent: NotRequired[dict[str, str]]
-    second_pass: NotRequired[list[Planned]]
     conditions: NotRequired[Conditions]
 
 
@@ -298,7 +288,7 @@ class Run:
         for path in self._task_files():
             of_task, raw = _load(path)
             rows += of_task
-            key = {"task": of_task[0]["task"], "repeat": of_task[0].get("repeat", 0)}
+            key = {name: of_task[0].get(name) for name in TIMES.names[:4]}
             times += [{**key, "what": what, "ns": ns} for what, ns in raw.items()]
         table = pa.Table.from_pylist(rows, schema.arrow).sort_by([(name, "ascending") for name in schema.order])
         for file, content in (("times.parquet", pa.Table.from_pylist(times, TIMES)), (schema.file, table)):

@@ -14,7 +14,7 @@ layout and the state of the core; D contains it, since most lanes do not change.
 excludes 0. There is no difference if I_l contains 0 and excludes ±log(smallest); otherwise, or if D exceeds a sixth of
 log(smallest) (3 % for 1.2), the comparison cannot tell.
 
-Times in turns, for which all solvers meet the machine in the same state, are used if both runs have them for enough
+Interleaved times, for which all solvers meet the machine in the same state, are used if both runs have them for enough
 problems, and hot times otherwise.
 
 The first answer of a measurement is reproducible; the timed answers are of data that each run draws anew. A tier is
@@ -32,8 +32,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import median_abs_deviation
 
-from bench.derived.accuracy import CHEATS, MEASURED, right
-from bench.derived.measurements import WAYS, Measurements, by_task
+from bench.derived.accuracy import MEASURED, right
+from bench.derived.measurements import HOT, INTERLEAVED, Measurements
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.messages.verdict import Status, Tier
 from bench.store import Run, RunError
@@ -50,7 +50,7 @@ FEWEST_LANES, FEWEST_PROBLEMS = 5, 3
 DRAWS = 1_000
 BY_CHANCE = 6
 SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
-BETTER = "in turns"
+BETTER = INTERLEAVED
 BLOCK = ["timed", "problem_set", "problem", "scaling"]
 SOLVER_LANE = ["solver", "lane"]
 NAMES = [*MEASURED, "setting", "start"]
@@ -133,12 +133,10 @@ def levels(found: Measurements) -> pd.DataFrame:
     """One row per answer and way of timing: NAMES, ``timed`` and ``level``, the logarithm of the median time of update
     plus solve, NaN for too few calls."""
     parts = []
-    for timed in WAYS:
-        calls = by_task(found.times, (timed,))
-        rows = found.field.loc[
-            found.field.task.isin(calls.keys()) & (found.field.status == Status.OK), ["task", *NAMES]
-        ]
-        us = [np.concatenate(calls[task]) for task in rows.task]
+    ok = found.field.loc[found.field.status == Status.OK, ["task", *NAMES]]
+    for timed in (HOT, INTERLEAVED):
+        rows = ok[[(task, timed) in found.calls for task in ok.task]]
+        us = [found.calls[task, timed] for task in rows.task]
         parts.append(
             rows.assign(
                 timed=timed,
@@ -250,10 +248,8 @@ def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], 
 
 
 def _first_answers(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows without the results of timed answers: their gap, and the statuses of cheats, which are searched for at a
-    setting drawn at random."""
-    caught = rows.status.isin([str(status) for status in CHEATS])
-    return rows.assign(timed_gap=math.nan, status=rows.status.mask(caught, str(Status.OK)))
+    """The rows without the results of timed answers."""
+    return rows.assign(timed_gap=math.nan, timed_violation=math.nan, timed_stage_excess=math.nan)
 
 
 def _is_in(rows: pd.DataFrame, other: pd.DataFrame) -> np.ndarray:

@@ -28,9 +28,9 @@ MOST_NAMED, MOST_TOLD = 4, 2
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
 """Settings that do not affect the comparison, or whose effect the times show."""
 DEFINITIONS = (
-    "ratio: update and solve in the second run over the first at equal settings, median over the problems; in turns "
-    "with the other solvers where both runs have such times, hot otherwise. What the field has in common on a problem "
-    "is taken for the machine's and divided out.",
+    "ratio: update and solve in the second run over the first at equal settings, median over the problems; "
+    "interleaved with the other solvers where both runs have such times, hot otherwise. What the field has in common "
+    "on a problem is taken for the machine's and divided out.",
     "interval: 95 % by bootstrap over the problems, wider by five median absolute deviations of the solver lanes at "
     "either end, since most of them do not change and yet differ. A lane is slower or faster where it excludes 1.",
     "cannot tell: the interval holds 1 and the smallest ratio that matters, too, or the lanes deviate by more than 3 "

@@ -7,8 +7,8 @@ import numpy as np
 
 from bench.deploy.floor import Floor
 from bench.deploy.rule import Candidate, Choice, Rule
-from bench.derived.accuracy import CHEATS, distance, tainted
-from bench.derived.measurements import FLOOR, WAYS, Measurements, by_task, pooled
+from bench.derived.accuracy import distance
+from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements
 from bench.derived.tier_settings import PROBLEM, by_problem
 from bench.races.stream.race import STREAM
 from bench.races.stream.summary import floor_bound, raw
@@ -22,16 +22,10 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
     percentiles hot calls only, since only one setting is interleaved.
     """
     found = Measurements.of(run)
-    hot, raw = by_task(found.times), by_task(found.times, WAYS)
-    null_tasks = found.rows[found.rows.solver == FLOOR].task.unique()
-    floor = Floor([series for task in null_tasks for series in raw.get(task, [])])
+    null_tasks = found.rows[found.rows.solver == FLOOR].task
+    floor = Floor([found.pooled([task], way) for task in null_tasks for way in (HOT, INTERLEAVED)])
     _require_useful_deadline(run, rule, int(np.count_nonzero(floor.calls > rule.deadline_us)), floor.calls.size)
-    cheats = (
-        found.every[found.every.status.isin([str(status) for status in CHEATS])]
-        .groupby(["solver", "lane"])
-        .status.first()
-    )
-    cold = tainted(found.every)
+    cold = found.every
     cold = cold[
         (cold.solver != FLOOR)
         & cold.lane.isin([str(lane) for lane in rule.lanes])
@@ -45,16 +39,15 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
         names = dict(zip(part.rung, part.setting, strict=True))
         chosen = Choice.of(distances, [names[rung] for rung in rungs], rule.accuracy)
         rows = found.rows[found.rows.task.isin(part.task[part.setting == chosen.setting])]
-        calls = pooled(raw, rows.task)
+        calls = found.pooled(rows.task, HOT, INTERLEAVED)
         yield Candidate.of(
             (str(solver), str(lane)),
             chosen,
-            str(cheats.get((solver, lane), "")),
             calls,
             floor.explained(calls, rule.deadline_us),
             rule.deadline_us,
-            pooled(hot, rows.task),
-            float(np.median(rows.update_us + rows.solve_us_p50)) if len(rows) else np.nan,
+            found.pooled(rows.task),
+            float(rows.answer_us.median()),
         )
 
 
@@ -78,7 +71,6 @@ def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
         yield Candidate.of(
             (str(solver), str(lane)),
             chosen,
-            "",
             calls,
             math.ceil(bound * calls.size),
             rule.deadline_us,

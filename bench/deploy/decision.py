@@ -100,6 +100,6 @@ def decide(run: Run, rule: Rule) -> Decision:
     return Decision(run, rule, chosen, tuple(others), tuple(refused), by)
 
 
-def _distance(it: Candidate) -> tuple[bool, bool, float, float]:
+def _distance(it: Candidate) -> tuple[bool, float, float]:
     """Sort key: distance from qualifying."""
-    return it.cheat != "", not it.chosen.margin, it.beyond_floor / max(it.samples, 1), it.chosen.worst
+    return not it.chosen.margin, it.beyond_floor / max(it.samples, 1), it.chosen.worst

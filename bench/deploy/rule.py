@@ -2,7 +2,7 @@
 
 A candidate is a solver lane at one setting for all problems: the loosest one at which cost gap and violation, of first
 and timed answers, are within the accuracy with a margin of ten on every problem, else of three, else of one. A lane
-without such a setting does not qualify, nor does one that was caught cheating anywhere in the run.
+without such a setting does not qualify.
 """
 
 import math
@@ -89,8 +89,6 @@ class Candidate:
     solver: str
     lane: str
     chosen: Choice
-    cheat: str
-    """Status of a detected cheat, or ""."""
     samples: int
     missed: int
     explained: int
@@ -105,7 +103,6 @@ class Candidate:
         cls,
         key: tuple[str, str],
         chosen: Choice,
-        cheat: str,
         calls: Microseconds,
         explained: int,
         deadline_us: float,
@@ -116,7 +113,6 @@ class Candidate:
         return cls(
             *key,
             chosen,
-            cheat,
             calls.size,
             int(np.count_nonzero(calls > deadline_us)),
             explained,
@@ -151,8 +147,6 @@ class Candidate:
     def failing(self, rule: Rule) -> str:
         """Why it does not qualify, or "". Having few calls is no reason."""
         it = self.chosen
-        if self.cheat:
-            return f"was caught cheating ({self.cheat})"
         if not it.margin:
             return (
                 f"has a cost gap or violation above {rule.accuracy:g} on {it.problems - it.right} of {it.problems} "

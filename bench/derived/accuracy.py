@@ -1,7 +1,7 @@
 """Error of a measured answer relative to the tolerance of a tier, from its row of the table alone.
 
     error = max(cost gap, violation, worst of the timed answers) / tolerance
-    error = max(stage excess / 0.1, violation / 1e-3)                          for the tier `stage`, first answer only
+    error = max(stage excess / 0.1, violation / 1e-3), timed answers included  for the tier `stage`
 
 An answer is right if error ≤ 1, and right with margin m if m · error ≤ 1. A library's defaults have the tolerance of
 `low`.
@@ -19,8 +19,6 @@ TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9
 """Largest relative cost gap and violation."""
 UNNOTICED = 0.1
 """Largest difference of two RMS errors on unseen data, over the sensor's noise, that does not count."""
-CHEATS = (Status.LAZY, Status.STALE, Status.CACHED, Status.MISTIMED, Status.PEEKED, Status.TAMPERED)
-"""Statuses that apply to all settings of a solver on a problem, because only one setting is checked for them."""
 MEASURED = ["problem_set", "problem", "scaling", "solver", "lane"]
 
 
@@ -33,7 +31,9 @@ def error(rows: pd.DataFrame, tier: Tier) -> pd.Series[float]:
     """Error of each answer relative to the tolerance of the tier; infinite if its status is not ok."""
     if tier is not Tier.STAGE:
         return distance(rows) / TOLERANCE[tier]
-    return _worst(rows, (rows.stage_excess / UNNOTICED).clip(lower=0.0), rows.violation / TOLERANCE[Tier.LOW])
+    first = (rows.stage_excess / UNNOTICED, rows.violation / TOLERANCE[Tier.LOW])
+    timed = (rows.timed_stage_excess / UNNOTICED, rows.timed_violation / TOLERANCE[Tier.LOW])
+    return _worst(rows, *first, *(part.fillna(0.0) for part in timed)).clip(lower=0.0)
 
 
 def distance(rows: pd.DataFrame) -> pd.Series[float]:
@@ -45,19 +45,17 @@ def _worst(rows: pd.DataFrame, *parts: pd.Series) -> pd.Series[float]:
     return pd.concat(parts, axis=1).max(axis=1, skipna=False).fillna(math.inf).mask(rows.status != Status.OK, math.inf)
 
 
-def tainted(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows, in which a solver lane that cheated at one setting on a problem has that status at all settings."""
-    cheats = rows.status.where(rows.status.isin([str(status) for status in CHEATS]))
-    cheat = cheats.groupby([rows[name] for name in MEASURED]).transform("first")
-    return rows.assign(status=rows.status.mask((rows.status == Status.OK) & cheat.notna(), cheat))
-
-
 def measured(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows without those that were not run but measured in another repeat: that a time limit cut a ladder short is
     no evidence about the answer."""
     skipped = rows.status == Status.NOT_RUN
     measured_once = (~skipped).groupby([rows[name] for name in (*MEASURED, "setting", "start")]).transform("any")
     return rows[~(skipped & measured_once)]
+
+
+def supported(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows without those of programs that a solver cannot take, which are no misses."""
+    return rows[rows.status != Status.UNSUPPORTED]
 
 
 def right(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:

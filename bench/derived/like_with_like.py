@@ -3,13 +3,12 @@
     ratio = median time of ours over the problems of a size / median time of the other
 
 at the settings for a cost gap of 1e-9, from a cold start, for each number of unknowns. *Hot* calls follow each other
-directly; *in turns* with the other solvers, each call finds the caches that they left.
+directly; *interleaved* with the other solvers, each call finds the caches that they left.
 """
 
-import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import WAYS, Measurements, by_task
+from bench.derived.measurements import HOT, INTERLEAVED, Measurements
 from bench.messages.verdict import Tier
 from bench.report.words import marked
 from solvers.registry import OURS
@@ -26,12 +25,8 @@ def like_with_like(measurements: Measurements) -> pd.DataFrame:
         & (measurements.tiers.scaling == measurements.scaling)
     ]
     lines = []
-    for timed in WAYS:
-        us = {
-            task: float(np.median(np.concatenate(calls)))
-            for task, calls in by_task(measurements.times, (timed,)).items()
-        }
-        for lane, part in rows.assign(us=rows.task.map(us)).dropna(subset="us").groupby("lane"):
+    for timed, us in ((HOT, rows.answer_us), (INTERLEAVED, rows.interleaved_us)):
+        for lane, part in rows.assign(us=us).dropna(subset="us").groupby("lane"):
             ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
             if ours.empty:
                 continue

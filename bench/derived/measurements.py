@@ -1,23 +1,24 @@
 """The measurements of a run, read once, and their rows at each tier.
 
 Accuracy does not depend on the machine, so a setting is judged by the rows of all hosts; times are those of the host
-with most rows. A measurement that was repeated in fresh processes has the medians of its times, the largest maximum,
-the total number of samples and the spread of the solve,
+with most rows. All rows of a solver at one setting on one problem become one: repeats in fresh processes, sessions, and
+hot, long and interleaved calls. It has the medians of the times, the largest maximum, the total number of samples, and
+the spread of the answer over the repeats,
 
-    (max p50 − min p50) / median p50.
+    (max − min) / median.
 
-Its answer is that of the first repeat whose status is not ok, so that an occasional failure is not lost; a repeat that
-was not run counts only if none was run.
+Its answer is that of the first row whose status is not ok, so that an occasional failure is not lost, and its gaps are
+the largest of all rows; a row that was not run counts only if none was run.
 
-Times are those of single calls, update plus solve, in tables, plots and decisions alike: a percentile of a solver is
-taken over all its calls on all the problems in question. *Hot* calls follow each other directly; *in turns* with the
-other solvers, each call finds the caches that they left.
+*Hot* calls follow each other directly, and a longer measurement of them replaces a shorter one. *Interleaved* calls
+alternate with those of other solvers, and find the caches that these left. A percentile of a solver is taken over all
+its calls on all the problems in question.
 """
 
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
-from dataclasses import field as dataclass_field
 from functools import cached_property
 from typing import Self
 
@@ -25,49 +26,35 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.accuracy import applies, measured, right, tainted
+from bench.derived.accuracy import applies, measured, right, supported
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.messages.verdict import Status, Tier
-from bench.store import Run, RunError
+from bench.store import Run
+from bench.timing.clock import answers_us
 from bench.timing.schedule import PERIOD_US
 
 FLOOR = "null"
 """Name of the solver that does nothing."""
-MEDIANS = [
-    "setup_us",
-    "update_us",
-    "solve_us_p50",
-    "solve_us_p50_low",
-    "solve_us_p50_high",
-    "solve_us_p99",
-    "solve_us_p99_low",
-    "solve_us_p99_high",
-    "interleaved_us_p50",
-    "interleaved_us_p99",
-    "periods",
-    "reported_us",
-]
-WORST = ["cost_gap", "violation", "timed_gap", "stage_excess"]
+MEDIANS = ["setup_us", "update_us", "solve_us_p50", "solve_us_p99", "answer_us", "cpu_us", "periods", "reported_us"]
+WORST = ["cost_gap", "violation", "timed_gap", "timed_violation", "stage_excess", "timed_stage_excess"]
+HOT, INTERLEAVED = "hot", "interleaved"
+MEASUREMENT = ["task", "timed", "session", "repeat"]
+"""Columns that identify a measurement in the tables of rows and of times of one host."""
+Microseconds = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """A table of measurements and the raw times by task and repeat."""
+    """A table of measurements and their raw times."""
 
     every: pd.DataFrame
     every_time: pd.DataFrame
-    periods_us: Mapping[tuple[str, str], float] = dataclass_field(default_factory=dict)
-    """Sampling periods of the problems in µs, by set and name; the paper's for any other."""
 
     @classmethod
     def of(cls, run: Run) -> Self:
-        """Read those of a one-shot race; the paper's period counts where a problem's file is missing or damaged."""
-        rows, periods = run.rows(ONESHOT), {}
-        for name in dict.fromkeys(zip(rows.problem_set, rows.problem, strict=True)):
-            with suppress(RunError):
-                periods[name] = run.problem(*name).period_us
-        return cls(rows, run.times(), periods)
+        """Read those of a one-shot race."""
+        return cls(run.rows(ONESHOT), run.times())
 
     @cached_property
     def host(self) -> str:
@@ -76,14 +63,8 @@ class Measurements:
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The rows of that host, one for all repeats, with ``total_us``, update plus solve, ``period_us``, the sampling
-        period of the problem, and ``periods``, the time in such periods, or the steps of a method that takes one in
-        each."""
-        rows = over_repeats(tainted(self.every)[self.every.host == self.host])
-        total, names = rows.update_us + rows.solve_us_p50, zip(rows.problem_set, rows.problem, strict=True)
-        period = np.array([self.periods_us.get(name, PERIOD_US) for name in names])
-        steps = rows.settings.str.contains('"steps"')
-        return rows.assign(total_us=total, period_us=period, periods=rows.periods.where(steps, total / period))
+        """The rows of that host, one for all repeats, sessions and ways of timing."""
+        return merged(self.every[self.every.host == self.host])
 
     @property
     def shortest_period_us(self) -> float:
@@ -91,10 +72,21 @@ class Measurements:
         return float(self.rows.period_us.min()) if len(self.rows) else PERIOD_US
 
     @cached_property
-    def times(self) -> pd.DataFrame:
-        """The raw times of that host."""
-        mine = self.every.loc[self.every.host == self.host, ["task", "repeat"]]
-        return self.every_time.merge(mine.drop_duplicates(), on=["task", "repeat"])
+    def calls(self) -> dict[tuple[str, str], Microseconds]:
+        """Times of an answer in all calls of that host, by task and by HOT or INTERLEAVED."""
+        rows = self.every[(self.every.host == self.host) & (self.every.samples > 0)]
+        raw = self.every_time.set_index([*MEASUREMENT, "what"]).ns.unstack().reset_index()
+        parts: dict[tuple[str, str], list[Microseconds]] = {}
+        for line in rows[~_is_replaced(rows)].merge(raw, on=MEASUREMENT).to_dict("records"):
+            way = INTERLEAVED if line["timed"] == INTERLEAVED else HOT
+            us = answers_us(line["update"], line["solve"], line["cpu_us"])
+            parts.setdefault((line["task"], way), []).append(us)
+        return {key: np.concatenate(calls) for key, calls in parts.items()}
+
+    def pooled(self, tasks: Iterable[str], *ways: str) -> Microseconds:
+        """The times of some tasks, each counted once."""
+        keys = ((task, way) for task in dict.fromkeys(tasks) for way in ways or (HOT,))
+        return np.concatenate([np.zeros(0), *(self.calls[key] for key in keys if key in self.calls)])
 
     @cached_property
     def field(self) -> pd.DataFrame:
@@ -129,7 +121,10 @@ def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting"
 
     ``column`` names the setting's column: ``furthest`` gives a setting even if the tier is not reached.
     """
-    chosen = settings.loc[settings[column] != "", [*LANE, "tier", column]].rename(columns={column: "setting"})
+    rows, chosen = (
+        supported(rows),
+        settings.loc[settings[column] != "", [*LANE, "tier", column]].rename(columns={column: "setting"}),
+    )
     parts = [
         _judged(part, Tier(str(tier)))
         for tier, part in rows.merge(chosen, on=[*LANE, "setting"]).groupby("tier", sort=False)
@@ -147,57 +142,32 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
     )
 
 
-def over_repeats(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row per task, with the number of ``repeats`` that were run and ``solve_us_spread``."""
+def merged(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row per task, with the number of ``repeats`` that were run, ``answer_us_spread`` and ``interleaved_us``."""
     rows = measured(rows)
-    if not (rows.repeat > 0).any():
-        return rows.assign(repeats=1, solve_us_spread=np.nan)
-    groups = rows.sort_values("repeat").groupby("task", sort=False)
-    answers = (
-        rows.assign(ok=rows.status == Status.OK)
-        .sort_values(["ok", "repeat"])
-        .groupby("task", sort=False)
-        .head(1)
-        .set_index("task")
+    order = rows.assign(ok=rows.status == Status.OK, way=rows.timed.map(["hot", "long", "interleaved"].index))
+    answers = order.sort_values(["ok", "repeat", "session", "way"]).groupby("task", sort=False).head(1)
+    every, hot = rows.groupby("task", sort=False), rows[~_is_replaced(rows) & (rows.timed != INTERLEAVED)]
+    times = hot.groupby("task", sort=False)
+    us = times.answer_us
+    found = answers.set_index("task").assign(
+        **{name: times[name].median() for name in MEDIANS},
+        **{name: every[name].max() for name in WORST},
+        solve_us_max=times.solve_us_max.max(),
+        samples=times.samples.sum(),
+        preemptions=every.preemptions.sum(),
+        mutates_input=every.mutates_input.any(),
+        repeatable=every.repeatable.all(),
+        repeats=times.size(),
+        answer_us_spread=((us.max() - us.min()) / us.median()).where(times.size() > 1),
+        interleaved_us=rows[rows.timed == INTERLEAVED].groupby("task").answer_us.median(),
     )
-    p50 = groups.solve_us_p50
-    merged = answers.drop(columns="ok").assign(
-        **{name: groups[name].median() for name in MEDIANS},
-        **{name: groups[name].max() for name in [*WORST, "solve_us_max"]},
-        samples=groups.samples.sum(),
-        preemptions=groups.preemptions.sum(),
-        mutates_input=groups.mutates_input.any(),
-        repeatable=groups.repeatable.all(),
-        repeats=groups.size(),
-        solve_us_spread=(p50.max() - p50.min()) / p50.median(),
-    )
-    return merged.reset_index().sort_index(axis=0)[[*rows.columns, "repeats", "solve_us_spread"]]
+    found = found.drop(columns=["ok", "way"]).reset_index().set_axis(answers.index).sort_index()
+    return found[[*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]]
 
 
-Microseconds = NDArray[np.float64]
-WAYS = {"hot": "", "in turns": "interleaved_"}
-"""Ways of timing, with the prefix of the names under which a run stores the times."""
-
-
-def by_task(times: pd.DataFrame, ways: Iterable[str] = ("hot",)) -> dict[str, list[Microseconds]]:
-    """Times of the calls of each task, update plus solve, in µs; the median update is added if updates were timed
-    separately."""
-    calls: dict[str, list[Microseconds]] = {}
-    for way in ways:
-        updates, solves = (
-            times[times.what == WAYS[way] + what].set_index(["task", "repeat"]).ns for what in ("update", "solve")
-        )
-        for key in solves.index:
-            solve = np.asarray(solves[key], dtype=np.float64) / 1e3
-            update = np.asarray(updates.get(key, ()), dtype=np.float64) / 1e3
-            if solve.size:
-                calls.setdefault(key[0], []).append(
-                    solve + (update if update.size == solve.size else np.median(update) if update.size else 0.0)
-                )
-    return calls
-
-
-def pooled(calls: dict[str, list[Microseconds]], tasks: Iterable[str]) -> Microseconds:
-    """The times of some tasks, each counted once."""
-    parts = [part for task in dict.fromkeys(tasks) for part in calls.get(task, [])]
-    return np.concatenate(parts) if parts else np.zeros(0)
+def _is_replaced(rows: pd.DataFrame) -> pd.Series[bool]:
+    """Whether a hot measurement was repeated with more calls."""
+    same = [rows[name] for name in ("task", "session", "repeat", "host")]
+    longer = (rows.timed == "long") & (rows.samples > 0)
+    return (rows.timed == HOT) & longer.groupby(same).transform("any")

@@ -11,7 +11,7 @@ from bench.derived.measurements import Measurements, at_tiers
 from bench.messages.verdict import Tier
 
 COLUMNS = ["solver", "lane", "problem_set", "problem", "settings", "status"]
-FIGURES = ["cost_gap", "timed_gap", "violation", "total_us"]
+FIGURES = ["cost_gap", "timed_gap", "violation", "answer_us"]
 
 
 def misses(measurements: Measurements) -> pd.DataFrame:

@@ -71,21 +71,21 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
         .agg(
             problems=("problem", "size"),
             worst_cost_gap=("cost_gap", worst),
-            total_us=("total_us", "median"),
+            answer_us=("answer_us", "median"),
             paced_us=("paced_us", "median"),
             settings=("settings", "first"),
         )
         .reset_index()
     )
     paper = (table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))
-    pace = table[paper].assign(total_us=table.paced_us, label=ranking.PACE)
+    pace = table[paper].assign(answer_us=table.paced_us, label=ranking.PACE)
     table = pd.concat(
         [table.assign(label=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)), pace], ignore_index=True
     )
-    table = table[table.worst_cost_gap.notna() & table.total_us.notna() & (table.problems == table.problems.max())]
+    table = table[table.worst_cost_gap.notna() & table.answer_us.notna() & (table.problems == table.problems.max())]
     line = ["scaling", "label", "solver"]
-    end = table.sort_values(["worst_cost_gap", "total_us"]).drop_duplicates([*line, "lane"])
-    best = end.sort_values("total_us").drop_duplicates(line)
+    end = table.sort_values(["worst_cost_gap", "answer_us"]).drop_duplicates([*line, "lane"])
+    best = end.sort_values("answer_us").drop_duplicates(line)
     table = table.merge(best[[*line, "lane"]], on=[*line, "lane"])
     ends = pd.MultiIndex.from_frame(best[[*line, "setting"]])
     paced = table.label == ranking.PACE
@@ -98,7 +98,7 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
     )
     columns = ["view", "scaling", "label", "name", "solver", "lane", "rung", "is_default", "settings", "problems"]
     return table.sort_values(["scaling", "name", "rung"], ascending=[False, True, True], ignore_index=True)[
-        [*columns, "worst_cost_gap", "total_us", "drawn", "front", "end"]
+        [*columns, "worst_cost_gap", "answer_us", "drawn", "front", "end"]
     ]
 
 
@@ -110,7 +110,7 @@ def _timed(measurements: Measurements) -> pd.DataFrame:
     rows = measurements.field[measurements.field.start == "cold"]
     table = named(at_tiers(rows, measurements.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
-    return table.assign(time_us=table.total_us.where(table.right, np.inf).fillna(np.inf))
+    return table.assign(time_us=table.answer_us.where(table.right, np.inf).fillna(np.inf))
 
 
 def performance_profile(measurements: Measurements) -> pd.DataFrame:
@@ -175,16 +175,18 @@ def stages(table: pd.DataFrame) -> pd.DataFrame:
     table = named(summary.raced(table))
     table = table[table.solve_us_p50.notna() & ~table.stepping]
     rank = table.tier.map(MOST_EXACT.index)
-    best = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values("total_us", kind="stable")
+    best = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values(
+        "answer_us", kind="stable"
+    )
     best = best.groupby(["view", "lane"], sort=False).head(MOST_BARS)
     rows = [
         {
             **{name: line[name] for name in ("view", "name", "solver", "lane", "tier")},
             "stage": stage,
             "us": us,
-            "share": us / (line["setup_us"] + line["total_us"]),
-            "update_and_solve_us": line["total_us"],
-            "label": f"{marked(line['solver'])}, {duration(line['total_us'])}",
+            "share": us / (line["setup_us"] + line["answer_us"]),
+            "update_and_solve_us": line["answer_us"],
+            "label": f"{marked(line['solver'])}, {duration(line['answer_us'])}",
             "at": at,
         }
         for line in best.to_dict("records")

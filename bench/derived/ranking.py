@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from bench.derived.accuracy import worst
+from bench.derived.accuracy import supported, worst
 from bench.derived.measurements import Measurements
 from bench.derived.tier_settings import PROBLEM, TARGETS
 from bench.messages.verdict import Status, Tier
@@ -78,10 +78,10 @@ def ranking(measurements: Measurements) -> list[Line]:
         for table in (measurements.field, measurements.tiers, measurements.settings)
     )
     rows = rows[rows.start == "cold"]
-    us = with_pace(rows).groupby(["name", "lane", "tier"]).total_us.median()
+    us = with_pace(rows).groupby(["name", "lane", "tier"]).answer_us.median()
     gaps = rows[rows.is_default].drop_duplicates("task").groupby(["solver", "lane"]).cost_gap.agg(worst)
     lines = []
-    cold = with_pace(field[field.start == "cold"])
+    cold = with_pace(supported(field[field.start == "cold"]))
     raced = cold.drop_duplicates(["name", "solver", "lane", *PROBLEM])
     lanes = raced.groupby(["name", "solver", "lane"], sort=False).size().reset_index(name="problems")
     for name, solver, lane, problems in lanes.itertuples(index=False):
@@ -108,7 +108,7 @@ def with_pace(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(
         [
             rows.assign(name=rows.solver.map(marked)),
-            pace.assign(name=PACE, total_us=pace.periods * pace.period_us),
+            pace.assign(name=PACE, answer_us=pace.periods * pace.period_us),
         ],
         ignore_index=True,
     )

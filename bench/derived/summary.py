@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench.derived.accuracy import worst
 from bench.derived.measurements import FLOOR as NULL
-from bench.derived.measurements import Measurements, by_task, pooled
+from bench.derived.measurements import Measurements
 from bench.derived.tier_settings import LANE
 from bench.messages.verdict import Status, Tier
 from bench.report.words import settings_label
@@ -28,7 +28,6 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     ``settings`` are those of the first problem, since tolerances are multiples of a constant of the problem;
     ``left_out`` counts all sets together.
     """
-    calls = by_task(measurements.times)
     nothing = measurements.rows[measurements.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
     rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
     table = (
@@ -49,12 +48,12 @@ def summary(measurements: Measurements) -> pd.DataFrame:
             setup_us=("setup_us", "median"),
             update_us=("update_us", "median"),
             solve_us_p50=("solve_us_p50", "median"),
-            answer_us_p99=("task", lambda tasks: percentile(pooled(calls, tasks), 0.99).value),
+            cpu_us=("cpu_us", "max"),
+            answer_us_p99=("task", lambda tasks: percentile(measurements.pooled(tasks), 0.99).value),
             solve_us_max=("solve_us_max", "max"),
-            solve_us_spread=("solve_us_spread", "median"),
-            interleaved_us_p50=("interleaved_us_p50", _known),
-            interleaved_us_p99=("interleaved_us_p99", _known),
-            total_us=("total_us", "median"),
+            answer_us_spread=("answer_us_spread", "median"),
+            interleaved_us=("interleaved_us", _known),
+            answer_us=("answer_us", "median"),
             periods=("periods", "median"),
             repeatable=("repeatable", "all"),
             mutates_input=("mutates_input", "any"),
@@ -70,7 +69,7 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     table = table.merge(measurements.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
     floor = table.solver == NULL
     table.loc[floor, ["solver", "status"]] = FLOOR
-    order = ["problem_set", "scaling", "floor", "all_right", "total_us"]
+    order = ["problem_set", "scaling", "floor", "all_right", "answer_us"]
     return (
         table.assign(floor=floor)
         .sort_values(order, ascending=[True, False, True, False, True], ignore_index=True)

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.accuracy import applies, error, measured, tainted
+from bench.derived.accuracy import applies, error, measured, supported
 from bench.messages.verdict import Tier
 
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
@@ -33,7 +33,7 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     ``right``, on how many that one is, ``worst``, the problem of its largest error, and ``left_out``, the share that
     stays right with the judged problem left out.
     """
-    rows = measured(tainted(rows))
+    rows = supported(measured(rows))
     cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
     cold = cold.assign(number=cold.groupby(PROBLEM).ngroup())
     lines = []

@@ -105,7 +105,7 @@ def _paper(measurements: Measurements, lines: Sequence[Line], drift: float) -> I
         f"The paper's method, one projected step a sample, {_ends(part)} after its 15 200 steps ({_duration(part)})"
         + (f" and reaches {joined(reach)} of {len(part)} problems" if reach else "")
         + "; without waiting for samples these steps take "
-        f"{rounded(part.total_us.median(), drift)} µs."
+        f"{rounded(part.answer_us.median(), drift)} µs."
     )
 
 
@@ -142,7 +142,7 @@ def _stage(measurements: Measurements) -> Iterator[str]:
 
 def notes(measurements: Measurements, summary: pd.DataFrame) -> list[str]:
     """Further findings: other scalings, warm starts, cold caches, defaults that differ between lanes."""
-    return [*_other_scalings(measurements), *_warm(summary), *_turns(measurements), *_lanes(measurements)]
+    return [*_other_scalings(measurements), *_warm(summary), *_interleaved(measurements), *_lanes(measurements)]
 
 
 def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
@@ -170,25 +170,25 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
     same = [name for name in summaries.GROUP if name not in ("start", "tier")]
     both = summaries.raced(table, "warm").merge(summaries.raced(table), on=same, suffixes=("", "_cold"))
     for scaling, part in both[both.all_right & both.all_right_cold].groupby("scaling", sort=False):
-        best = part.sort_values("total_us").iloc[0]
+        best = part.sort_values("answer_us").iloc[0]
         ratio = part.solve_us_p50 / part.solve_us_p50_cold
         yield (
             f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} "
             f"({best.lane}) is the fastest "
-            f"that is right everywhere, with {best.total_us:.3g} µs; a warm solve takes {ratio.median():.2g} times "
+            f"that is right everywhere, with {best.answer_us:.3g} µs; a warm solve takes {ratio.median():.2g} times "
             f"as long as a cold one (median over {solver_lanes(len(part))})."
         )
 
 
-def _turns(measurements: Measurements) -> Iterator[str]:
+def _interleaved(measurements: Measurements) -> Iterator[str]:
     """Cost of cold caches."""
     rows = measurements.field[
         (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
     ]
-    ratio = (rows.interleaved_us_p50 / rows.solve_us_p50).groupby([rows.solver, rows.lane]).median().dropna()
+    ratio = (rows.interleaved_us / rows.answer_us).groupby([rows.solver, rows.lane]).median().dropna()
     if len(ratio):
         yield (
-            f"With cold caches, after other solvers had their turn, a solve takes {ratio.median():.2g} times as "
+            f"Interleaved with other solvers, which leave cold caches, an answer takes {ratio.median():.2g} times as "
             f"long as hot (median over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g})."
         )
 

@@ -32,7 +32,7 @@ def wrapper_share(measurements: Measurements) -> pd.DataFrame:
     rows = measurements.field[
         (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
     ]
-    rows = rows.assign(us=rows.total_us, key=rows.settings.map(_key), library=rows.solver.map(in_lane_direct))
+    rows = rows.assign(us=rows.answer_us, key=rows.settings.map(_key), library=rows.solver.map(in_lane_direct))
     rows = rows[right(rows, Tier.LOW) & (rows.key != "")]
     direct = (
         rows[rows.lane == Lane.DIRECT].drop(columns="library").rename(columns={"solver": "library", "us": "direct_us"})

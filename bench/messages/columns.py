@@ -6,13 +6,14 @@ The columns by which rows are sorted are their key: it is complete, and unique t
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import parquet
 
+from bench.messages.task import Timed
 from bench.messages.verdict import Tier
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane
@@ -30,6 +31,7 @@ SHARED = {
             "setting",
             "scaling",
             "start",
+            "timed",
             "settings",
             "status",
             "message",
@@ -39,12 +41,18 @@ SHARED = {
         ),
         TEXT,
     ),
-    **dict.fromkeys(("d", "rung", "repeat", "samples", "iterations", "preemptions", "core"), COUNT),
+    **dict.fromkeys(("d", "rung", "session", "repeat", "samples", "iterations", "preemptions", "core"), COUNT),
     **dict.fromkeys(("is_default", "mutates_input", "repeatable"), FLAG),
     "ns": pa.list_(pa.int64()),
 }
 """Types of columns that several tables share; a kind of race declares those of its own columns."""
-CHOICES = {"lane": tuple(Lane), "tier": tuple(Tier), "scaling": ("scaled", "raw"), "start": ("cold", "warm")}
+CHOICES = {
+    "lane": tuple(Lane),
+    "tier": tuple(Tier),
+    "scaling": ("scaled", "raw"),
+    "start": ("cold", "warm"),
+    "timed": get_args(Timed),
+}
 
 
 class TableError(ValueError):

@@ -28,6 +28,9 @@ Row = dict[str, Any]
 """A row of a task; every kind of race adds its own columns to those that identify the task."""
 Start = Literal["cold", "warm"]
 """Whether a solve starts from nothing or from the optimum of the previous problem."""
+Timed = Literal["hot", "long", "interleaved"]
+"""Whether the calls of a task follow each other directly, do so for many more calls, or alternate with those of other
+solvers."""
 NO_RUNG = -1
 """Rung of a setting that is not in the ladder."""
 
@@ -64,6 +67,9 @@ class Task:
     repeat: int = 0
     """Number of the repeat; each has fresh processes."""
     start: Start = "cold"
+    timed: Timed = "hot"
+    session: int = 0
+    """0 in the race that made the run, larger for solvers that were added to it later."""
     d: int = 0
     """Number of variables of the problem."""
     basis: Mapping[Tier, str] = field(default_factory=dict)
@@ -75,23 +81,16 @@ class Task:
         return f"{self.solver} ({self.lane}) on {self.problem}, {self.scaling}{more}"
 
     @property
-    def key(self) -> str:
-        """File name of the task, the same in every run."""
-        text = json.dumps(
-            [
-                self.problem_set,
-                self.problem,
-                self.scaling,
-                self.solver,
-                self.lane,
-                self.setting.text,
-                dict(self.more),
-                self.repeat,
-                self.start,
-            ],
-            sort_keys=True,
-        )
+    def subject(self) -> str:
+        """What is measured, the same in every run, session, repeat and way of timing."""
+        parts = (self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text)
+        text = json.dumps([*parts, dict(self.more), self.start], sort_keys=True)
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    @property
+    def key(self) -> str:
+        """File name of the task."""
+        return f"{self.subject}-{self.timed}-{self.session}-{self.repeat}"
 
     def columns(self, settings: Mapping[str, Any] | None = None) -> Row:
         """The first columns of every row; ``settings`` are those of the solver."""
@@ -107,6 +106,8 @@ class Task:
             "is_default": self.setting.is_default,
             "scaling": self.scaling,
             "start": self.start,
+            "timed": self.timed,
+            "session": self.session,
             "repeat": self.repeat,
             "host": os.uname().nodename,
             "settings": json.dumps(dict(settings or self.more), default=str),
@@ -162,8 +163,6 @@ class Outcome:
     """Whether the same data gave the same bits again."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The solver's settings."""
-    returned: str = ""
-    """Type of an answer that is not an array."""
     forbidden_actions: tuple[str, ...] = ()
     """Sentences about forbidden actions of the process."""
     preemptions: int = 0

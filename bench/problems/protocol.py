@@ -1,5 +1,6 @@
 """A problem with its certified optimum in each scaling, and the interface of a problem set."""
 
+import hashlib
 import json
 import math
 from abc import ABC, abstractmethod
@@ -139,6 +140,16 @@ class RaceProblem:
     def period_us(self) -> float:
         """Sampling period of its data, µs; the paper's for a program without an actuator."""
         return 1e6 * self.validation.structure.sample_time if self.validation else PERIOD_US
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the programs in every scaling."""
+        found = hashlib.sha256()
+        for scaling, form in sorted(self.forms.items()):
+            found.update(f"{scaling} {form.c!r}".encode())
+            for name, value in sorted(packed_program(form.qp, "").items()):
+                found.update(f" {name} {value.shape}".encode() + value.tobytes())
+        return found.hexdigest()[:16]
 
     @cached_property
     def optimal_weights(self) -> Vector:

@@ -1,38 +1,34 @@
-"""Watches the process of a solver for files that it must not open and for functions that it replaces.
+"""Watches the process of a solver for files that it must not open: those of the race, and those of other processes.
 
+The data of timed calls are secret until their block begins, and this process must not read them in its parent's memory.
 The watch begins before the solver's file is imported. An audit hook (PEP 578) cannot be removed, and sees every file
-that Python opens and every folder that it lists. The modules that time a solver and carry its answers are compared with
-their earlier state name by name, our functions also by code and defaults.
+that Python opens and every folder that it lists; it does not see what compiled code does.
 """
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import FunctionType, ModuleType
-from typing import Any
+from collections.abc import Callable, Sequence
 
 FILE_EVENTS = ("open", "os.listdir", "os.scandir")
-TRACE_EVENTS = ("sys.setprofile", "sys.settrace")
 MOST = 3
 """Largest number of reported actions."""
-State = tuple[Any, Any, Any]
 
 
-def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) -> Callable[[], tuple[str, ...]]:
+def install_audit_hook(folders: Sequence[str]) -> Callable[[], tuple[str, ...]]:
     """Watch from now on; returns a function that lists the forbidden actions so far as sentences."""
     actions: list[str] = []
     hidden = tuple(os.path.realpath(folder) + os.sep for folder in folders)
-    before = [attribute for module in modules for attribute in _attributes(module)]
     # Bound here, so that a solver that replaces them cannot switch the guard off.
     absolute, is_number, this_process, separator = os.path.realpath, str.isdigit, str(os.getpid()), os.sep
-    most, file_events, trace_events, state = MOST, FILE_EVENTS, TRACE_EVENTS, _state
+    most, file_events = MOST, FILE_EVENTS
 
     def hook(event: str, arguments: tuple[object, ...]) -> None:
-        if len(actions) >= most:
-            return
-        if event in trace_events:
-            actions.append(f"called {event}")
-        elif event in file_events and arguments and isinstance(arguments[0], str | bytes | os.PathLike):
+        if (
+            len(actions) < most
+            and event in file_events
+            and arguments
+            and isinstance(arguments[0], str | bytes | os.PathLike)
+        ):
             name = os.fsdecode(arguments[0])
             path = absolute(name) + separator
             _, root, process, *_ = (*path.split(separator), "", "")
@@ -42,26 +38,4 @@ def install_audit_hook(folders: Sequence[str], modules: Sequence[ModuleType]) ->
 
     if hidden:
         sys.addaudithook(hook)
-
-    def forbidden_actions() -> tuple[str, ...]:
-        for where, names, name, was in before:
-            if any(now is not then for now, then in zip(state(names.get(name)), was, strict=True)):
-                actions.append(f"replaced {where}.{name}")
-        return tuple(actions[:most])
-
-    return forbidden_actions
-
-
-def _attributes(module: ModuleType) -> Iterator[tuple[str, Mapping[str, Any], str, State]]:
-    """The attributes of a module and the methods of its own classes: owner, its dictionary, name in that, and state."""
-    for name, value in list(vars(module).items()):
-        yield module.__name__, vars(module), name, _state(value)
-        if isinstance(value, type) and value.__module__ == module.__name__:
-            for member, function in vars(value).items():
-                if isinstance(function, FunctionType):
-                    yield f"{module.__name__}.{name}", vars(value), member, _state(function)
-
-
-def _state(value: Any) -> State:
-    """A value, with code and defaults of a function."""
-    return value, getattr(value, "__code__", None), getattr(value, "__defaults__", None)
+    return lambda: tuple(actions)

@@ -4,22 +4,14 @@ The process loads one solver in one lane, is pinned to a core, and answers reque
 answer with its duals, the raw times, and what the solver did that it must not.
 """
 
-import gc
 import os
-import pickle
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from multiprocessing import connection
 from typing import TypeVar
-
-import numpy as np
 
 from bench.messages.task import Outcome, Request, attempt
 from bench.processes.guard import install_audit_hook
-from piezo_model import child_process
 from piezo_model.child_process import limit_memory
 from solvers.protocol import Solver
 from solvers.registry import Described, Entry, describe
@@ -50,8 +42,7 @@ def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
     """Load and describe the solver of this process; from then on the limits hold and the process is watched."""
     for name in settings.preload:
         import_module(name)
-    ours = [module for name, module in sys.modules.items() if name.startswith("bench.")]
-    _guards.append(install_audit_hook(settings.hidden, [*ours, child_process, connection, gc, np, pickle, time]))
+    _guards.append(install_audit_hook(settings.hidden))
     try:
         description = describe(entry)
     except Exception as error:  # whatever a library raises while it loads is the reason for its absence

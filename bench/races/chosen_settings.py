@@ -41,7 +41,7 @@ NAMES = (
     "host",
     "status",
 )
-FIGURES = ("cost_gap", "violation", "timed_gap", "stage_excess", "noise_um")
+FIGURES = ("cost_gap", "violation", "timed_gap", "timed_violation", "stage_excess", "timed_stage_excess", "noise_um")
 ACCURACY = columns.schema((*NAMES, *FIGURES))
 """Columns of the shipped rows."""
 DEFAULT, EACH, REFERENCE = "default", "each", "reference"

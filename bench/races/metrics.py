@@ -12,6 +12,7 @@
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,10 +21,11 @@ from qpsolvers import Solution
 from bench.messages.solver_info import amount
 from bench.messages.task import Outcome
 from bench.messages.verdict import Status
+from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import exact_cost_gap
-from solvers.protocol import Vector
+from solvers.protocol import Matrix, Vector
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,43 @@ class Judgement:
     weight_error: float = math.nan
     model_error_percent: float = math.nan
     stage_excess: float = math.nan
+
+
+@dataclass(frozen=True)
+class TimedJudgement:
+    """The worst of the judged timed answers, with the draw of its data, from which it can be judged again."""
+
+    judged: int = 0
+    """Number of judged answers."""
     timed_gap: float = math.nan
-    """Largest cost gap or violation of the sampled timed answers."""
+    """The larger of cost gap and violation; infinite if the answer is not finite, NaN if none was judged."""
+    timed_violation: float = math.nan
+    timed_stage_excess: float = math.nan
+    """As of a first answer, beyond the model of the optimum to the same data."""
+    timed_call: int = -1
+    """Number of the call, from 0."""
+    timed_answer: Sequence[float] = ()
+    timed_shares: Sequence[float] = ()
+    timed_factors: Sequence[float] = ()
+    """As of ``FreshData.draw``."""
+
+
+def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: int) -> TimedJudgement:
+    """Judge at most ``few`` of the timed answers (n, d), drawn from all of them in secret."""
+    forms = dict(fresh.judged(len(answers), few))
+    if not forms:
+        return TimedJudgement()
+    gaps = {
+        call: relative_gap(form, answers[call]) if np.isfinite(answers[call]).all() else (math.inf, math.inf)
+        for call, form in forms.items()
+    }
+    call = max(gaps, key=lambda call: max(gaps[call]))
+    form, x, excess = forms[call], answers[call], math.inf
+    if np.isfinite(x).all():
+        best = model_error(problem, form, np.array(form.certificate.x))
+        excess = stage_excess(problem, model_error(problem, form, x), best)
+    draw = (tuple(map(float, part)) for part in (x, *fresh.draw(call)))
+    return TimedJudgement(len(forms), max(gaps[call]), gaps[call][1], excess, call, *draw)
 
 
 def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement:
@@ -78,7 +115,7 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement
         *_residuals(solution),
         _weight_error(problem, form, x),
         error,
-        stage_excess(problem, error),
+        stage_excess(problem, error, problem.optimum_error_percent),
     )
 
 
@@ -89,12 +126,12 @@ def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:
     return relative, gap.violation / form.size
 
 
-def stage_excess(problem: RaceProblem, error_percent: float) -> float:
+def stage_excess(problem: RaceProblem, error_percent: float, best_percent: float) -> float:
     """Model error beyond that of the optimum, in units of the sensor's noise."""
     v = problem.validation
     if v is None or not v.noise_um > 0.0:
         return math.nan
-    return (error_percent - problem.optimum_error_percent) / 100.0 * v.span_um / v.noise_um
+    return (error_percent - best_percent) / 100.0 * v.span_um / v.noise_um
 
 
 def _weight_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:

@@ -14,11 +14,14 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from solvers.protocol import Matrix, Nanoseconds, Solver, Vector
 
 LONG_NS = 100_000_000
 """A longer call is timed once."""
+LEAST_SHARE = 2.0 / 3.0
+"""Least time of an answer, in mean processor times of a call."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,20 @@ class Timed:
     updates: Nanoseconds
     solves: Nanoseconds
     answers: Matrix
+
+
+def answers_us(update_ns: Nanoseconds, solve_ns: Nanoseconds, cpu_us: float = np.nan) -> NDArray[np.float64]:
+    """The time of each answer in µs, shape (n,): update and solve of the same call, and no less than LEAST_SHARE of
+    ``cpu_us``, the mean processor time of a call where it is known.
+
+    Every table, plot, sentence and decision takes the time of an answer from here.
+
+    Examples
+    --------
+    >>> answers_us(np.array([1000, 2000]), np.array([500, 6000]), cpu_us=6.0)
+    array([4., 8.])
+    """
+    return np.fmax((update_ns + solve_ns) / 1e3, LEAST_SHARE * cpu_us)
 
 
 @contextmanager

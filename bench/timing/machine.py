@@ -9,6 +9,7 @@ import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +45,17 @@ def name(described: Mapping[str, Any]) -> str:
     return f"{described['processor']}, {described['cores']} core{'s' * (described['cores'] != 1)}, {described['core']}"
 
 
+@cache
+def here() -> str:
+    """Name of this machine."""
+    return name({"processor": processor(), "cores": os.cpu_count(), "core": core()})
+
+
 def elsewhere(what: str, described: Mapping[str, Any]) -> list[str]:
     """A sentence if ``what`` was measured on another machine than this one."""
-    here, there = (
-        name(each) for each in ({"processor": processor(), "cores": os.cpu_count(), "core": core()}, described)
-    )
-    sentence = f"{what} was measured on another machine, {there}. This one, {here}, has other times: race on it, too."
-    return [] if here == there else [sentence]
+    there = name(described)
+    sentence = f"{what} was measured on another machine, {there}. This one, {here()}, has other times: race on it, too."
+    return [] if here() == there else [sentence]
 
 
 def core() -> str:

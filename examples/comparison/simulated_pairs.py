@@ -41,7 +41,7 @@ def resampled(chance: np.random.Generator, own: list[Vector]) -> list[Vector]:
     return [chance.choice((-1.0, 1.0)) * chance.choice(part, part.size) for part in drawn]
 
 
-def pair(by_lane: list[Vector], changed: Mapping[str, float] | None = None, timed: str = "in turns") -> pd.DataFrame:
+def pair(by_lane: list[Vector], changed: Mapping[str, float] | None = None, timed: str = "interleaved") -> pd.DataFrame:
     """The table of a pair with solvers s0, s1, …; ``changed`` has factors of change by name."""
     return pd.DataFrame(
         [

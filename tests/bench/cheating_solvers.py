@@ -54,30 +54,6 @@ def solve(self, warm_start=None):
         self.known[key] = self.right(self.P, self.q)
     return self.known[key]
 """,
-    "caches_at_some_setting": """
-@classmethod
-def ladder(cls, c):
-    return tuple({"tolerance": c * 10.0**-k} for k in (4, 8, 12, 14))
-
-def solve(self, warm_start=None):
-    key = self.q.tobytes()
-    if key not in self.known:
-        self.known[key] = self.right(self.P, self.q)
-    return self.known[key]
-""",
-    "caches_and_falls": """
-@classmethod
-def ladder(cls, c):
-    return tuple({"k": k} for k in range(4, 12))
-
-def solve(self, warm_start=None):
-    if self.settings.get("k", 0) > 4:
-        os._exit(3)
-    key = self.q.tobytes()
-    if key not in self.known:
-        self.known[key] = self.right(self.P, self.q)
-    return self.known[key]
-""",
     "keeps_for_its_other_settings": """
 @classmethod
 def ladder(cls, c):
@@ -106,6 +82,19 @@ def solve(self, warm_start=None):
     if self.calls == 1:
         return self.right(self.P, self.q)
     return np.random.default_rng(self.calls).uniform(1.0, 2.0, self.q.size)
+""",
+    "tires": """
+def solve(self, warm_start=None):
+    type(self).calls += 1
+    if self.calls < 20 or not hasattr(self, "kept"):
+        self.kept = self.right(self.P, self.q)
+    return self.kept
+""",
+    "tires_now_and_then": """
+def solve(self, warm_start=None):
+    if not hasattr(self, "kept") or np.random.default_rng().random() < 0.45:
+        self.kept = self.right(self.P, self.q)
+    return self.kept
 """,
     "mends_later": """
 def solve(self, warm_start=None):
@@ -173,6 +162,7 @@ def setup(self, problem):
     guard.MOST = 0
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.take(problem.P, problem.q)
+    open(f"/proc/{os.getppid()}/mem", "rb").close()
 """,
     "hooks": """
 def update(self, P=None, q=None):

@@ -39,6 +39,11 @@ class Race:
         """Derived measurements."""
         return Measurements(self.rows, self.run.times())
 
+    @property
+    def hot(self) -> pd.DataFrame:
+        """The rows of the first pass and of warm starts."""
+        return self.rows[self.rows.timed == "hot"]
+
     def copied(
         self, folder: Path, rows: Change = lambda rows: rows, times: Change = lambda times: times, **noted: object
     ) -> Run:
@@ -74,9 +79,9 @@ SMALL = (
     8,
 )
 THIRD = ("--solver", "clarabel")
-TASKS = 25
+TASKS = 35
 """Number of tasks: the settings of three solvers (3, 8 and 9) on scaled data, their defaults on raw data, and the floor
-on both."""
+on both; then more calls of the floor and the fastest on both, and two lanes and the floor interleaved on both."""
 
 
 def saved(run: Run, what: str) -> dict[str, np.ndarray]:

@@ -43,10 +43,6 @@ class Mine(Solver):
             self.faulty_solution(answer)
         return answer
 
-    def has_seen(self, P):
-        self.hoard.append(P.tobytes())
-        return self.hoard[-1] in self.hoard[:-1]
-
     def faulty_setup(self): pass
     def faulty_update(self, P): pass
     def faulty_solve(self): pass
@@ -66,8 +62,6 @@ FAULTS = {
     "raises": ("solve(self)", f"raise RuntimeError('{MARKUP}')"),
     "raises_in_setup": ("setup(self)", "raise KeyError('no such setting')"),
     "raises_in_update": ("update(self, P)", "raise ValueError('cannot update')"),
-    "dies_on_repeats": ("update(self, P)", "self.has_seen(P) and os._exit(3)"),
-    "raises_on_repeats": ("update(self, P)", "assert not self.has_seen(P), 'data that I know'"),
     "answers_nan": ("solve(self)", "self.x[3] = np.nan"),
     "lies": ("solve(self)", "self.x = np.maximum(self.problem.lb, 1.0)"),
     "infeasible": ("solve(self)", "self.x = self.x - 0.1"),

@@ -29,6 +29,7 @@ ORDINARY: Row = {
     "rung": 0,
     "scaling": "scaled",
     "start": "cold",
+    "timed": "hot",
     "host": "here",
     "settings": "{}",
     "status": "ok",
@@ -46,8 +47,9 @@ def row(**known: Any) -> Row:
     of_all_repeats = [
         str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")
     ]
-    periods = (found["update_us"] + found["solve_us_p50"]) / PERIOD_US
-    return {**found, "task": "-".join(of_all_repeats), "periods": periods, **known}
+    us = found["update_us"] + found["solve_us_p50"]
+    derived = {"answer_us": us, "period_us": PERIOD_US, "periods": us / PERIOD_US}
+    return {**found, "task": "-".join(of_all_repeats), **derived, **known}
 
 
 def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:

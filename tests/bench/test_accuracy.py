@@ -1,11 +1,11 @@
-"""Error of an answer from its row: the largest of gap, violation and timed answers, the rule of the stage, cheats."""
+"""Error of an answer from its row: the largest of gap, violation and timed answers, and the rule of the stage."""
 
 import math
 
 import pytest
-from measured_rows import ladder, row, table
+from measured_rows import row, table
 
-from bench.derived.accuracy import CHEATS, TOLERANCE, error, right, tainted
+from bench.derived.accuracy import TOLERANCE, error, right
 from bench.messages.verdict import Status, Tier
 
 NAN = float("nan")
@@ -60,29 +60,3 @@ def test_an_answer_whose_status_is_not_ok_has_an_infinite_error_however_small_it
         error_of(Tier.LOW, status=str(status)) == error_of(Tier.STAGE, status=str(status), stage_excess=0.0) == math.inf
     )
     assert not is_right(Tier.DEFAULT, status=str(status))
-
-
-@pytest.mark.parametrize("cheat", CHEATS)
-def test_a_cheat_taints_all_settings_and_starts_of_its_lane_on_that_problem_and_nothing_else(cheat: Status) -> None:
-    rows = [
-        *ladder({"p1": [0.0, 0.0, NAN]}),
-        row(setting="d", rung=-1, is_default=True),
-        row(setting="s1", rung=1, start="warm"),
-        row(problem="p2"),
-        row(solver="osqp"),
-        row(lane="qpsolvers"),
-        row(scaling="raw"),
-        row(problem_set="orders"),
-    ]
-    rows[1]["status"], rows[1]["message"] = str(cheat), "was seen"
-    found = tainted(table(rows))
-    assert found.status.tolist() == [cheat, cheat, "solver_failed", cheat, cheat, *["ok"] * 5]
-    assert found.message.tolist() == ["", "was seen", *[""] * 8]
-    assert not right(found.iloc[:5], Tier.LOW).any()
-
-
-@pytest.mark.parametrize("status", ["solver_failed", "crashed", "erratic", "missed", "not_run"])
-def test_a_status_other_than_a_cheat_taints_no_other_setting(status: str) -> None:
-    found = tainted(table([row(), row(setting="s1", status=status)]))
-    assert found.status.tolist() == ["ok", status]
-    assert right(found, Tier.HIGH).tolist() == [True, False]

@@ -1,4 +1,4 @@
-"""Every way to look better than deserved is detected; each is a solver file that is raced."""
+"""No way to look better than deserved is worth it; each is a solver file that is raced."""
 
 from pathlib import Path
 
@@ -9,43 +9,39 @@ from command_line import CommandLine
 from conftest import Race, race_of
 from qpsolvers import Problem
 
-from bench.messages.task import Setting, Task
+from bench.messages.task import NO_SETTING, Setting, Task
 from bench.messages.verdict import Status, Tier
-from bench.problems.fresh import FreshData
+from bench.problems.fresh import FreshData, mixture
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
+from bench.races.metrics import relative_gap
 from bench.races.oneshot.blocks import timed
+from bench.races.oneshot.rows import row_of
 from bench.timing.clock import Effort
 from solvers import Lane, find
 from solvers.certificate import certify
-from solvers.registry import Entry
+from solvers.registry import Entry, from_file
 
-STATUS = {
-    "honest": Status.OK,
-    "caches": Status.CACHED,
-    "caches_at_some_setting": Status.CACHED,
-    "caches_and_falls": Status.CACHED,
-    "keeps_for_its_other_settings": Status.OK,
-    "stale": Status.STALE,
-    "lags": Status.STALE,
-    "garbage": Status.ERRATIC,
-    "mends_later": Status.ERRATIC,
-    "lazy": Status.LAZY,
-    "looks": Status.PEEKED,
-    "looks_into_memory": Status.PEEKED,
-    "patches_the_clock": Status.TAMPERED,
-    "patches_and_mends": Status.TAMPERED,
-    "patches_the_message": Status.TAMPERED,
-    "patches_the_guard": Status.TAMPERED,
-    "hooks": Status.TAMPERED,
-    "sends_by_itself": Status.TAMPERED,
-    "rewrites_times": Status.MISTIMED,
-    "loses_times": Status.TAMPERED,
-    "works_ahead": Status.MISTIMED,
-    "works_aside": Status.MISTIMED,
-    "times_itself": Status.OK,
+RIGHT = {
+    "honest",
+    "caches",
+    "keeps_for_its_other_settings",
+    "lazy",
+    "patches_the_clock",
+    "patches_and_mends",
+    "patches_the_message",
+    "hooks",
+    "rewrites_times",
+    "works_ahead",
+    "works_aside",
+    "times_itself",
 }
+"""Those whose answers are right, so that they gain no more than a part of their time."""
+TAMPERED = {"looks", "looks_into_memory", "patches_the_guard", "sends_by_itself", "loses_times"}
+LEAST = 0.5
+"""Smallest share of the honest time at which any of them may be right."""
+RUNS = 100
 
 
 @pytest.fixture(scope="module")
@@ -73,49 +69,34 @@ def cheats(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) ->
     return race_of(piezobench, folder, "cheats", *words, *files)
 
 
-def test_every_cheat_is_tried() -> None:
-    assert STATUS.keys() == cheating_solvers.CHEATS.keys()
+@pytest.mark.parametrize("name", cheating_solvers.CHEATS)
+def test_no_cheat_is_right_in_less_than_half_the_time_of_the_honest_solver(cheats: Race, name: str) -> None:
+    settings = cheats.found.settings[cheats.found.settings.tier != Tier.STAGE]  # which may not notice an older answer
+    reached = settings.setting[settings.solver == name] != ""
+    assert reached.size
+    assert reached.any() == (name in RIGHT), cheats.rows[cheats.rows.solver == name].message.tolist()
+    field = cheats.found.field.set_index("solver")
+    honest = cheats.found.pooled(field.task[["honest"]]).min()  # which other processes disturb least
+    assert not reached.any() or field.answer_us[[name]].min() >= LEAST * honest > 0.0
 
 
-@pytest.mark.parametrize("name", STATUS)
-def test_a_cheat_has_its_status(cheats: Race, name: str) -> None:
-    rows = cheats.rows[cheats.rows.solver == name]
-    assert STATUS[name] in set(rows.status), rows.message.tolist()
+@pytest.mark.parametrize("name", TAMPERED)
+def test_a_process_that_reads_what_it_must_not_or_sends_what_nobody_asked_for_has_tampered(
+    cheats: Race, name: str
+) -> None:
+    assert set(cheats.rows.status[cheats.rows.solver == name]) == {Status.TAMPERED}
 
 
-@pytest.mark.parametrize("name", STATUS)
-def test_a_cheat_reaches_no_tier_and_an_honest_solver_does(cheats: Race, name: str) -> None:
-    found = cheats.found
-    settings = found.settings[found.settings.solver == name]
-    assert set(settings.tier) >= {Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT}
-    assert (settings.setting != "").any() == (STATUS[name] == Status.OK)
-    assert found.tiers[found.tiers.solver == name].right.any() == (STATUS[name] == Status.OK)
-
-
-def test_a_cache_is_detected_at_a_setting_drawn_by_the_parent_and_taints_all_settings(cheats: Race) -> None:
-    name = "caches_at_some_setting"
-    rows = cheats.rows[cheats.rows.solver == name]
-    assert sorted(rows.rung) == [-1, 0, 1, 2, 3]
-    assert sorted(rows.status) == ["cached", "ok", "ok", "ok", "ok"]
-    found = cheats.found
-    assert set(found.rows[found.rows.solver == name].status) == {"cached"}
-
-
-def test_a_ladder_that_ends_before_the_drawn_setting_is_tested_at_another(cheats: Race) -> None:
-    rows = cheats.rows[cheats.rows.solver == "caches_and_falls"].sort_values("rung")
-    assert sorted(rows.status[:2]) == ["cached", "ok"]
-    assert rows.status[2:].tolist() == ["crashed", *["not_run"] * 6]
+def test_a_processor_time_that_calls_do_not_report_is_in_the_table_and_an_honest_one_is_not(cheats: Race) -> None:
+    hidden = cheats.rows.groupby("solver").cpu_us.max()
+    assert hidden[["rewrites_times", "works_ahead", "works_aside", "patches_the_clock"]].notna().all()
+    assert hidden[["honest", "daqp"]].isna().all()
 
 
 def test_answers_kept_from_one_setting_are_of_no_use_at_another(cheats: Race) -> None:
-    rows = cheats.rows[cheats.rows.solver == "keeps_for_its_other_settings"]
-    assert len(rows) == 5
-    assert rows.solve_us_p50.min() > 0.2 * rows.solve_us_p50.max() > 0.0
-
-
-def test_a_users_solver_that_times_itself_is_timed_by_us(cheats: Race) -> None:
-    us = cheats.rows.set_index("solver").solve_us_p50
-    assert us["times_itself"] > 0.2 * us["honest"] > 0.0
+    times = cheats.rows[cheats.rows.solver == "keeps_for_its_other_settings"].answer_us
+    assert len(times) >= 5
+    assert times.min() > 0.2 * times.max() > 0.0
 
 
 def test_the_judged_answers_of_an_honest_solver_are_those_that_were_timed(cheats: Race) -> None:
@@ -125,8 +106,46 @@ def test_the_judged_answers_of_an_honest_solver_are_those_that_were_timed(cheats
     assert np.isfinite(gaps.max()["stale"])
 
 
+def test_the_worst_judged_answer_is_stored_with_its_data_and_can_be_judged_again(cheats: Race) -> None:
+    rows = cheats.rows[
+        (cheats.rows.judged > 0) & (cheats.rows.status == Status.OK) & np.isfinite(cheats.rows.timed_gap)
+    ]
+    assert {"tires", "daqp"} <= set(rows.solver)
+    problem = cheats.run.problem("paper", rows.problem.iloc[0])
+    assert set(rows.digest) == {problem.digest}
+    for row in rows.groupby("solver").head(2).itertuples():
+        form = mixture(problem.forms[row.scaling], row.timed_shares, row.timed_factors)
+        assert max(relative_gap(form, row.timed_answer)) == row.timed_gap
+        assert relative_gap(problem.forms[row.scaling], row.answer) == (row.cost_gap, row.violation)
+
+
+RANDOMISED = """
+    def solve(self, warm_start=None):
+        for _ in range(1 + np.random.default_rng().integers(3)):
+            x = self.right(self.P, self.q)
+        return x + np.random.default_rng().uniform(0.0, 1e-15, x.size)
+"""
+
+
+def test_an_honest_randomised_solver_is_right_in_every_run(tmp_path: Path) -> None:
+    file = cheating_solvers.written(tmp_path, "honest")
+    file.write_text(file.read_text() + RANDOMISED)
+    qp = Problem(np.eye(18), -np.linspace(-1.0, 1.0, 18), lb=np.zeros(18), ub=np.full(18, np.inf))
+    form = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
+    problem = RaceProblem("none", "none", {"scaled": form})
+    task = Task("none", "none", "scaled", "honest", Lane.DIRECT, NO_SETTING)
+    with SolverChild(from_file(file)) as child, SolverChild(null_solver.ENTRY) as idle:
+        for _ in range(RUNS):
+            fresh = FreshData(form, 20)
+            measured = timed(child, idle, task, form, fresh, Effort(0.0, 20, 20))
+            row = row_of(problem, task, measured, fresh, 5)
+            assert (row["status"], row["judged"]) == (Status.OK, 5), row["message"]
+            assert max(row["timed_gap"], row["cost_gap"]) <= 1e-9
+            assert np.isnan(row["cpu_us"])
+
+
 COMPILED = """
-from time import perf_counter_ns
+from time import process_time_ns
 from solvers.kernel import box_active_set
 
 class WorksBeside(box_active_set.{cls}):
@@ -140,16 +159,16 @@ class WorksBeside(box_active_set.{cls}):
         super().__init__()
 
     def time_kernel(self, P, *more, **named):
-        end = perf_counter_ns() + {beside_ns} * len(P)
-        while perf_counter_ns() < end:
+        end = process_time_ns() + {beside_ns} * len(P)
+        while process_time_ns() < end:
             pass
         return super().time_kernel(P, *more, **named)
 """
 
 
-@pytest.mark.parametrize(("beside_ns", "status"), [(0, None), (200_000, Status.MISTIMED)])
-def test_untimed_work_of_a_compiled_solver_is_detected_by_its_cpu_time(
-    beside_ns: int, status: Status | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("beside_ns", [0, 200_000])
+def test_untimed_work_of_a_compiled_solver_counts_by_its_processor_time(
+    beside_ns: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     base = find("box_active_set", "kernel").load()
     (tmp_path / "works_beside.py").write_text(COMPILED.format(cls=base.__name__, beside_ns=beside_ns))
@@ -160,8 +179,7 @@ def test_untimed_work_of_a_compiled_solver_is_detected_by_its_cpu_time(
     unit = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
     task = Task("none", "none", "scaled", entry.name, entry.lane, Setting('{"refinements": 2}', 1, False))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
-        measured = timed(
-            child, idle, task, RaceProblem("none", "none", {"scaled": unit}), FreshData(unit, 300), Effort(0.0, 60, 60)
-        )
+        measured = timed(child, idle, task, unit, FreshData(unit, 300), Effort(0.0, 60, 60))
     assert measured.outcome.failure == "", measured.outcome.message
-    assert (measured.fault and measured.fault[0]) == status
+    assert np.isnan(measured.cpu_us) == (beside_ns == 0)
+    assert beside_ns == 0 or measured.cpu_us > 0.5 * beside_ns / 1e3

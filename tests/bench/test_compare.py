@@ -106,7 +106,7 @@ def test_a_solver_that_waits_is_found_between_two_races_and_no_other(
     before, after = slowed_races
     call = piezobench("compare", before, after, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 3, call.stdout
-    assert re.search(r"^slowed +direct +(in turns|hot) +slower +[1-4]\.\d\d", call.stdout, re.MULTILINE)
+    assert re.search(r"^slowed +direct +(interleaved|hot) +slower +[1-4]\.\d\d", call.stdout, re.MULTILINE)
     assert changed(compare_runs(Run.open(before), Run.open(after))) == {("slowed", "direct")}
 
 

@@ -50,13 +50,6 @@ def test_on_other_problems_first_answers_are_subject_to_chance_too(count: int, i
     assert lost(run(), other, least=6) == (["high"] if is_lost else [])
 
 
-@pytest.mark.parametrize(("count", "is_lost"), [(1, False), (6, True)])
-def test_being_caught_cheating_is_chance_on_one_problem_and_not_on_most(count: int, is_lost: bool) -> None:
-    caught = run()
-    caught.loc[caught.problem.isin(PROBLEMS[:count]), "status"] = str(Status.STALE)
-    assert lost(run(), caught) == (["low", "mid", "high"] if is_lost else [])
-
-
 def test_a_solver_that_crashes_loses_every_tier() -> None:
     crashed = run().assign(status=str(Status.CRASHED), cost_gap=math.nan)
     assert lost(run(), crashed) == ["low", "mid", "high"]

@@ -41,18 +41,18 @@ def test_the_common_change_on_a_problem_is_divided_out_and_changes_of_either_sig
     changed = {"s2": FASTER, "s5": SLOWER}
     assert found.finding.to_dict() == {f"s{i}": SAME for i in range(8)} | changed
     assert found.ratio[[*changed]].tolist() == pytest.approx([0.6, 1.5], rel=0.02)
-    assert field.factor["in turns"] == pytest.approx(np.exp(0.75), rel=0.02)
+    assert field.factor["interleaved"] == pytest.approx(np.exp(0.75), rel=0.02)
 
 
 def test_intervals_are_wider_by_five_normalised_median_absolute_deviations_of_the_lanes() -> None:
     lanes = quiet()
     found, field = compare_times(pair(lanes, {"s4": 1.08}), 1.2)
     middle = np.log(found.ratio)
-    assert field.deviation["in turns"] == pytest.approx(
+    assert field.deviation["interleaved"] == pytest.approx(
         1.4826 * np.median(np.abs(middle - np.median(middle))), rel=1e-4
     )
     for end in (found.ratio / found.ratio_low, found.ratio_high / found.ratio):
-        assert np.log(end).to_numpy() == pytest.approx(5.0 * field.deviation["in turns"])
+        assert np.log(end).to_numpy() == pytest.approx(5.0 * field.deviation["interleaved"])
 
 
 def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_tell() -> None:
@@ -65,7 +65,7 @@ def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_t
 @pytest.mark.parametrize(("offset", "finding"), [(0.02, SAME), (0.06, CANNOT_TELL)])
 def test_a_field_that_deviates_by_more_than_three_per_cent_cannot_tell_of_any_lane(offset: float, finding: str) -> None:
     found, field = compare_times(pair(quiet(9, offset=offset)), 1.2)
-    assert (field.deviation["in turns"] > 0.03) == (finding == CANNOT_TELL)
+    assert (field.deviation["interleaved"] > 0.03) == (finding == CANNOT_TELL)
     assert finding in set(found.finding)
     assert (finding == SAME) or set(found.finding) == {CANNOT_TELL}
 
@@ -77,11 +77,11 @@ def test_fewer_than_five_lanes_or_three_problems_cannot_tell(shape: tuple[int, i
     assert np.isinf(found.ratio_high).all()
 
 
-def test_times_in_turns_come_before_hot_ones_unless_there_are_too_few() -> None:
+def test_interleaved_times_come_before_hot_ones_unless_there_are_too_few() -> None:
     hot, turns = pair(quiet(), {"s0": 2.0}, "hot"), pair(quiet())
     few = turns[(turns.solver != "s1") | (turns.problem == "p0")]
     found = compare_times(pd.concat([hot, few]), 1.2)[0].set_index("solver")
-    assert found.timed.to_dict() == {f"s{i}": "hot" if i == 1 else "in turns" for i in range(8)}
+    assert found.timed.to_dict() == {f"s{i}": "hot" if i == 1 else "interleaved" for i in range(8)}
     assert set(found.finding) == {SAME}
 
 

@@ -18,6 +18,7 @@ from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
+from bench.races.metrics import judge_timed
 from bench.races.oneshot import report
 from bench.races.oneshot.blocks import timed
 from bench.races.oneshot.second_pass import LONGEST_US, interleave
@@ -65,7 +66,7 @@ def drift_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory
 
 
 def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race: Race) -> None:
-    rows = drift_race.rows
+    rows = drift_race.hot
     warm = set(rows.solver[rows.start == "warm"])
     assert warm == {"daqp", "osqp", "box_active_set"}
     assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
@@ -79,24 +80,19 @@ def test_solvers_near_the_fastest_of_a_lane_and_the_floor_have_three_thousand_ti
     drift_race: Race, clean_race: Race
 ) -> None:
     for race in (drift_race, clean_race):
-        cold = race.rows[race.rows.start == "cold"]
-        samples = cold.groupby(["scaling", "solver", "lane", "setting"]).samples.sum()
-        plan = race.run.settings["second_pass"]
-        longer = [(each["scaling"], each["solver"], each["lane"], each["setting"]) for each in plan if each["longer"]]
-        assert {lane for _, _, lane, _ in longer} == set(cold[cold.lane != "qpsolvers"].lane)
-        assert (samples[longer] >= 3000).all()
-        assert (samples.xs("null", level="solver") >= 3000).all()
+        longer = race.rows[race.rows.timed == "long"]
+        assert (longer.groupby(["scaling", "solver", "lane", "setting"]).samples.sum() >= 3000).all()
+        lanes = set(race.rows[race.rows.lane != "qpsolvers"].lane)
+        assert set(longer[longer.solver != "null"].lane) == lanes
+        assert set(longer[longer.solver == "null"].scaling) == set(race.rows.scaling)
 
 
-def test_a_solver_that_can_start_warm_is_interleaved_cold_and_warm_at_the_setting_of_the_second_pass(
-    drift_race: Race,
-) -> None:
-    plan = drift_race.run.settings["second_pass"]
-    chosen = {(each["solver"], each["lane"], each["setting"]) for each in plan}
+def test_a_solver_that_can_start_warm_is_interleaved_cold_and_warm_at_one_setting(drift_race: Race) -> None:
     rows = drift_race.rows[drift_race.rows.solver.isin(["daqp", "box_active_set"])]
-    at = rows[[key in chosen for key in zip(rows.solver, rows.lane, rows.setting, strict=True)]]
+    at = rows[rows.timed == "interleaved"]
     assert at.groupby("start").size().to_dict() == {"cold": 2 * 2 * 4, "warm": 2 * 2 * 4}  # repeats, problems, lanes
-    assert at.interleaved_us_p50.notna().all()
+    assert (at.groupby(["solver", "lane"]).setting.nunique() == 1).all()
+    assert at.answer_us.notna().all()
 
 
 def test_warm_and_cold_are_both_in_the_report(drift_race: Race) -> None:
@@ -115,35 +111,37 @@ def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
 
 
 def test_quick_solvers_are_interleaved_in_every_round_at_one_setting_each(clean_race: Race) -> None:
-    rows, times = clean_race.rows.set_index("task"), clean_race.run.times()
-    turns = times[times.what == "interleaved_solve"].set_index("task").ns
-    assert {ns.size for ns in turns} == {8}
-    plan = {(each["scaling"], each["solver"], each["setting"]) for each in clean_race.run.settings["second_pass"]}
-    at = [
-        key in plan or key[1] == "null"
-        for key in rows[["scaling", "solver", "setting"]].itertuples(index=False, name=None)
-    ]
-    quick = rows[np.array(at) & (rows.update_us + rows.solve_us_p50 <= LONGEST_US)]
-    assert len(quick) >= 5
-    assert set(turns.index) == set(quick.index)
-    assert set(rows.index[rows.interleaved_us_p50.notna()]) == set(quick.index)
-    for task, ns in turns.items():
-        assert rows.interleaved_us_p50[task] == pytest.approx(np.median(ns) / 1e3)
-    assert rows.interleaved_us_p99.isna().all()  # eight turns cannot support it
+    rows = clean_race.rows[clean_race.rows.timed == "interleaved"]
+    assert (rows.samples == 8).all()
+    assert rows.solve_us_p99.isna().all()  # eight calls cannot support it
+    lanes = ["scaling", "solver"]
+    assert (rows.groupby(lanes).setting.nunique() == 1).all()
+    hot = clean_race.hot.merge(rows[[*lanes, "setting"]], on=[*lanes, "setting"])
+    assert len(hot) == len(rows) >= 5
+    assert hot.answer_us.max() <= LONGEST_US
+    assert (rows[rows.solver != "null"].judged > 0).all()
+
+
+def test_no_row_is_rewritten_and_a_longer_measurement_is_a_row_of_its_own(clean_race: Race) -> None:
+    key = ["task", "timed", "session", "repeat"]
+    assert not clean_race.rows.duplicated(key).any()
+    longer = clean_race.rows[clean_race.rows.timed == "long"]
+    assert set(longer.task) <= set(clean_race.hot.task)
+    found = clean_race.found.rows.set_index("task").answer_us
+    assert found[longer.task].tolist() == longer.answer_us.tolist()
 
 
 def test_figures_are_those_of_the_raw_times_and_a_tail_is_missing_if_the_sample_is_too_small(clean_race: Race) -> None:
     times = clean_race.run.times()
-    solves = times[times.what == "solve"].set_index("task").ns
-    assert set(times.task) == set(clean_race.rows.task)
+    key = ["task", "timed", "repeat"]
+    ns = times.set_index([*key, "what"]).ns
+    assert {*times[key].itertuples(index=False)} == {*clean_race.rows[key].itertuples(index=False)}
     for row in clean_race.rows.itertuples():
-        solve_us = solves[row.task] / 1e3
-        assert (solve_us.size, solve_us.max()) == (row.samples, row.solve_us_max)
-        wanted = percentile(solve_us, 0.99)
-        np.testing.assert_array_equal(
-            [row.solve_us_p99_low, row.solve_us_p99, row.solve_us_p99_high],
-            np.array([wanted.low, wanted.value, wanted.high], dtype=float),
-        )
+        update, solve = (ns[row.task, row.timed, row.repeat, what] for what in ("update", "solve"))
+        assert (solve.size, solve.max() / 1e3) == (row.samples, row.solve_us_max)
+        wanted = percentile(solve / 1e3, 0.99).value
+        np.testing.assert_equal(row.solve_us_p99, np.nan if wanted is None else wanted)
+        assert row.answer_us == pytest.approx(np.median(update + solve) / 1e3) or row.cpu_us > 0.0
     assert report.text(pd.Series({"answer_us_p99": np.nan, "status": "ok"}), "answer_us_p99") == "–"
 
 
@@ -163,11 +161,16 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
             for entry in map(from_file, files)
         }
         tasks = [Task("none", "none", "scaled", name, Lane(lane), NO_SETTING) for name, lane in children]
-        times = interleave(tasks, children, unit, FreshData(unit, 12), 12, seed)
+        times = interleave(tasks, children, unit, FreshData(unit, 12), seed)
         orders.append((tmp_path / "order").read_text())
         for child in children.values():
             child.__exit__(None, None, None)
-        assert [(task.solver, calls.solve_ns.size) for task, calls in times] == [("one", 12), ("two", 12)]
+        assert [(task.solver, measured.outcome.solve_ns.size) for task, measured in times] == [
+            ("one", 12),
+            ("two", 12),
+            ("tires", 0),
+        ]
+        assert [measured.outcome.failure for _, measured in times] == ["", "", Status.CRASHED]
     assert orders[0] == orders[1] != orders[2]
 
 
@@ -187,15 +190,15 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     task = Task("none", "none", "scaled", entry.name, entry.lane, default, start="warm")
     form = replace(form_of(QP), warm_start=(best := np.array([0.0, 2.0])))
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
-        measured = timed(
-            child, idle, task, RaceProblem("none", "none", {"scaled": form}), FreshData(form, 7), Effort(0.0, 7, 7)
-        )
+        fresh = FreshData(form, 7)
+        measured = timed(child, idle, task, form, fresh, Effort(0.0, 7, 7))
     outcome = measured.outcome
     assert outcome.failure == ""
     np.testing.assert_allclose(outcome.x, best, atol=1e-9)
     assert not outcome.mutated
-    assert (outcome.solve_ns.size, measured.fault) == (7, None)
-    assert measured.timed_gap <= 1e-9
+    assert outcome.solve_ns.size == 7
+    problem = RaceProblem("none", "none", {"scaled": form})
+    assert judge_timed(problem, fresh, measured.answers, 3).timed_gap <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 

@@ -30,8 +30,6 @@ STATUS = {
     "raises": Status.ADAPTER_FAILED,
     "raises_in_setup": Status.ADAPTER_FAILED,
     "raises_in_update": Status.ADAPTER_FAILED,
-    "dies_on_repeats": Status.CRASHED,
-    "raises_on_repeats": Status.ADAPTER_FAILED,
     "answers_nan": Status.MISSED,
     "lies": Status.OK,
     "infeasible": Status.OK,
@@ -63,8 +61,6 @@ SAID = {
     "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'",
     "raises_in_update": "ValueError: cannot update",
-    "dies_on_repeats": "exit status 3",
-    "raises_on_repeats": "AssertionError: data that I know",
     "answers_nan": "says solved and returned NaN",
     "short": "says solved and returned no answer of the right shape",
     "nothing": "as I say",
@@ -75,7 +71,7 @@ SAID = {
 
 
 def row_of(race: Race, name: str, scaling: str = "scaled") -> pd.Series:
-    (row,) = (row for _, row in race.rows.iterrows() if (row.solver, row.scaling) == (name, scaling))
+    (row,) = (row for _, row in race.hot.iterrows() if (row.solver, row.scaling) == (name, scaling))
     return row
 
 
@@ -130,9 +126,9 @@ def test_faulty_solvers_do_not_change_the_rows_of_others(clean_race: Race, fault
         "mutates_input",
         "repeatable",
     ]
-    others = faulty_race.rows[faulty_race.rows.solver.isin(["daqp", "osqp"])]
+    others = faulty_race.hot[faulty_race.hot.solver.isin(["daqp", "osqp"])]
     assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and their defaults on raw
-    clean = clean_race.rows[clean_race.rows.task.isin(others.task)]
+    clean = clean_race.hot[clean_race.hot.task.isin(others.task)]
     assert others[columns].reset_index(drop=True).equals(clean[columns].reset_index(drop=True))
 
 

@@ -89,7 +89,7 @@ def ended(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
 
 def names(race: Race) -> list[tuple[str, str, str, str, str]]:
     """Keys of the rows."""
-    return [*race.rows[["scaling", "solver", "lane", "setting", "start"]].itertuples(index=False, name=None)]
+    return [*race.hot[["scaling", "solver", "lane", "setting", "start"]].itertuples(index=False, name=None)]
 
 
 def test_every_setting_is_measured_on_scaled_data_and_only_the_defaults_of_a_library_on_raw(clean_race: Race) -> None:
@@ -99,7 +99,7 @@ def test_every_setting_is_measured_on_scaled_data_and_only_the_defaults_of_a_lib
             expected |= {("scaled", name, "direct", setting.text, "cold")}
             expected |= {("raw", name, "direct", setting.text, "cold")} if setting.is_default else set()
     assert sorted(names(clean_race)) == sorted(expected)
-    rows = clean_race.rows
+    rows = clean_race.hot
     assert rows[rows.solver != "null"].groupby(["scaling", "solver"]).is_default.sum().eq(1).all()
     assert rows.solve_us_p50.notna().all()
 

@@ -5,7 +5,7 @@ import pytest
 from measured_rows import ladder, row, table
 
 from bench.messages.task import Row
-from bench.races.oneshot.second_pass import NEAR, planned
+from bench.races.oneshot.second_pass import LONGEST_US, NEAR, planned
 
 NAN = float("nan")
 DEFAULTS = row(setting="d", rung=-1, is_default=True, cost_gap=0.1)
@@ -13,7 +13,8 @@ DEFAULTS = row(setting="d", rung=-1, is_default=True, cost_gap=0.1)
 
 def settings(rows: list[Row]) -> dict[str, str]:
     """The setting of each solver."""
-    return {str(each["solver"]): str(each["setting"]) for each in planned(table(rows))}
+    plan = planned(table(rows), 3000)
+    return dict(zip(plan.solver, plan.setting, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -42,4 +43,21 @@ def test_solvers_near_the_fastest_of_their_lane_are_timed_longer() -> None:
         *ladder({"p1": [1e-12]}, solver="far", solve_us_p50=1.1 * NEAR),
         *ladder({"p1": [1e-12]}, solver="wrapped", lane="qpsolvers"),
     ]
-    assert {str(each["solver"]) for each in planned(table(rows)) if each["longer"]} == {"daqp", "near"}
+    plan = planned(table(rows), 3000)
+    assert set(plan.solver[plan.longer]) == {"daqp", "near"}
+    enough = planned(table([{**each, "samples": 3000} for each in rows]), 3000)
+    assert not enough.longer.any()
+
+
+def test_a_lane_is_interleaved_on_all_problems_or_on_none() -> None:
+    rows = [
+        *ladder({"p1": [1e-12], "p2": [1e-12]}, solve_us_p50=LONGEST_US),
+        *ladder({"p1": [1e-12]}, solver="slow_once", solve_us_p50=1.0),
+        *ladder({"p2": [1e-12]}, solver="slow_once", solve_us_p50=1.1 * LONGEST_US),
+        *ladder({"p1": [1e-12], "p2": [NAN]}, solver="fails_once"),
+        row(setting="{}", rung=-1, is_default=True, solver="null", status="solver_failed"),
+        *ladder({"p1": [1e-12]}, solver="takes_some"),
+        row(problem="p2", solver="takes_some", status="unsupported"),
+    ]
+    plan = planned(table(rows), 3000)
+    assert set(plan.solver[plan.interleaved]) == {"daqp", "null", "takes_some"}

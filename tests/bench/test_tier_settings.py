@@ -49,7 +49,6 @@ def test_without_a_setting_right_on_every_problem_a_tier_is_not_reached_and_the_
 
 
 DEFAULT = row(setting="d", rung=-1, is_default=True)
-CAUGHT = {"setting": "s2", "rung": 2, "status": "cached"}
 NOT_RUN = {"setting": "s1", "rung": 1, "status": "not_run", "cost_gap": NAN}
 NOISY = ladder({"p1": [0.5, 0.5], "p2": [0.5, 0.5]}, noise_um=0.01, stage_excess=[0.2, 0.01])
 SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
@@ -80,7 +79,7 @@ SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
                 1,
                 id=str(other),
             )
-            for other in ({"repeat": 1}, {"host": "there"})
+            for other in ({"repeat": 1}, {"host": "there"}, {"timed": "interleaved"}, {"session": 1})
         ),
         pytest.param([DEFAULT, *ladder({"p1": [0.5, 1e-8]})], Tier.MID, "s1", 1, 1, id="default beside the ladder"),
         pytest.param(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False]), Tier.MID, "s0", 1, 1, id="default in it"),
@@ -91,20 +90,13 @@ SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
             [*ladder({"p1": [1e-5], "p2": [1e-5, 1e-12]}), row(**NOT_RUN)], Tier.HIGH, "", 1, 2, id="not run on one"
         ),
         pytest.param(ladder({"p1": [1e-5], "p2": [1e-5, 1e-12]}), Tier.HIGH, "", 1, 2, id="not there on one"),
-        *(
-            pytest.param(
-                [
-                    *ladder({"p1": [1e-14] * 3, "p2": [1e-14] * 3}),
-                    row(**CAUGHT | where),
-                ],
-                tier,
-                "",
-                1,
-                2,
-                id=f"caught at {where}, {tier}",
-            )
-            for where in ({"rung": -1, "setting": "d", "is_default": True}, {"start": "warm"}, {"host": "there"}, {})
-            for tier in (Tier.LOW, Tier.EXACT)
+        pytest.param(
+            [*ladder({"p1": [1e-12], "p2": [1e-12]}), row(problem="p3", status="unsupported")],
+            Tier.HIGH,
+            "s0",
+            2,
+            2,
+            id="unsupported on one",
         ),
     ],
 )

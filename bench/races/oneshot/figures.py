@@ -30,7 +30,7 @@ def work_precision(measurements: Measurements) -> Figure:
     names = Mark("text", "name", where={"end": [True], "front": [True]})
     defaults = Mark("hollow", where={"is_default": [True], "front": [True]}, colour=INK, size=110.0)
     table = pictures.work_precision(measurements)
-    times = (0.4 * float(table.total_us.min()), 1.6 * float(table.total_us.max())) if len(table) else ()
+    times = (0.4 * float(table.answer_us.min()), 1.6 * float(table.answer_us.max())) if len(table) else ()
     return Figure(
         "work_precision",
         "Work and precision",
@@ -42,10 +42,10 @@ def work_precision(measurements: Measurements) -> Figure:
         table,
         [
             Plot(
-                Axis("total_us", "time for one answer: update and solve, µs", log=True, domain=times),
+                Axis("answer_us", "time for one answer: update and solve, µs", log=True, domain=times),
                 Axis("drawn", "worst relative cost gap", log=True, powers_of_ten=True, values=TARGETS, domain=GAPS),
                 (*best_lines(points=True, along="rung"), defaults, names),
-                ("name", "lane", "settings", "worst_cost_gap", "total_us", "problems"),
+                ("name", "lane", "settings", "worst_cost_gap", "answer_us", "problems"),
                 rules={"x": measurements.shortest_period_us},
                 height=460,
                 legend=False,

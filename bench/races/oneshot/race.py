@@ -5,6 +5,7 @@ For each problem and scaling the solvers are timed one after the other, each hot
 the floor of all times.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -20,6 +21,9 @@ from bench.races.oneshot.second_pass import second_pass
 from bench.races.oneshot.settings import OneshotSettings, tasks_of
 from bench.races.run_problems import problems_of, save_certificates
 from solvers.registry import Described
+
+FEWEST_JUDGED, JUDGED = 3, 24
+"""Number of timed answers of a task that are judged at least, and of a setting over all problems."""
 
 
 class OneshotRace(Race[OneshotSettings]):
@@ -62,13 +66,14 @@ class OneshotRace(Race[OneshotSettings]):
                 settings,
                 problem,
                 scaling,
+                max(FEWEST_JUDGED, math.ceil(JUDGED / len(self.problems))),
             )
             for repeat in range(settings.repeats)
             for i, problem in enumerate(self.problems)
             for scaling in settings.scalings
         ]
         yield first
-        yield second_pass(self.run, settings, field, first)
+        yield [*second_pass(self.run, settings, field, first)]
 
     def finish(self) -> None:
         """Save the certificates, which solvers must not see."""

@@ -42,7 +42,7 @@ HEADINGS = {
     "model_error_percent": "model error, %",
     "setup_us": "setup, µs",
     "solve_us_max": "longest solve, µs",
-    "interleaved_us_p50": "solve in turns, µs",
+    "interleaved_us": "interleaved, µs",
 }
 """Solver, accuracy and times come first, since a screen may cut off the others."""
 WRONG = ("solver", "lane", "scaling", "status", "times", "settings", "such as", "message")
@@ -71,7 +71,7 @@ DEFINITIONS = (
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
     "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
     "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same "
-    "solver again and again; in turns, it finds the caches that other solvers left. A controller with other work in "
+    "solver again and again; interleaved, it finds the caches that other solvers left. A controller with other work in "
     "its period lies between the two.",
     "p99 of an answer: of update and solve together, over all hot calls on all problems; – where there are fewer than "
     "the 299 it takes.",
@@ -232,7 +232,7 @@ def _missed(measurements: Measurements) -> list[list[str]]:
             settings_label(row["settings"]),
             row["status"],
             *(gap(row[name]) for name in ("cost_gap", "timed_gap", "violation")),
-            number(row["total_us"]),
+            number(row["answer_us"]),
         ]
         for row in misses(measurements).to_dict("records")
     ]
@@ -299,7 +299,7 @@ def _of_repeats(run: Run) -> list[str]:
     count = run.settings["settings"].get("repeats", 1)
     return (
         [
-            f"Every solver ran in {count} fresh processes: times are medians over these, and solve_us_spread in "
+            f"Every solver ran in {count} fresh processes: times are medians over these, and answer_us_spread in "
             "summary.csv is their range over the median."
         ]
         if count > 1

@@ -27,7 +27,7 @@ class OneshotSettings(RaceSettings):
     """Settings of a one-shot race."""
 
     problem_sets: tuple[str, ...] = ("paper", "measured")
-    rounds: int = option(10, "Turns of each solver in shuffled rounds with the others.", least=0)
+    rounds: int = option(10, "Rounds in which the solvers are interleaved.", least=0)
     """Rounds of interleaved solves, one update and solve of each solver a round; 0 for none."""
     iteration_limits: tuple[int, ...] = ()
     """Ascending iteration limits at which solvers that have one are measured in addition."""

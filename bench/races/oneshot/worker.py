@@ -2,8 +2,8 @@
 
 *Hot*: the same solver updates and solves again and again, so that its code is in the caches. *Interleaved*: one update
 and solve at a time, and other solvers run on the same core in between. In both cases the clock runs in the child; the
-child receives the data of a block only when it is timed, and returns its answers with the times. The parent checks both
-against its own clock and its own certificates.
+child receives the data of a block only when it is timed, and returns its answers with the times. The parent has its own
+clock and its own certificates.
 """
 
 from __future__ import annotations
@@ -28,10 +28,9 @@ from solvers.protocol import Nanoseconds, Solver
 
 @dataclass
 class BlockOutcome(Outcome):
-    """The timed answers (n, d) of a block; the parent adds the wall time and the CPU time of the child's process."""
+    """The timed answers (n, d) of a block; the parent adds the processor time of the child's process."""
 
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    wall_ns: int = 0
     cpu_ns: int = 0
 
     @property
@@ -86,14 +85,11 @@ class Block(Request):
     key: str
     P: Matrix
     q: Matrix
-    inspect: bool
-    """Whether to look for objects that the solver replaced."""
     most_ns: float
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Time the block."""
-        outcome = _ready[self.key].block(self.P, self.q, self.most_ns)
-        return replace(outcome, forbidden_actions=forbidden_actions() if self.inspect else ())
+        return _ready[self.key].block(self.P, self.q, self.most_ns)
 
 
 @dataclass(frozen=True)
@@ -133,15 +129,13 @@ class TimedSolver:
     def begin(self) -> Outcome:
         """Set up and solve the first problem; only the set-up is timed."""
         self._setups.append(self.setup())
-        answer = self._solve()
-        self._first = x = real(answer)
+        self._first = x = real(self._solve())
         info = solver_info(self.solver.solution())
         if self._request.task.setting.rung_text:  # the iterate at the limit is the answer, whatever the solver reports
             if not np.isfinite(x).all() and (iterate := self.solver.iterate()) is not None:
                 x = real(iterate)
             info["found"] |= bool(np.isfinite(x).all())
-        returned = "" if type(answer) is np.ndarray else type(answer).__name__
-        return Outcome(x=x, settings=self.settings, returned=returned, **info)
+        return Outcome(x=x, settings=self.settings, **info)
 
     def setup(self) -> int:
         """Nanoseconds of one set-up."""
