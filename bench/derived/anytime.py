@@ -18,8 +18,9 @@ import pandas as pd
 from bench.derived.accuracy import TOLERANCE
 from bench.derived.measurements import FLOOR, Measurements
 from bench.derived.pictures import ranked
-from bench.derived.ranking import PACE, PAPER, with_pace
+from bench.derived.ranking import PACE, with_pace
 from bench.derived.tier_settings import PROBLEM
+from bench.messages.task import PAPER
 from bench.messages.verdict import Status, Tier
 from bench.report.plot import LEAST_GAP
 from bench.report.report import Table

@@ -17,6 +17,7 @@ import pandas as pd
 from bench.derived import ranking, summary
 from bench.derived.accuracy import worst
 from bench.derived.measurements import Measurements, at_tiers
+from bench.messages.task import PAPER
 from bench.messages.verdict import Status, Tier
 from bench.report.plot import BEST, LEAST_GAP, together
 from bench.report.words import MARK, duration, marked
@@ -77,7 +78,7 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
         )
         .reset_index()
     )
-    paper = (table.solver == ranking.PAPER) & (table.lane == ranking.lane_of_paper(table))
+    paper = (table.solver == PAPER) & (table.lane == ranking.lane_of_paper(table))
     pace = table[paper].assign(answer_us=table.paced_us, label=ranking.PACE)
     table = pd.concat(
         [table.assign(label=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)), pace], ignore_index=True

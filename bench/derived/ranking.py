@@ -15,13 +15,13 @@ import pandas as pd
 from bench.derived.accuracy import supported, worst
 from bench.derived.measurements import Measurements
 from bench.derived.tier_settings import PROBLEM, TARGETS
+from bench.messages.task import PAPER
 from bench.messages.verdict import Status, Tier
 from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number
 from solvers import Lane
 from solvers.registry import FAMILIES
 
-PAPER = "projected_difference"
 PACE = f"paper's method{MARK}"
 ORDER = (Tier.HIGH, Tier.MID, Tier.LOW)
 TIER_NAMES = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-12", Tier.STAGE: "stage"}

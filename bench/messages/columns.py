@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import parquet
 
-from bench.messages.task import Timed
+from bench.messages.task import Start, Timed
 from bench.messages.verdict import Tier
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane
@@ -50,7 +50,7 @@ CHOICES = {
     "lane": tuple(Lane),
     "tier": tuple(Tier),
     "scaling": ("scaled", "raw"),
-    "start": ("cold", "warm"),
+    "start": get_args(Start),
     "timed": get_args(Timed),
 }
 

@@ -26,11 +26,16 @@ if TYPE_CHECKING:  # a child needs tasks and no model
 
 Row = dict[str, Any]
 """A row of a task; every kind of race adds its own columns to those that identify the task."""
-Start = Literal["cold", "warm"]
-"""Whether a solve starts from nothing or from the optimum of the previous problem."""
+Start = Literal["cold", "warm", "line"]
+"""Whether a solve starts from nothing, from the optimum of the previous problem, or from the straight line through the
+ranges, with which a self-learning compensator begins."""
 Timed = Literal["hot", "long", "interleaved"]
 """Whether the calls of a task follow each other directly, do so for many more calls, or alternate with those of other
 solvers."""
+PAPER = "projected_difference"
+"""The paper's method, one step a sample."""
+PAPERS_SETTING = '{"steps": 15200}'
+"""Its learning phase, with steps of half the stability limit."""
 NO_RUNG = -1
 """Rung of a setting that is not in the ladder."""
 

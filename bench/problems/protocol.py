@@ -5,7 +5,7 @@ import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NotRequired, Self, TypedDict
@@ -26,6 +26,7 @@ from solvers.arrays import Matrix, Vector
 from solvers.certificate import Certificate, certify
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
+STARTS = ("line", "warm")
 
 
 class ProblemSetError(ValueError):
@@ -52,8 +53,9 @@ class CertifiedForm:
     to_weights: Any
     """Shape (d, d)."""
     certificate: Certificate
-    warm_start: Vector | None = None
-    """In a sequence of problems, the optimum of the previous one in the variables z of this one. Shape (d,)."""
+    starts: Mapping[str, Vector] = field(default_factory=dict)
+    """Where a solve may start, each of shape (d,) in the variables z: for a model ``line``, the straight line through
+    the ranges; in a sequence of problems ``warm``, the optimum of the previous one."""
     cost_unit: float = 0.0
     """Unit of the raw program's cost, for a foreign program, whose constant has no meaning; 0 if V + c is a sum of
     squares."""
@@ -175,9 +177,8 @@ class RaceProblem:
         }
         for scaling, form in self.forms.items():
             arrays |= packed_program(form.qp, f"{scaling}/")
-            arrays |= packed(f"{scaling}/to_weights", form.to_weights) | packed(
-                f"{scaling}/warm_start", form.warm_start
-            )
+            arrays |= packed(f"{scaling}/to_weights", form.to_weights)
+            arrays |= {f"{scaling}/{name}_start": start for name, start in form.starts.items()}
             if form.windows:
                 parts = ((name, [getattr(window, name) for window in form.windows]) for name in "Pqc")
                 arrays |= {f"{scaling}/windows/{name}": np.array(values) for name, values in parts}
@@ -201,13 +202,14 @@ class RaceProblem:
             forms: dict[Scaling, CertifiedForm] = {}
             for scaling, text in meta["certificates"].items():
                 qp = unpacked_program(data, f"{scaling}/")
+                starts = {name: unpacked(data, f"{scaling}/{name}_start") for name in STARTS}
                 proof = Certificate.from_json(text) if text else certify(qp, starting_point(qp))
                 forms[scaling] = CertifiedForm(
                     qp,
                     meta["c"][scaling],
                     unpacked(data, f"{scaling}/to_weights"),
                     proof,
-                    unpacked(data, f"{scaling}/warm_start"),
+                    {name: start for name, start in starts.items() if start is not None},
                     meta.get("cost_unit", {}).get(scaling, 0.0),
                     _windows(data, f"{scaling}/windows/"),
                 )
@@ -246,8 +248,10 @@ def certified(
     """Certify the optimum of an identification in both scalings, in slope coordinates.
 
     ``neighbours`` are the problems of other windows of the same data. ``before`` (d,), the optimal weights of the
-    previous problem, becomes the warm start of both forms, in their own variables and exactly feasible.
+    previous problem, becomes the warm start of both forms, in their own variables and exactly feasible; so does the
+    straight line.
     """
+    starts = {"line": problem.structure.straight_line, **({} if before is None else {"warm": before})}
     forms: dict[Scaling, CertifiedForm] = {}
     for scaling in SCALINGS:
         form = problem.form("slope", scaling)
@@ -257,7 +261,7 @@ def certified(
             form.c,
             form.to_weights,
             certify(form.qp, starting_point(form.qp)),
-            None if before is None else np.maximum(form.variables(before), form.qp.lb),
+            {name: np.maximum(form.variables(w), form.qp.lb) for name, w in starts.items()},
             windows=tuple(Window(other.qp.P, other.qp.q, other.c) for other in others),
         )
     return RaceProblem(set_name, name, forms, validation)

@@ -25,7 +25,8 @@ MOST_STEPS = 2**53
 class ProjectedDifference(ProjectedGradient):
     """Projected gradient with a fixed step, for problems with bounds only.
 
-    It runs a given number of steps and has no tolerance by default, so the rungs are numbers of steps.
+    It runs a given number of steps and has no tolerance by default, so the rungs are numbers of steps, and longer steps,
+    up to just below the stability limit.
 
     Settings
     --------
@@ -68,8 +69,9 @@ class ProjectedDifference(ProjectedGradient):
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
-        """Numbers of steps, the last that of the paper."""
-        return tuple({"steps": steps} for steps in (1, 10, 100, 1000, 15200))
+        """Numbers of steps, then as many steps as the paper's of other lengths, and the paper's."""
+        longer = ({"steps": 15200, "step_ratio": ratio} for ratio in (0.99, 0.9, 0.75))
+        return (*({"steps": steps} for steps in (1, 10, 100, 1000)), *longer, {"steps": 15200})
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)

@@ -11,9 +11,8 @@ import pyarrow as pa
 
 from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
-from bench.derived.ranking import PAPER
 from bench.derived.table import ONESHOT
-from bench.messages.task import Row
+from bench.messages.task import PAPER, Row
 from bench.messages.verdict import Tier
 from bench.races.metrics import Judgement
 from bench.store import TIMES

@@ -13,9 +13,8 @@ from measured_rows import measured, row
 
 import solvers
 from bench.derived.anytime import anytime, sentences
-from bench.derived.ranking import PAPER
 from bench.derived.table import ONESHOT
-from bench.messages.task import Row
+from bench.messages.task import PAPER, Row
 from bench.races.kind import kinds
 from bench.races.oneshot.settings import AnytimeSettings
 from bench.timing.schedule import PERIOD_US

@@ -188,7 +188,7 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     entry = find(name, lane)
     default = next(setting for setting in settings_of(describe(entry)) if setting.is_default)
     task = Task("none", "none", "scaled", entry.name, entry.lane, default, start="warm")
-    form = replace(form_of(QP), warm_start=(best := np.array([0.0, 2.0])))
+    form = replace(form_of(QP), starts={"warm": (best := np.array([0.0, 2.0]))})
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
         fresh = FreshData(form, 7)
         measured = timed(child, idle, task, form, fresh, Effort(0.0, 7, 7))

@@ -14,7 +14,7 @@ from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
 from bench.races.metrics import judge
-from piezo_model import plants
+from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS
 from solvers.certificate import verify
@@ -109,9 +109,11 @@ def test_snapshots_of_the_drift_follow_each_other_every_quarter_of_a_second(drif
 def test_a_warm_start_is_the_optimum_before_it_and_feasible(drift: list[RaceProblem], scaling: str) -> None:
     for before, problem in pairwise(drift):
         form = problem.forms[scaling]
-        assert form.warm_start is not None
-        np.testing.assert_allclose(form.to_weights @ form.warm_start, before.optimal_weights, rtol=0.0, atol=1e-9)
-        assert np.all(form.warm_start >= form.qp.lb)
+        np.testing.assert_allclose(form.to_weights @ form.starts["warm"], before.optimal_weights, rtol=0.0, atol=1e-9)
+        assert np.all(form.starts["warm"] >= form.qp.lb)
+        line = HysteresisCreepModel.from_weights(problem.validation.structure, form.to_weights @ form.starts["line"])
+        x = np.linspace(*problem.validation.structure.x_range, 9)
+        np.testing.assert_allclose(np.diff(line.simulate(x), 2), 0.0, atol=1e-9)
 
 
 def test_the_optimum_moves_with_the_gain_and_a_warm_start_is_nearer_to_it_than_the_start_of_the_drift(

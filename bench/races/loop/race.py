@@ -23,7 +23,7 @@ import numpy as np
 from msgspec import Meta
 
 from bench.messages.columns import COUNT, TEXT
-from bench.messages.task import Request, Task
+from bench.messages.task import PAPER, Request, Task
 from bench.messages.verdict import Status, Tier
 from bench.processes.worker import ChildSettings
 from bench.races.chosen_settings import EACH, Choices, choices, default_setting, table_of
@@ -41,7 +41,6 @@ from solvers.registry import Described, Entry
 
 KIND = "loop"
 STILL, DRIFTING = "still", "drifting"
-PAPER = "projected_difference"
 
 LOOP = Schema(
     "loop.parquet",

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.accuracy import least_good, worst
+from bench.messages.task import PAPERS_SETTING
 from bench.races.chosen_settings import tier_label
 from bench.report.words import format_distinct, gap, joined, marked, number, settings_label
 from bench.stage.setup import RANGE_UM
@@ -18,7 +19,6 @@ NOTICED = 1.1
 """Smallest ratio to the least error that counts as a difference."""
 EXACT = 1e-6
 """Largest cost gap of an exact solution."""
-PAPERS_STEPS = '{"steps": 15200}'
 GROUP = ["problem", "solver", "lane", "tier", "settings"]
 
 
@@ -59,7 +59,7 @@ def learners(table: pd.DataFrame) -> list[tuple[str, str]]:
     """Label and lane of each learner: the paper's method, then the others by their largest ratio to a stage's least
     error."""
     ratio = table.rms_percent / table.groupby("problem").rms_percent.transform("min")
-    by_learner = table.assign(ratio=ratio, paper=table.settings == PAPERS_STEPS).groupby(["label", "lane"])
+    by_learner = table.assign(ratio=ratio, paper=table.settings == PAPERS_SETTING).groupby(["label", "lane"])
     order = by_learner.agg(paper=("paper", "any"), ratio=("ratio", "max"))
     return list(order.sort_values(["paper", "ratio"], ascending=[False, True], kind="stable").index)
 
@@ -82,7 +82,7 @@ def verdict(table: pd.DataFrame) -> list[str]:
         paper += [
             f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
             f"times the least, at a cost gap of {gap(line.cost_gap)}"
-            for _, line in part[part.settings == PAPERS_STEPS].iterrows()
+            for _, line in part[part.settings == PAPERS_SETTING].iterrows()
         ]
         if not inside.all():
             far.append(f"{gap(part[~inside].cost_gap.min())} on the {problem} stage")
@@ -116,7 +116,7 @@ def closed_loop(table: pd.DataFrame) -> pd.DataFrame:
     """Tracking error and cost gap of the weights in use, one row per stage and learner."""
     table = table[table.cost_gap.notna()]
     return (
-        table.assign(front=table.settings == PAPERS_STEPS)
+        table.assign(front=table.settings == PAPERS_SETTING)
         .rename(columns={"label": "name"})[
             [
                 "problem",

@@ -151,7 +151,7 @@ def second_pass(
             if line is None or (task.subject, task.repeat) not in tasks:
                 continue
             starts = [task]
-            if part.form.warm_start is not None and (task.solver, task.lane) in warm_startable:
+            if "warm" in part.form.starts and (task.solver, task.lane) in warm_startable:
                 starts.append(replace(task, start="warm"))
             more += [replace(task, timed="long")] if line["longer"] else []
             more += starts[1:]

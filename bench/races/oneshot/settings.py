@@ -8,7 +8,7 @@ one for a cost gap nearest to 1e-8; cvxpy on some problems only.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.messages.task import Setting, Task, limited, settings_of
+from bench.messages.task import PAPER, Setting, Start, Task, limited, settings_of
 from bench.problems.protocol import RaceProblem
 from bench.races.chosen_settings import default_setting
 from bench.races.settings import RaceSettings, option
@@ -50,7 +50,7 @@ def tasks_of(
     repeat: int = 0,
 ) -> Iterator[Task]:
     """The tasks of problem ``number`` in one scaling; those of a solver lane follow each other, from loose to tight,
-    then by iteration limit."""
+    then by iteration limit; the paper's method also begins at the straight line, as its compensator does."""
     problem, first = problems[number], scaling == settings.scalings[0]
     for solver in field:
         if solver.lane is Lane.CVXPY and number not in evenly(len(problems), MOST_OF_CVXPY):
@@ -65,18 +65,21 @@ def tasks_of(
                 for limit, setting in limits.items()
                 if setting.text not in rungs
             ]
-        for setting, more in planned:
-            yield Task(
-                problem.set_name,
-                problem.name,
-                scaling,
-                solver.name,
-                solver.lane,
-                setting,
-                more,
-                repeat,
-                d=problem.d,
-            )
+        starts: tuple[Start, ...] = ("cold", "line") if solver.name == PAPER else ("cold",)
+        for start in (each for each in starts if each == "cold" or each in problem.forms[scaling].starts):
+            for setting, more in planned:
+                yield Task(
+                    problem.set_name,
+                    problem.name,
+                    scaling,
+                    solver.name,
+                    solver.lane,
+                    setting,
+                    more,
+                    repeat,
+                    start,
+                    d=problem.d,
+                )
 
 
 def first_pass_settings(solver: Described) -> Sequence[Setting]:

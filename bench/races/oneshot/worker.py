@@ -56,8 +56,7 @@ class OneShot(Request):
     @classmethod
     def of(cls, task: Task, form: Any, times_itself: bool = False) -> Self:
         """The request for a certified form; its certificate and its other windows stay with the parent."""
-        start = form.warm_start if task.start == "warm" else None
-        return cls(task, fields_of(form.qp), start, form.unit, times_itself)
+        return cls(task, fields_of(form.qp), form.starts.get(task.start), form.unit, times_itself)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task; the first request of a process runs it twice, to warm up."""

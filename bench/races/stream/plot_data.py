@@ -7,6 +7,7 @@ A latency tail is the response time by percentile, as far as the number of sampl
 import numpy as np
 import pandas as pd
 
+from bench.messages.task import PAPER
 from bench.races.stream import summary
 from bench.report.plot import BEST, together
 from bench.report.words import marked, settings_label
@@ -45,7 +46,7 @@ def lines(table: pd.DataFrame, rows: pd.DataFrame, times: pd.DataFrame) -> Lines
     """Response times on the schedule, the machine's floor first and then the fastest; then service times of compiled
     loops."""
     there = np.where(table.paced, table.response_samples, table.service_samples)
-    ran = table[(there > 0) & (table.paced | (table.solver != "projected_difference"))]
+    ran = table[(there > 0) & (table.paced | (table.solver != PAPER))]
     lines = []
     for (_, line), (_, shown) in zip(ran.iterrows(), _names(ran).iterrows(), strict=True):
         tasks = rows.task[(rows[summary.GROUP] == line[summary.GROUP]).all(axis=1)]

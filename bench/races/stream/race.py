@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bench.derived.accuracy import TOLERANCE
 from bench.messages.columns import FLAG, TEXT
-from bench.messages.task import NO_SETTING, Outcome, Request, Row, Setting, Task, settings_of
+from bench.messages.task import NO_SETTING, PAPER, Outcome, Request, Row, Setting, Task, settings_of
 from bench.messages.verdict import Status, Tier
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
@@ -149,8 +149,9 @@ class StreamRace(TaskRace[StreamSettings]):
             tasks = []
             for solver in field:
                 chosen = choices(solver, self.settings.tiers, table, run)
-                if "steps" in solver.ladder[0]:
-                    chosen = {setting: {first_tier: EACH} for setting in settings_of(solver) if setting.rung >= 0}
+                if solver.name == PAPER:
+                    steps = [setting for setting in settings_of(solver) if [*decoded(setting.text, dict)] == ["steps"]]
+                    chosen = {setting: {first_tier: EACH} for setting in steps}
                 tasks += [task(solver, setting, basis, repeat) for setting, basis in chosen.items()]
             generator.shuffle(tasks)
             for i, shuffled in enumerate(tasks):

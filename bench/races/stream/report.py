@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import pandas as pd
 
+from bench.messages.task import PAPER
 from bench.races.chosen_settings import definition, tier_label
 from bench.races.settings import settings_of
 from bench.races.stream import plot_data, summary
@@ -164,7 +165,7 @@ def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Fig
 
 def ranking(table: pd.DataFrame) -> Table:
     """Table of the solvers that keep the schedule; the paper's method first, then the floor."""
-    paper = (table.solver == "projected_difference") & (table.settings == json.dumps({"steps": 1}))
+    paper = (table.solver == PAPER) & (table.settings == json.dumps({"steps": 1}))
     tail = max((q for q in QUANTILES if table[summary.column("response", q)].notna().any()), default=QUANTILES[0])
     rows = [
         [

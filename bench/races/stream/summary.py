@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.messages.task import PAPER
 from bench.messages.verdict import Status
 from bench.races.stream.race import StreamSettings
 from bench.report.words import marked, number, percent, solver_lanes
@@ -223,7 +224,7 @@ def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
         ("the first answer, if it is kept,", table.is_floor),
         (
             "the paper's one projected step a sample (compiled, not on the schedule)",
-            (table.solver == "projected_difference") & ~table.paced & (table.settings == json.dumps({"steps": 1})),
+            (table.solver == PAPER) & ~table.paced & (table.settings == json.dumps({"steps": 1})),
         ),
         (
             f"{marked(EXACT)} (direct) with the exact optimum at every sample",
