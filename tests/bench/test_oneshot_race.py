@@ -2,6 +2,7 @@
 ladder."""
 
 import json
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,9 +14,9 @@ from conftest import Race, race_of, saved
 from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
-from bench.messages.task import settings_of
+from bench.messages.task import PAPER, settings_of
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.races.oneshot.settings import EXPONENT, MOST_OF_CVXPY, OneshotSettings, evenly, first_pass_settings, tasks_of
+from bench.races.oneshot.settings import EXPONENT, OneshotSettings, first_pass_settings, tasks_of
 from bench.store import Run
 from solvers import Lane, find
 from solvers.certificate import certify
@@ -175,10 +176,12 @@ def test_wrappers_are_measured_at_their_defaults_and_at_the_setting_nearest_to_1
     assert set(rows[(rows.solver == "osqp") & (rows.scaling == "scaled")].rung) == {-1, 2}
 
 
-def problem_of_one(name: str) -> RaceProblem:
-    """A problem of one variable."""
+def problem_of_one(name: str, line: bool = False) -> RaceProblem:
+    """A problem of one variable, with the start of a straight line if ``line``."""
     qp = Problem(np.eye(1), np.ones(1), lb=np.zeros(1))
-    return RaceProblem("paper", name, {"scaled": CertifiedForm(qp, 1.0, np.eye(1), certify(qp, np.zeros(1)))})
+    starts = {"line": np.ones(1)} if line else {}
+    form = CertifiedForm(qp, 1.0, np.eye(1), certify(qp, np.zeros(1)), starts)
+    return RaceProblem("paper", name, {"scaled": form})
 
 
 def described(name: str, lane: str, count: int = 8) -> Described:
@@ -195,19 +198,20 @@ def test_of_two_equally_near_settings_the_looser_is_measured_and_of_a_wrapper_wi
     assert [setting.rung for setting in first_pass_settings(without)] == [-1, 0, 1]
 
 
-@pytest.mark.parametrize("count", [1, 5, 18])
-def test_cvxpy_is_measured_on_at_most_five_problems_evenly_spread_and_all_others_on_every_one(count: int) -> None:
-    problems = [problem_of_one(f"p{i}") for i in range(count)]
-    field = [described("a", "cvxpy"), described("a", "qpsolvers"), described("b", "direct")]
-    tasks = [task for i in range(count) for task in tasks_of(OneshotSettings(), field, problems, i, "scaled")]
-    by_lane = {lane: [task.problem for task in tasks if task.lane == lane and task.setting.is_default] for lane in Lane}
-    assert len(by_lane[Lane.CVXPY]) == len(set(by_lane[Lane.CVXPY])) == min(count, MOST_OF_CVXPY)
-    assert by_lane[Lane.CVXPY] == [f"p{i}" for i in sorted(evenly(count, MOST_OF_CVXPY))]
-    assert by_lane[Lane.QPSOLVERS] == by_lane[Lane.DIRECT] == [problem.name for problem in problems]
+def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from_the_straight_line() -> None:
+    field = [described("a", "cvxpy"), described("a", "qpsolvers"), described(PAPER, "direct")]
+    problems = [problem_of_one(f"p{i}", line) for i, line in enumerate((True, False))]
+    tasks = [task for problem in problems for task in tasks_of(OneshotSettings(), field, problem, "scaled")]
+    assert Counter((task.lane, task.problem) for task in tasks if task.setting.is_default and task.start == "cold") == {
+        (lane, problem.name): 1 for lane in (Lane.CVXPY, Lane.QPSOLVERS, Lane.DIRECT) for problem in problems
+    }
+    at_line = [task for task in tasks if task.start == "line"]
+    assert {(task.solver, task.problem) for task in at_line} == {(PAPER, "p0")}
+    assert [task.setting.rung for task in at_line] == [-1, *range(8)]
 
 
 def test_on_raw_data_alone_every_setting_is_measured() -> None:
-    tasks = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], [problem_of_one("p")], 0, "raw")
+    tasks = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], problem_of_one("p"), "raw")
     assert [task.setting.rung for task in tasks] == [-1, *range(8)]
 
 

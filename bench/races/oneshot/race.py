@@ -60,7 +60,7 @@ class OneshotRace(Race[OneshotSettings]):
                         repeat=repeat,
                         d=problem.d,
                     ),
-                    *tasks_of(settings, field, self.problems, i, scaling, repeat),
+                    *tasks_of(settings, field, problem, scaling, repeat),
                 ),
                 repeat,
                 settings,
@@ -69,7 +69,7 @@ class OneshotRace(Race[OneshotSettings]):
                 max(FEWEST_JUDGED, math.ceil(JUDGED / len(self.problems))),
             )
             for repeat in range(settings.repeats)
-            for i, problem in enumerate(self.problems)
+            for problem in self.problems
             for scaling in settings.scalings
         ]
         yield first

@@ -2,7 +2,7 @@
 
 In the first scaling every setting of every solver is measured on every problem, in the others only the defaults. A
 wrapper shows the cost of another way to call a library, so it is measured at its defaults and at one more setting, the
-one for a cost gap nearest to 1e-8; cvxpy on some problems only.
+one for a cost gap nearest to 1e-8.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,13 +13,12 @@ from bench.problems.protocol import RaceProblem
 from bench.races.chosen_settings import default_setting
 from bench.races.settings import RaceSettings, option
 from piezo_model.identification_problem import Scaling
-from solvers import Lane
 from solvers.registry import FAMILIES, Described
 
 EXPONENT = 8.0
 """Exponent of the cost gap at which wrappers are compared."""
-MOST_OF_CVXPY = 5
-"""Largest number of problems on which cvxpy is measured."""
+COLD: Start = "cold"
+LINE: Start = "line"
 
 
 @dataclass(frozen=True)
@@ -44,17 +43,14 @@ class AnytimeSettings(OneshotSettings):
 def tasks_of(
     settings: OneshotSettings,
     field: Sequence[Described],
-    problems: Sequence[RaceProblem],
-    number: int,
+    problem: RaceProblem,
     scaling: Scaling,
     repeat: int = 0,
 ) -> Iterator[Task]:
-    """The tasks of problem ``number`` in one scaling; those of a solver lane follow each other, from loose to tight,
+    """The tasks of a problem in one scaling; those of a solver lane follow each other, from loose to tight,
     then by iteration limit; the paper's method also begins at the straight line, as its compensator does."""
-    problem, first = problems[number], scaling == settings.scalings[0]
+    first = scaling == settings.scalings[0]
     for solver in field:
-        if solver.lane is Lane.CVXPY and number not in evenly(len(problems), MOST_OF_CVXPY):
-            continue
         measured = first_pass_settings(solver) if first else [default_setting(solver)]
         planned: list[tuple[Setting, dict[str, int]]] = [(setting, {}) for setting in measured]
         if solver.iteration_setting and first:
@@ -65,21 +61,22 @@ def tasks_of(
                 for limit, setting in limits.items()
                 if setting.text not in rungs
             ]
-        starts: tuple[Start, ...] = ("cold", "line") if solver.name == PAPER else ("cold",)
-        for start in (each for each in starts if each == "cold" or each in problem.forms[scaling].starts):
-            for setting, more in planned:
-                yield Task(
-                    problem.set_name,
-                    problem.name,
-                    scaling,
-                    solver.name,
-                    solver.lane,
-                    setting,
-                    more,
-                    repeat,
-                    start,
-                    d=problem.d,
-                )
+        tasks = [(setting, more, COLD) for setting, more in planned]
+        if solver.name == PAPER and LINE in problem.forms[scaling].starts:
+            tasks += [(setting, {}, LINE) for setting in measured]
+        for setting, more, start in tasks:
+            yield Task(
+                problem.set_name,
+                problem.name,
+                scaling,
+                solver.name,
+                solver.lane,
+                setting,
+                more,
+                repeat,
+                start,
+                d=problem.d,
+            )
 
 
 def first_pass_settings(solver: Described) -> Sequence[Setting]:
@@ -89,14 +86,3 @@ def first_pass_settings(solver: Described) -> Sequence[Setting]:
         return every
     nearest = min(range(len(solver.exponents)), key=lambda rung: abs(solver.exponents[rung] - EXPONENT))
     return [setting for setting in every if setting.is_default or setting.rung == nearest]
-
-
-def evenly(count: int, most: int) -> set[int]:
-    """At most ``most`` of the indices below ``count``, evenly spread.
-
-    Examples
-    --------
-    >>> sorted(evenly(18, 5))
-    [0, 3, 7, 10, 14]
-    """
-    return {i * count // min(count, most) for i in range(min(count, most))} if count else set()
