@@ -25,8 +25,8 @@ MOST_STEPS = 2**53
 class ProjectedDifference(ProjectedGradient):
     """Projected gradient with a fixed step, for problems with bounds only.
 
-    It runs a given number of steps and has no tolerance by default, so the rungs are numbers of steps, and longer steps,
-    up to just below the stability limit.
+    It runs a given number of steps and has no tolerance by default, so the rungs are numbers of steps, and steps of
+    other lengths up to just below the stability limit.
 
     Settings
     --------
