@@ -10,8 +10,10 @@ linear in the weights, and without the noise of y among the regressors. One pass
     x/s,  H_r [x]/s for all thresholds r,  −S_r' (ŷ)/s for all dead zones r',  z_r/s for all thresholds r,  1/s,  e,  t
 
 and the programs of all candidates follow from it without the samples. The candidate with the smallest Bayesian
-information criterion N_e ln V + d ln N_e is chosen, with the number N_e of independent samples in e, or in what
-hysteresis, creep and drift leave of the output (`creep`), if those are more.
+information criterion N_e ln V + d ln N_e is chosen, where d counts the weights that no bound holds, and N_e is the
+number of independent samples: those in e, or in what hysteresis, creep and drift leave of the output (`creep`), or
+N V / ν, whichever are most. Here ν is the variance of the noise alone, at the frequencies of the drive: a misfit that
+repeats itself with the drive has lines in the periodogram of e, and the median over neighbouring frequencies has not.
 
 Source: G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978) 461–464.
 """
@@ -25,9 +27,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import Determined, memory_curve
-from piezo_model.identification.error_model import Solving
+from piezo_model.identification.error_model import Solving, spans
 from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -38,6 +41,8 @@ HYSTERESIS_ORDERS = (1, 2, 3, 5, 8, 12, 20)
 SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5, 8)
 SAMPLES = 100_000
 """Samples, spread over a longer recording, of the Gram matrix."""
+NEIGHBOURS = 31
+"""Frequencies of a periodogram over which a median is taken."""
 FEWEST_PER_WEIGHT = 4
 """Fewest samples for each weight of a candidate."""
 
@@ -138,7 +143,8 @@ def select(
         dead_zone_thresholds=tuple(sorted({r for s in orders for r in s.dead_zone_thresholds})),
     )
     gram, moved = _gram(recording, counted, fit, union, solving)
-    independent = max(fit.independent, determined.independent)
+    noise = noise_floor(recording, counted, fit.error)
+    independent = max(fit.independent, determined.independent, np.count_nonzero(counted) * fit.cost / noise)
     slope = float(np.mean(fit.v[fit.structure.slices[1]]))
     candidates = [_candidate(s, union, gram, moved, determined, slope, independent, solving) for s in orders]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
@@ -159,6 +165,29 @@ def _gram(
 
     beside = np.column_stack([fit.error, time])
     return gram_of(recording, chosen, union, [states], s.y_centre + s.y_scale * fit.y_model, columns, beside)
+
+
+def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
+    """Variance of the noise in an error (N,), from its periodogram at the frequencies of the drive without its lines.
+
+    Examples
+    --------
+    >>> t, white = np.arange(4000), np.random.default_rng(0).normal(size=4000)
+    >>> made = Recording.from_arrays(np.sin(t / 50), white, 1e-3)
+    >>> bool(0.7 < noise_floor(made, t >= 0, white + 5 * np.sin(t / 50)) < 1.4)
+    True
+    """
+    noise, power = 0.0, 0.0
+    for part in spans(recording):
+        inside = counted[part]
+        if np.count_nonzero(inside) < NEIGHBOURS:
+            continue
+        pair = error[part][inside], recording.x[part][inside]
+        window = np.hanning(pair[0].size)
+        E, X = (np.abs(np.fft.rfft((each - each.mean()) * window)[1:]) ** 2 for each in pair)
+        floor = median_filter(E, NEIGHBOURS, mode="nearest") / math.log(2.0)  # the mean of noise, from its median
+        noise, power = noise + float(floor @ X) / float(window @ window), power + float(X.sum())
+    return max(noise / power, np.finfo(float).tiny) if power else math.inf
 
 
 def _candidate(
@@ -192,7 +221,8 @@ def _candidate(
     at = np.ix_(free, free)
     z[free] = solving.minimise(P[at], q[free] + (P @ z)[free], low[free], high[free], reference[free])
     cost = max(float(z @ P @ z + 2.0 * q @ z + c), np.finfo(float).tiny)
-    bic = independent * math.log(cost) + s.d * math.log(independent)
+    unknowns = np.count_nonzero(z[: s.d] > low[: s.d])
+    bic = independent * math.log(cost) + unknowns * math.log(independent)
     return Candidate(s, z[: s.d], 50.0 * math.sqrt(cost), bic)
 
 
