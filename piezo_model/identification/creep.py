@@ -6,11 +6,13 @@ operator: a regression of the output on piecewise linear functions of plays,
 
     y = Σ_i f_i(H_ri [x]) + c + d t,   r_i = i / 11,   with knots over the range of each play,
 
-and what that leaves of y and of the creep states z_a, one rate a a decade. A rate is admissible if at least INFORMATION
-of its state is left. The creep of all admissible rates, κ Σ_a z_a with 0 ≤ κ ≤ LARGEST, is in the data if it explains
-the larger share of what the regression leaves beyond noise, and κ is far from 0. The variance of the noise is that of
-the third differences of the residual, in which all that is slow cancels. A drift d is judged beside creep, not before
-it, since over a held step the two are alike.
+and what that leaves of y and of the creep states z_a, one rate a a decade. A rate is admissible if at least
+INFORMATION of its state is left. Over one frequency that is the settling of a state that began at rest, which a drift,
+or creep from before the recording, resembles: the drive determines creep if DRIVEN of a state is left beside a drift
+and decays exp(−a t), too, as after a held step or at two speeds a hundred times apart. The creep of all admissible
+rates, κ Σ_a z_a with 0 ≤ κ ≤ LARGEST, is in the data if it explains the larger share of what the regression leaves
+beyond noise, and κ is far from 0. The variance of the noise is that of the third differences of the residual, in which
+all that is slow cancels. A drift d is judged beside creep, not before it, since over a held step the two are alike.
 
 An actuator without return-point memory is no function of plays, but while the drive is held any rate-independent
 operator rests. So creep that the whole does not show is judged again over the held samples, beside a level of each.
@@ -48,7 +50,9 @@ INFORMATION = 0.03
 """Smallest share of a creep state that the regression leaves."""
 LARGEST = 0.1
 """Largest creep that is admitted, as a share of the movement in a decade of time."""
-SHARE, CHI_SQUARE = 0.75, 25.0
+DRIVEN = 0.09
+"""Smallest share of a creep state that the regression, a drift and all decays of an earlier state leave."""
+SHARE, CHI_SQUARE = 0.5, 25.0
 """Smallest share of the explainable error that creep explains, and smallest (κ / se)²."""
 DRIFT_INFORMATION, DRIFT_SHARE, DRIFT_CHI_SQUARE = 0.3, 0.5, 16.0
 SHORTEST_HOLD, STEADY = 100, 1e-3
@@ -85,11 +89,14 @@ class Determined:
     """What a recording determines beside hysteresis."""
 
     rates: tuple[float, ...]
-    """Admissible creep rates in 1/s, whether there is creep or not; fastest first."""
+    """Admissible creep rates in 1/s, whether there is creep or not, fastest first; none if the drive determines no
+    creep."""
     creep: Bounded | None
     """κ, the share of the output's movement that creep adds in a decade of time; None if it is not determined."""
     drift: Bounded | None
     """Drift over half the recording, unit amplitudes; None without one."""
+    shows_drift: bool
+    """Whether the drive tells a drift from hysteresis."""
     share: float
     chi_square: float
     independent: float
@@ -134,14 +141,14 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Sol
     at = np.flatnonzero(counted)[:: math.ceil(count / SAMPLES)]
     edges = np.searchsorted(at, recording.starts[1:])
     solving.passes += 1
-    null, states = _columns(recording, at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
+    null, states, decays = _columns(recording, at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
     signals = np.column_stack([s.unit_output(recording.y), np.linspace(-1.0, 1.0, recording.length)])[at]
-    whole = _judged(null, signals, states, rates, edges)
+    whole = _judged(null, signals, states, decays, rates, edges)
     hold = holds(recording)[at]
     held = hold >= 0
     if whole.creep is None and np.count_nonzero(held) > HELD_SHARE * at.size:
         levels = (hold[held, None] == np.unique(hold[held])).astype(np.float64)
-        resting = _judged(levels, signals[held], states[held], rates, edges[:0])
+        resting = _judged(levels, signals[held], states[held], decays[held], rates, edges[:0])
         if resting.creep is not None:
             return replace(resting, independent=whole.independent)
     return whole
@@ -169,13 +176,21 @@ def holds(recording: Recording) -> NDArray[np.int64]:
 
 
 def _judged(
-    null: Matrix, signals: Matrix, states: Matrix, rates: tuple[float, ...], edges: NDArray[np.int64]
+    null: Matrix,
+    signals: Matrix,
+    states: Matrix,
+    decays: Matrix,
+    rates: tuple[float, ...],
+    edges: NDArray[np.int64],
 ) -> Determined:
     """Judge creep and drift beside the columns of a null (M, p); the signals (M, 2) are output and time, of parts that
     begin at the edges."""
-    left, used = _residual(null, np.hstack([signals, states]))
-    error, drift, states_left = left[:, 0], left[:, 1], left[:, 2:]
-    informed = _norms(states_left) >= INFORMATION * _norms(states - states.mean(axis=0))
+    left, used = _residual(null, np.hstack([signals, states, decays]))
+    error, drift, states_left = left[:, 0], left[:, 1], left[:, 2 : 2 + len(rates)]
+    sizes = _norms(states - states.mean(axis=0))
+    informed = _norms(states_left) >= INFORMATION * sizes
+    steady = _residual(np.hstack([drift[:, None], left[:, 2 + len(rates) :]]), states_left)[0]
+    driven = bool(np.any(_norms(steady) >= DRIVEN * sizes))
     known = float(np.linalg.norm(drift) / np.linalg.norm(signals[:, 1]))
     admitted = tuple(rate for rate, good in zip(rates, informed, strict=True) if good)
     creeping = [(states_left[:, informed].sum(axis=1), LARGEST)] if admitted else []
@@ -193,9 +208,10 @@ def _judged(
         drifting = []
     estimates, left_over = _fit(error, creeping + drifting, independent)
     return Determined(
-        admitted,
-        estimates[0] if creeping else None,
+        admitted if driven else (),
+        estimates[0] if creeping and driven else None,
         estimates[-1] if drifting else None,
+        known >= DRIFT_INFORMATION,
         share,
         chi_square,
         independent_samples(np.split(left_over, edges)),
@@ -247,16 +263,18 @@ def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
 
 def _columns(
     recording: Recording, at: NDArray[np.int64], fit: ForwardFit, rates: tuple[float, ...], richness: float
-) -> tuple[Matrix, Matrix]:
-    """Columns of the null and creep states of each rate, at the samples ``at``."""
+) -> tuple[Matrix, Matrix, Matrix]:
+    """Columns of the null, and creep states and decays of each rate, at the samples ``at``."""
     s, count = fit.structure, max(1, int(PLAYS * richness))
     r, columns = np.arange(count + 1) / (count + 1), []
     plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
+    decays = np.empty_like(states)
     for part, start in zip(spans(recording), fit.states, strict=True):
         inside = (at >= part.start) & (at < part.stop)
         columns.append(inside.astype(np.float64))
         x, rows = s.unit_input(recording.x[part]), at[inside] - part.start
         plays[inside] = play(x, r, memory_curve(s, start, r))[0][rows]
+        decays[inside] = np.exp(-np.outer(rows * s.sample_time, rates))
         for j, rate in enumerate(rates):
             states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]
     for i, z in enumerate(plays.T):
@@ -265,4 +283,4 @@ def _columns(
             density = KNOTS * richness * (2.0 if i == 0 else 0.5 * (high - low))
             knots = np.linspace(low, high, max(1, round(density)) + 2)[1:-1]
             columns += [z, *(np.maximum(z - knot, 0.0) for knot in knots)]
-    return np.column_stack(columns), states
+    return np.column_stack(columns), states, decays

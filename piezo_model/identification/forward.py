@@ -52,7 +52,8 @@ STILL = 1e-9
 """Largest range of an operator at rest, unit amplitudes."""
 NUDGE = 1e-6
 """Difference of initial states for their derivatives, unit amplitudes."""
-MIN_SLOPE = 1e-3
+MIN_SLOPE, MAX_SLOPE = 1e-3, 1e6
+"""Bounds of the slopes of S⁻¹; beyond the upper one, a sum of weights is lost in rounding."""
 SHORTEST_STEP = 0.05
 CONVERGED = 1e-5
 """Relative decrease of the cost that ends the fit."""
@@ -281,6 +282,7 @@ def fit_forward(
         target[determined] = solving.minimise(
             P[at], -Je[determined] - P[at] @ z[determined], low[determined], high[determined], z[determined]
         )
+        target[s.slices[1]] = np.minimum(target[s.slices[1]], MAX_SLOPE)
         step = 1.0
         while True:
             found = trial(z + step * (target - z))

@@ -78,6 +78,35 @@ def test_a_step_held_for_a_minute_and_two_speeds_determine_creep(creep: float) -
         assert worst(model, STEP, creep) < 0.5 * worst(without, STEP, creep)
 
 
+def duhem(u: Vector, rate: float) -> Vector:
+    """Output of a Duhem operator, which has no return-point memory, between the slopes 0.85 and 1."""
+    output, followed = np.empty_like(u), u[0]
+    output[0] = u[0]
+    for k in range(1, u.size):
+        change = u[k] - u[k - 1]
+        followed += rate * abs(change) * (u[k - 1] - followed) + 0.85 * change
+        output[k] = followed
+    return output
+
+
+@pytest.mark.parametrize("cycles", [TIME / 2, TIME / 0.7, TIME / 9])
+@pytest.mark.parametrize("rate", [0.1, 0.3])
+def test_no_loop_of_one_frequency_is_taken_for_creep_whatever_hysteresis_it_is(rate: float, cycles: Vector) -> None:
+    model = identify(recorded(sine(cycles), 40 * duhem(sine(cycles), rate), noise=1.0))
+    assert not model.report["creep"]["determined"]
+    assert not model.report["creep"]["rates"]
+    assert model.report["drift"] is None
+
+
+def test_creep_of_one_frequency_is_not_called_a_drift_and_no_part_of_the_model() -> None:
+    for before in (1.0, 5.0):
+        u = FAST["ten loops"]
+        model = identify(recorded(u, stage(u, creep=0.03, before=before)))
+        assert model.structure.creep_rates == ()
+        assert model.report["drift"] is None
+        assert UNDETERMINED in model.report["findings"]
+
+
 def test_given_rates_are_used_and_said_to_be_a_guess_where_the_recording_determines_no_creep() -> None:
     u = FAST["a triangle"]
     given = identify(recorded(u, stage(u)), n=5, m=3, creep_rates=(1.0,))

@@ -267,7 +267,7 @@ def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_tha
 
 def test_a_recording_without_units_is_taken_in_those_of_the_model_with_a_sentence() -> None:
     made = recording(DESCRIBABLE["hysteresis"], 3)
-    model = identify(made)
+    model = identify(made, n=5, m=3)
     found = model.validate(Recording.from_arrays(made.x, made.y, SAMPLE_TIME, name="bare.csv"))
     assert found.fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-5)  # its mean error is 0 to first order
     assert (
