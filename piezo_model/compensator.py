@@ -1,6 +1,10 @@
 """The compensator: the analytic inverse (8) of the model, one drive sample for each reference sample, and integral
 action beside it.
 
+If the model has dynamics, the reference passes their causal inverse first (`prefilter`), so that the stage does not
+ring; the output then lags the reference by :attr:`Compensator.lag_s`. Integral action works on the difference between
+the output and the reference model, and is added to the reference before the inverse.
+
 Its state are the operator states of the *model*, H and K, advanced by the drive after saturation and rate limit, which
 the actuator receives. For any reference, NaN and infinity included, the drive is finite and inside its limits.
 """
@@ -9,17 +13,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model import checks, json_file
+from piezo_model import checks, json_file, simulation
 from piezo_model.core import State, Stateful, bindings
+from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorState, write_operators
+from piezo_model.prefilter import Prefilter, ReferenceModel
 from piezo_model.structure import ModelStructure
+from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
 LIMITS = slice(0, 4)
@@ -51,6 +58,8 @@ class CompensatorMemory(TypedDict):
     creep: np.ndarray
     drive: np.ndarray
     decay: float
+    prefilter: NotRequired[np.ndarray]
+    """States of the inverse of the dynamics and of the reference model."""
 
 
 def fade_factor(s: ModelStructure, fade_s: float) -> float:
@@ -95,6 +104,9 @@ class Compensator(Stateful):
     integral_gain : float
         Gain of the integral action on the outputs passed to ``correct``, in 1/s, from 0 (off) to 1/sample_time: the
         bandwidth in rad/s in which disturbances are suppressed.
+    dynamics : bool
+        Whether the dynamics of the model are inverted, too. If not, a gain of the integral action above 2 ζ ω of a
+        resonance is refused, since the loop would be unstable.
 
     Examples
     --------
@@ -118,8 +130,11 @@ class Compensator(Stateful):
         *,
         x_start: float | None = None,
         integral_gain: float = 0.0,
+        dynamics: bool = True,
     ) -> None:
         checks.instance(HysteresisCreepModel, model=model)
+        checks.flags(0, dynamics=dynamics)
+        self._inverts = bool(dynamics)
         s = model.structure
         x_limits = s.x_range if x_limits is None else x_limits
         checks.require(lambda pair: pair[0] < pair[1], "two numbers in ascending order", x_limits=x_limits)
@@ -129,11 +144,15 @@ class Compensator(Stateful):
             raise ValueError("give either state or x_start: the states say where the drive starts")
         state = OperatorState.before_drive(s, (low, high), x_start) if state is None else state
         OperatorState.require(state, s)
+        self._prefilter: Prefilter | None = None
+        self._reference_model: ReferenceModel | None = None
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
+        self._balance()
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
-        model.require_static("a compensator")
         s, self._model = model.structure, model
+        if model.dynamics is not None and not self._inverts:
+            _require_stable(model.dynamics, self._integral_gain)
         self._core = State(
             bindings.compensator_bytes(*s.shape), lambda block: bindings.compensator_setup(block, *s.shape)
         )
@@ -143,6 +162,24 @@ class Compensator(Stateful):
         self.drive[:] = drive_memory(s, *self._x_limits)
         self.drive[BUMP:] = drive
         bindings.compensator_set_weights(self._core.block, model.all_weights)
+
+    def _balance(self) -> None:
+        """Begin the inverse of the dynamics and the reference model in balance at the states of the operators."""
+        s, g = self._model.structure, self._model.dynamics
+        self._prefilter = self._reference_model = None
+        if g is None or not self._inverts:
+            return
+        x = s.x_centre + s.x_scale * self.state.play[:1]
+        level = float(simulation.advance(s, self._model.arrays, x, self.state)[0][0])
+        self._prefilter = Prefilter(g, s.sample_time, level)
+        if self._integral_gain > 0.0:
+            self._reference_model = ReferenceModel(g, s.sample_time, level)
+
+    @property
+    def lag_s(self) -> float:
+        """Time by which the output lags a slow reference, in s; 0 without dynamics or without their inverse."""
+        g = self._model.dynamics if self._inverts else None
+        return 0.0 if g is None else g.lag_s(self._model.structure.sample_time)
 
     @property
     def state(self) -> OperatorState:
@@ -185,11 +222,23 @@ class Compensator(Stateful):
 
     def step(self, y_ref: float) -> float:
         """Drive sample (input unit) for a reference sample (output unit)."""
-        return float(bindings.compensator_step(self._core.block, y_ref))
+        if self._prefilter is None:
+            return float(bindings.compensator_step(self._core.block, y_ref))
+        before, correction = self.state.copy(), float(self.drive[CORRECTION])
+        v = self._prefilter.step(y_ref + correction)
+        x = float(bindings.compensator_step(self._core.block, v - correction))  # which adds it again
+        if self.drive[HELD] or not math.isfinite(v):
+            s = self._model.structure
+            self._prefilter.follow(float(simulation.advance(s, self._model.arrays, np.array([x]), before)[0][0]))
+        if self._reference_model is not None and math.isfinite(y_ref):
+            self.drive[GIVEN] = self._reference_model.step(y_ref)
+        return x
 
     def run(self, y_ref: ArrayLike) -> Vector:
         """Drive samples (N,) for reference samples (N,), to the last bit those of ``step``."""
         (y_ref,) = checks.vectors(y_ref=y_ref)
+        if self._prefilter is not None:
+            return np.array([self.step(y) for y in y_ref.tolist()])
         x = np.empty_like(y_ref)
         bindings.compensator_run(self._core.block, y_ref, x)
         return x
@@ -199,7 +248,7 @@ class Compensator(Stateful):
 
         The states are kept. The change of the drive at this moment is subtracted from it and decays with the time
         constant ``fade_s``; with 0 the drive jumps. The new structure may have other ranges; the states are then
-        converted by ``OperatorState.on``.
+        converted by ``OperatorState.on``. The inverse of other dynamics begins in balance.
         """
         old, new = self._model.structure, model.structure
         for name in ("play_thresholds", "creep_rates", "sample_time"):
@@ -211,7 +260,10 @@ class Compensator(Stateful):
             state = state.on(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             drive[0] *= old.x_scale / new.x_scale
+        dynamics = self._model.dynamics
         self._use(model, state, drive, fade_factor(new, fade_s))
+        if model.dynamics != dynamics:
+            self._balance()
         self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if fade_s > 0.0 else 0.0
 
     def memory(self) -> dict[str, Any]:
@@ -222,7 +274,13 @@ class Compensator(Stateful):
             "creep": self.state.creep.copy(),
             "drive": self.drive[BUMP:].copy(),
             "decay": float(self._core["settings"][DECAY]),
+            **({"prefilter": np.concatenate([part.state for part in self._filters])} if self._filters else {}),
         }
+
+    @property
+    def _filters(self) -> list[Prefilter | ReferenceModel]:
+        """The filters in use."""
+        return [part for part in (self._prefilter, self._reference_model) if part is not None]
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from :meth:`memory`; ValueError names what is wrong."""
@@ -239,3 +297,19 @@ class Compensator(Stateful):
         if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= saved["decay"] < 1.0):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
         self._use(model, state, drive, saved["decay"])
+        self._balance()
+        sizes, values = [part.state.size for part in self._filters], saved.get("prefilter", np.zeros(0))
+        if values.shape != (sum(sizes),) or not np.all(np.isfinite(values)):
+            raise ValueError(f"the memory of the dynamics must be {sum(sizes)} finite numbers")
+        for part, of_part in zip(self._filters, np.split(values, np.cumsum(sizes)[:-1]), strict=False):
+            part.state = of_part
+
+
+def _require_stable(dynamics: Dynamics, integral_gain: float) -> None:
+    """ValueError if integral action would excite a resonance that is not inverted."""
+    for f, zeta in zip(dynamics.frequencies_Hz, dynamics.damping, strict=True):
+        if integral_gain > (most := 4.0 * math.pi * zeta * f):
+            raise ValueError(
+                f"integral_gain must be at most 2 ζ ω = {most:.3g} per second beside a resonance at "
+                f"{quantity(f, 'Hz', 4)} that is not inverted, not {integral_gain:g}"
+            )

@@ -26,7 +26,7 @@ nanopositioning", IEEE Transactions on Control Systems Technology 15 (2007) 802�
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
@@ -127,27 +127,9 @@ class Dynamics:
         """
         return self.stream(sample_time, level)(np.asarray(v, dtype=np.float64))
 
-    def stream(self, sample_time: float, level: float | None = None) -> Callable[[Matrix], Matrix]:
-        """A function that filters the consecutive parts of a signal as of :meth:`filter`."""
-        from scipy.signal import lfilter  # which a model without dynamics need not import
-
-        parts = self._parts(sample_time)
-        states: list[Matrix] = []
-        balance = None if level is None else np.array(level)
-
-        def following(v: Matrix) -> Matrix:
-            nonlocal balance
-            if balance is None:
-                balance = v[0].copy()
-            if not states:
-                states.extend(np.zeros((max(len(b), len(a)) - 1, *v.shape[1:])) for b, a in parts)
-            y = np.zeros_like(v)
-            for i, (b, a) in enumerate(parts):
-                part, states[i] = lfilter(b, a, v - balance, axis=0, zi=states[i])
-                y += part
-            return np.asarray(y + balance)
-
-        return following
+    def stream(self, sample_time: float, level: float | None = None) -> Stream:
+        """A filter of the consecutive parts of a signal as of :meth:`filter`."""
+        return Stream(self._parts(sample_time), None if level is None else np.array(level))
 
     def amplified(self, x: Vector, sample_time: float, level: float) -> Vector:
         """The drive x_a (N,) behind the amplifier for x (N,), balanced at ``level`` before it."""
@@ -198,9 +180,12 @@ class Dynamics:
         q = np.exp(-2j * np.pi * frequencies_Hz * sample_time)
         return np.asarray(sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in self._parts(sample_time)))
 
-    def anticipated(self, y: ArrayLike, sample_time: float, bandwidth_Hz: float) -> Vector:
-        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth; it anticipates y, which must be known."""
+    def anticipated(self, y: ArrayLike, sample_time: float, bandwidth_Hz: float | None = None) -> Vector:
+        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth, by default twice the highest frequency; it
+        anticipates y, which must be known."""
         y = np.asarray(y, dtype=np.float64)
+        if bandwidth_Hz is None:
+            bandwidth_Hz = 2.0 * max(self.frequencies_Hz, default=0.05 / sample_time)
         margin = min(y.size - 1, MARGIN)
         mirrored = np.concatenate([2.0 * y[0] - y[margin:0:-1], y, 2.0 * y[-1] - y[-2 : -margin - 2 : -1]])
         f = np.fft.rfftfreq(mirrored.size, sample_time).astype(np.float64)
@@ -233,6 +218,30 @@ class Dynamics:
         if (rest := 1.0 - sum(self.gains)) > 1e-12:
             parts.append((np.concatenate([begins, [rest * (1.0 - part), rest * part]]), np.ones(1)))
         return parts
+
+
+class Stream:
+    """Parallel filters, numerator and denominator of each, of the parts of a signal (N,) or of columns (N, k)."""
+
+    def __init__(self, parts: Sequence[tuple[Vector, Vector]], balance: Vector | None) -> None:
+        self._parts, self.balance = parts, balance
+        self.states: list[Matrix] = [] if balance is None else self._at_rest()
+        """State of each filter; none before the first part if that has to give the balance."""
+
+    def _at_rest(self, *columns: int) -> list[Matrix]:
+        return [np.zeros((max(len(b), len(a)) - 1, *columns)) for b, a in self._parts]
+
+    def __call__(self, v: Matrix) -> Matrix:
+        """The next part of the output."""
+        from scipy.signal import lfilter  # which a model without dynamics need not import
+
+        if self.balance is None:
+            self.balance, self.states = v[0].copy(), self._at_rest(*v.shape[1:])
+        y = np.zeros_like(v)
+        for i, (b, a) in enumerate(self._parts):
+            part, self.states[i] = lfilter(b, a, v - self.balance, axis=0, zi=self.states[i])
+            y += part
+        return np.asarray(y + self.balance)
 
 
 def _poles(f: float, zeta: float, sample_time: float) -> Vector:

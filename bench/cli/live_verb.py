@@ -11,6 +11,7 @@ from bench.live.reference import ReferenceError, constant, of_file, sine, stairc
 from bench.live.session import run
 from bench.live.task import Learn, Task, first_model
 from bench.report.console import check_writable, console
+from piezo_model.units import quantity
 
 SHARE = 0.6
 """Peak-to-peak height of the default sine of a simulated stage, as a share of the output's range."""
@@ -88,6 +89,11 @@ def live_verb(
     stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
     declared = Declared.of(stage.make(), str(stage))
     first = first_model(model, declared, 1.0 / rate)
+    if learn != "off":
+        first.require_static("a self-learning compensator")
+    elif first.dynamics is not None:
+        lag = quantity(first.dynamics.lag_s(1.0 / rate), "s", 3)
+        console.print(f"The output lags the reference by {lag}, since the dynamics of the stage are inverted.")
     (low, high), sample_time, unit = sorted(declared.y_range), 1.0 / rate, declared.output_unit
     centre = 0.5 * (low + high)
     if reference is not None:

@@ -173,6 +173,13 @@ def compensate_verb(
     rate_limit: RateLimit = None,
     start: Start = "rest",
     x_start: XStart = None,
+    dynamics: Annotated[
+        bool,
+        typer.Option("--dynamics/--no-dynamics", help="Whether to invert the model's dynamics, which costs a lag."),
+    ] = True,
+    preview: Annotated[
+        bool, typer.Option("--preview", help="Invert the dynamics without lag: the drive anticipates the reference.")
+    ] = False,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",
@@ -181,8 +188,18 @@ def compensate_verb(
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
     if start == "recording":
         refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
+    if preview and not dynamics:
+        raise typer.BadParameter("inverts the dynamics, which --no-dynamics leaves out", param_hint="--preview")
     work = Compensating(
-        absolute(model), {"time": time, "column": column, **reading}, low, high, rate_limit, start, x_start
+        absolute(model),
+        {"time": time, "column": column, **reading},
+        low,
+        high,
+        rate_limit,
+        start,
+        x_start,
+        dynamics,
+        preview,
     )
     if out is None:
         process(
@@ -207,6 +224,9 @@ def compensate_verb(
         f"by up to {misses}."
         if result["share_followed"] < 1.0
         else f"The model follows all of the reference, {follows}.",
+        f"The output lags the reference by {quantity(result['lag_s'], 's', 3)}, after which these errors count."
+        if result["lag_s"]
+        else "",
         STARTS[result["start"]].format(quantity(result["x_start"], result["unit"])),
         result["units"],
         result["forced"],

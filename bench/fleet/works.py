@@ -18,7 +18,7 @@ from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.fit_review import Review, review
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.identification.validation import Validation
-from piezo_model.model import StartChoice
+from piezo_model.model import ModelError, StartChoice
 from piezo_model.recordings import RecordingError, read_reference, write_table
 
 
@@ -151,21 +151,24 @@ FOLLOWED = 1e-3
 
 @dataclass(frozen=True)
 class Compensating(WithModel):
-    """Drive for a reference: its limits, by default those of a deployment or the model's range, and its start."""
+    """Drive for a reference: its limits, by default those of a deployment or the model's range, its start, and whether
+    the dynamics of the model are inverted; with ``preview`` without lag, which anticipates the reference."""
 
     low: float | None = None
     high: float | None = None
     rate_limit: float | None = None
     start: StartChoice = "rest"
     x_start: float | None = None
+    dynamics: bool = True
+    preview: bool = False
     made = "{}-drive.csv"
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the drive; return how well the model follows the reference with it, and the share at the limits.
 
-        RecordingError if the limits are not ascending, or the drive does not start within them; ModelError if the model
-        has not the states that it is to start with; UnitError if the reference is in a unit that cannot be converted to
-        the model's.
+        The reference counts after the lag of the output. RecordingError if the limits are not ascending, or the drive
+        does not start within them; ModelError if the model has not the states that it is to start with, or no dynamics
+        for a preview; UnitError if the reference is in a unit that cannot be converted to the model's.
         """
         (model, deployed), read = open_model(further[0]), read_reference(recording, **self.opening)
         model, reference = model.at(read.sample_time), read.suited(model.structure.output_unit)
@@ -175,16 +178,23 @@ class Compensating(WithModel):
         if not limits[0] < limits[1]:
             raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
         known = None if self.start == "rest" else model.initial_state(self.start)
-        compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start)
-        state = compensator.state.copy()
-        x = compensator.run(reference.values)
+        wanted, inverted = reference.values, self.dynamics and not self.preview
+        if self.preview:
+            if model.dynamics is None:
+                raise ModelError(f"{further[0]}: the model has no dynamics, so --preview has nothing to anticipate")
+            wanted = model.dynamics.anticipated(wanted, s.sample_time)
+        compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start, dynamics=inverted)
+        state, lag = compensator.state.copy(), compensator.lag_s
+        x = compensator.run(wanted)
         times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")
         write_table(target, {"time_s": times, name: x}, model.warning)
-        error, span = np.abs(model.simulate(x, state) - reference.values), 2.0 * abs(s.y_scale)
+        late = np.interp(times - lag, times, reference.values)
+        error, span = np.abs(model.simulate(x, state) - late), 2.0 * abs(s.y_scale)
         return {
             "forced": model.warning,
             "units": reference.units,
             "start": self.start,
+            "lag_s": lag,
             "x_start": float(s.x_centre + s.x_scale * state.play[0]),
             "samples": x.size,
             "lowest": float(x.min()),

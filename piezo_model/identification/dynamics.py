@@ -48,8 +48,6 @@ CHANCE = 1e-3
 """Largest probability of the gain on held-out data without a mode."""
 SAMPLES = 100_000
 """Samples from the start that decide."""
-BANDWIDTH = 2.5
-"""Bandwidth of the inverse filter, in frequencies of the mode."""
 DELAY, SHARE, LAG = 0.7, 0.05, 0.3
 """Where fits begin: the delay in samples, the share of residual compliance or a second mode, and the lag in samples."""
 APART = 0.1
@@ -116,8 +114,7 @@ def _is_plausible(peak: Peak) -> bool:
 
 def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
     """The recording with its output through the inverse of the dynamics, up to a bandwidth."""
-    bandwidth = BANDWIDTH * max(dynamics.frequencies_Hz, default=math.inf)
-    parts = [dynamics.anticipated(recording.y[part], recording.sample_time, bandwidth) for part in spans(recording)]
+    parts = [dynamics.anticipated(recording.y[part], recording.sample_time) for part in spans(recording)]
     return _with_output(recording, np.concatenate(parts))
 
 

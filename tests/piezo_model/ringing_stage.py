@@ -14,6 +14,51 @@ FINE = 16
 T = 1e-4
 
 
+class RingingStage:
+    """A simulated actuator with modes, sample by sample: output at the end of each sampling period, less a delay that
+    is a multiple of its sixteenth; ``modes`` are frequency in Hz, damping and share of the static gain. Without an
+    actuator the drive is the static output."""
+
+    def __init__(
+        self,
+        kind: str | None,
+        modes: Sequence[tuple[float, float, float]],
+        delay_s: float = 0.0,
+        sample_time: float = T,
+        level: float | None = None,
+    ) -> None:
+        self._plant = None if kind is None else plants.get(kind, sample_time=sample_time)
+        h = sample_time / FINE
+        self._rest, self._level, self._filters = 1.0 - sum(gain for *_, gain in modes), level, []
+        for f, zeta, gain in modes:
+            w = 2.0 * np.pi * f
+            A, B = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]])
+            A, B, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), h)
+            a, pulse, state = np.array([1.0, -np.trace(A), np.linalg.det(A)]), [], B[:, 0]
+            for _ in range(3):
+                pulse.append(state[0])
+                state = A @ state
+            self._filters.append([gain * np.convolve(a, pulse)[:3], a, np.zeros(2)])
+        self._late = np.zeros(round(delay_s / h))
+
+    def run(self, x: Vector) -> Vector:
+        """Continue with a drive (N,)."""
+        v = x if self._plant is None else self._plant.run(x)
+        self._level = float(v[0]) if self._level is None else self._level
+        held = np.repeat(v, FINE) - self._level
+        y = self._rest * held
+        for part in self._filters:
+            moved, part[2] = lfilter(part[0], part[1], held, zi=part[2])
+            y += moved
+        y = np.concatenate([self._late, y])
+        self._late = y[y.size - self._late.size :] if self._late.size else self._late
+        return y[FINE - 1 : held.size : FINE] + self._level
+
+    def step(self, x: float) -> float:
+        """Continue with one sample."""
+        return float(self.run(np.array([x]))[0])
+
+
 def through_modes(
     v: Vector,
     modes: Sequence[tuple[float, float, float]],
@@ -21,22 +66,8 @@ def through_modes(
     sample_time: float = T,
     level: float | None = None,
 ) -> Vector:
-    """Output at the end of each sampling period, less a delay that is a multiple of its sixteenth, for a held static
-    output v (N,); ``modes`` are frequency in Hz, damping and share of the static gain."""
-    h, level = sample_time / FINE, float(v[0]) if level is None else level
-    held = np.repeat(v, FINE) - level
-    y = (1.0 - sum(gain for *_, gain in modes)) * held
-    for f, zeta, gain in modes:
-        w = 2.0 * np.pi * f
-        A, B = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]])
-        A, B, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), h)
-        a, pulse, state = np.array([1.0, -np.trace(A), np.linalg.det(A)]), [], B[:, 0]
-        for _ in range(3):
-            pulse.append(state[0])
-            state = A @ state
-        y += lfilter(gain * np.convolve(a, pulse)[:3], a, held)
-    late = round(delay_s / h)
-    return np.concatenate([np.zeros(late), y])[FINE - 1 : y.size : FINE] + level
+    """Output of modes for a held static output v (N,)."""
+    return RingingStage(None, modes, delay_s, sample_time, level).run(v)
 
 
 def recorded(
@@ -49,7 +80,7 @@ def recorded(
     sample_time: float = T,
 ) -> Vector:
     """Output of a simulated actuator with modes, µm."""
-    y = through_modes(plants.get(kind, sample_time=sample_time).run(x), modes, delay_s, sample_time)
+    y = RingingStage(kind, modes, delay_s, sample_time).run(x)
     return y + noise_um * np.random.default_rng(seed).standard_normal(y.size)
 
 

@@ -1,0 +1,94 @@
+"""A stage with a resonance on the command line: identified, compensated with and without lag, and refused by what
+cannot compensate it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import CommandLine
+
+from piezo_model import Dynamics, HysteresisCreepModel, ModelStructure, OperatorState
+from piezo_model.recordings import write_table
+
+T = 1e-4
+DYNAMICS = Dynamics((400.0,), (0.02,), (1.0,), 1.5 * T)
+
+
+@pytest.fixture(scope="module")
+def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recorded steps of a stage, a triangle as a reference, and the identified model."""
+    folder = tmp_path_factory.mktemp("ringing")
+    structure = ModelStructure.equidistant(3, 1, (0.0, 100.0), (0.0, 20.0), (), T)
+    truth = HysteresisCreepModel.from_weights(structure, [0.1, 0.1, 0.1, 0.9, 0.1, 0.1]).static
+    x = np.repeat(np.random.default_rng(1).uniform(0.0, 100.0, 100), 200)
+    x[:200] = 0.0
+    static = truth.simulate(x, OperatorState.settled_at(structure, 0.0))
+    y = DYNAMICS.filter(static, T) + 1e-3 * np.random.default_rng(2).standard_normal(x.size)
+    t = np.arange(x.size) * T
+    write_table(folder / "stage.csv", {"time_s": t, "voltage_V": x, "displacement_um": y})
+    odd = 400.0 / 9.0  # a triangle has odd harmonics alone, here one on the resonance
+    triangle = np.minimum(3.0 + 12.0 * np.abs(2.0 * ((odd * t) % 1.0) - 1.0), 150.0 * t)
+    write_table(folder / "scan.csv", {"time_s": t, "reference_um": triangle})
+    words = ("--n", 3, "--m", 1, "--rates", "none")
+    for options in ((), ("--dynamics", "ignore", "--force")):
+        call = piezobench("identify", "stage.csv", "--out", f"{len(options)}.json", *words, *options, folder=folder)
+        assert call.status == 0, call.stderr
+    return folder
+
+
+def test_the_model_has_the_resonance_and_without_it_has_a_large_error(desk: Path) -> None:
+    dynamics = HysteresisCreepModel.load(desk / "0.json").dynamics
+    assert dynamics is not None
+    assert dynamics.frequencies_Hz[0] == pytest.approx(400.0, rel=1e-3)
+    ignored = HysteresisCreepModel.load(desk / "3.json")
+    assert ignored.dynamics is None
+    assert ignored.report["fit"]["rms_percent"] > 5.0
+
+
+def test_a_scan_is_compensated_after_a_declared_lag_without_lag_or_not_at_all(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    results = {}
+    for option in ("--dynamics", "--preview", "--no-dynamics"):
+        out = tmp_path / f"{option}.csv"
+        call = piezobench("compensate", desk / "0.json", desk / "scan.csv", "--out", out, option, "--json")
+        assert call.status == 0, call.stderr
+        results[option] = json.loads(call.stdout)
+    lag = HysteresisCreepModel.load(desk / "0.json").dynamics.lag_s(T)
+    assert results["--dynamics"]["lag_s"] == pytest.approx(lag)
+    assert results["--preview"]["lag_s"] == results["--no-dynamics"]["lag_s"] == 0.0
+    assert results["--dynamics"]["rms_percent"] < 1.0
+    assert results["--preview"]["rms_percent"] < 1.0
+    assert results["--no-dynamics"]["rms_percent"] > 3.0
+    call = piezobench("compensate", desk / "0.json", desk / "scan.csv", "--out", tmp_path / "x.csv")
+    assert "The output lags the reference by 0.6" in call.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            ("compensate", "3.json", "scan.csv", "--out", "x.csv", "--preview"),
+            "the model has no dynamics, so --preview",
+        ),
+        (("compensate", "0.json", "scan.csv", "--out", "x.csv", "--preview", "--no-dynamics"), "inverts the dynamics"),
+        (("export-c", "0.json", "c"), "the exported C knows hysteresis and creep alone, and the model has a"),
+        (
+            ("live", "0.json", "--simulate", "relay_preisach", "--seconds", 1, "--no-page", "--rate", 10_000),
+            "a self-learning compensator knows hysteresis and creep alone",
+        ),
+        (
+            ("identify", "stage.csv", "--out", "x.json", "--dynamics", "guess"),
+            "'guess' is not one of 'estimate', 'ignore'",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_one_sentence_and_nothing_is_written(
+    piezobench: CommandLine, desk: Path, words: tuple[object, ...], reason: str
+) -> None:
+    before = {path.name for path in desk.iterdir()}
+    call = piezobench(*words, folder=desk)
+    assert call.status != 0
+    assert reason in " ".join(call.stderr.replace("│", " ").split())
+    assert {path.name for path in desk.iterdir()} == before
