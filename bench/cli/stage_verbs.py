@@ -143,6 +143,7 @@ def identify_verb(
     lines = [
         selection["sentence"] if selection else "",
         model.report["headline"],
+        model.report["drive"]["sentence"],
         *model.report["findings"],
         *model.report["advice"],
         f"Model: {out}",

@@ -183,6 +183,16 @@ def is_one_way(x: Vector) -> bool:
     return max(up, down) > ONE_WAY * max(up + down, 1e-300)
 
 
+def roughness(u: Vector) -> float:
+    """1 − correlation of neighbouring samples; 1 − cos(2π/p) for a sine of p samples a period."""
+    return float(np.mean(np.diff(u) ** 2) / max(2.0 * u.var(), 1e-300))
+
+
+def is_undersampled(u: Vector) -> bool:
+    """Whether the turning points of a drive (N,) lie between its samples."""
+    return roughness(u) > ROUGH
+
+
 def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> str | None:
     """The reason against a model that a resonance, a delay, a lack of samples or the sense of the loops gives; None
     without one."""
@@ -195,9 +205,8 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> str | No
         return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz: {compared}"
     if delayed < far_better:
         return f"the output is the drive with a delay of {quantity(delay * s.sample_time, 's', 3)}: {compared}"
-    rough = float(np.mean(np.diff(u) ** 2) / (2.0 * u.var()))  # 1 − cos(2π/p) for a sine of p samples a period
-    if poor and rough > ROUGH:
-        period = 2.0 * math.pi / math.acos(max(1.0 - rough, -1.0))
+    if poor and is_undersampled(u):
+        period = 2.0 * math.pi / math.acos(max(1.0 - roughness(u), -1.0))
         return (
             f"the drive is undersampled, with {period:.1f} samples a period, "
             f"or aliased: its turning points, on which hysteresis depends, are lost; {compared}"

@@ -150,7 +150,7 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Sol
         levels = (hold[held, None] == np.unique(hold[held])).astype(np.float64)
         resting = _judged(levels, signals[held], states[held], decays[held], rates, edges[:0])
         if resting.creep is not None:
-            return replace(resting, independent=whole.independent)
+            return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
     return whole
 
 
@@ -264,23 +264,23 @@ def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
 def _columns(
     recording: Recording, at: NDArray[np.int64], fit: ForwardFit, rates: tuple[float, ...], richness: float
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Columns of the null, and creep states and decays of each rate, at the samples ``at``."""
+    """Columns of the null, creep states of each rate, and decays of each in each part, at the samples ``at``."""
     s, count = fit.structure, max(1, int(PLAYS * richness))
     r, columns = np.arange(count + 1) / (count + 1), []
     plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
-    decays = np.empty_like(states)
-    for part, start in zip(spans(recording), fit.states, strict=True):
+    decays = np.zeros((at.size, len(recording.starts), len(rates)))
+    for i, (part, start) in enumerate(zip(spans(recording), fit.states, strict=True)):
         inside = (at >= part.start) & (at < part.stop)
         columns.append(inside.astype(np.float64))
         x, rows = s.unit_input(recording.x[part]), at[inside] - part.start
         plays[inside] = play(x, r, memory_curve(s, start, r))[0][rows]
-        decays[inside] = np.exp(-np.outer(rows * s.sample_time, rates))
+        decays[inside, i] = np.exp(-np.outer(rows * s.sample_time, rates))
         for j, rate in enumerate(rates):
             states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]
-    for i, z in enumerate(plays.T):
+    for j, z in enumerate(plays.T):
         low, high = float(z.min()), float(z.max())
         if high - low > STILL:
-            density = KNOTS * richness * (2.0 if i == 0 else 0.5 * (high - low))
+            density = KNOTS * richness * (2.0 if j == 0 else 0.5 * (high - low))
             knots = np.linspace(low, high, max(1, round(density)) + 2)[1:-1]
             columns += [z, *(np.maximum(z - knot, 0.0) for knot in knots)]
-    return np.column_stack(columns), states, decays
+    return np.column_stack(columns), states, decays.reshape(at.size, -1)

@@ -24,6 +24,7 @@ from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy, fit_of
 from piezo_model.identification.creep import Determined, determine
 from piezo_model.identification.direction import check_direction
+from piezo_model.identification.drive import drive_of
 from piezo_model.identification.dynamics import DynamicsChoice, Separated, separate
 from piezo_model.identification.error_model import (
     IdentificationError,
@@ -364,6 +365,7 @@ def _reported(
             Part(first, start, **state.to_dict(s))
             for first, start, state in zip(recording.starts, prepared.starts, fit.states, strict=True)
         ][1:],
+        drive=drive_of(recording, prepared.skip, determined),
         creep=CreepFinding(
             determined.creep is not None,
             options.chooses_creep,

@@ -13,6 +13,7 @@ from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity, shown
 
 UNDETERMINED = "Creep is not determined by this recording; hold a step for a minute."
+ABSENT = "The recording shows no creep beside its hysteresis, although its drive would."
 
 FINDINGS = 4
 """Largest number of findings after the headline; the page has all of them."""
@@ -152,8 +153,32 @@ class CreepFinding:
         if self.determined:
             return "" if rates else "The recording holds creep, which the model leaves out."
         if rates:
-            return f"The creep of the given rates is a guess. {UNDETERMINED}"
-        return UNDETERMINED * self.chosen
+            return f"The creep of the given rates is a guess. {ABSENT if self.rates else UNDETERMINED}"
+        return (ABSENT if self.rates else UNDETERMINED) * self.chosen
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the drive of a recording can determine, whether that is in the data or not."""
+
+    hysteresis: bool
+    creep: bool
+    drift: bool
+    highest_Hz: float
+    """Highest frequency at which the output follows the drive; 0 without one."""
+
+    def sentence(self) -> str:
+        """The same in words."""
+        effects = {"hysteresis": self.hysteresis, "creep": self.creep, "a drift of the sensor": self.drift}
+        can, cannot = ([name for name, shown in effects.items() if shown is which] for which in (True, False))
+        determined = f"This drive determines {_listed(can, 'and') or 'none of hysteresis, creep and drift'}"
+        but = f", but not {_listed(cannot, 'or')}" if can and cannot else ""
+        dynamics = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
+        return f"{determined}{but}; it shows {dynamics}."
+
+
+def _listed(names: Sequence[str], last: str) -> str:
+    return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 @dataclass(frozen=True)
@@ -238,6 +263,7 @@ class FitReport:
     offset: Offset | None
     start: str
     parts: Sequence[Part]
+    drive: Drive
     creep: CreepFinding
     drift: Drift | None
     intervals: Mapping[str, Any] | None
@@ -253,6 +279,7 @@ class FitReport:
         return {
             **asdict(self),
             "headline": headline,
+            "drive": {**asdict(self.drive), "sentence": self.drive.sentence()},
             "creep": {**asdict(self.creep), "sentence": self.creep.sentence(structure.creep_rates)},
             "findings": findings[:FINDINGS],
             "advice": list(self._advice()),
@@ -310,6 +337,7 @@ class FitReport:
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
+        yield self.drive.sentence()
         if self.start in STARTS:
             yield STARTS[self.start]
         if self.offset is not None and not self.offset.pays:

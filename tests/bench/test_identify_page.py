@@ -56,6 +56,16 @@ def output(piezobench: CommandLine, desk: Path) -> str:
     return call.stdout
 
 
+def test_what_the_drive_determines_is_printed_stored_and_on_the_page(output: str, browser: Browser, desk: Path) -> None:
+    drive = json.loads((desk / "model.json").read_text())["report"]["drive"]
+    assert drive["sentence"] in " ".join(output.split())
+    assert drive["hysteresis"]
+    assert drive["sentence"].startswith("This drive determines hysteresis")
+    assert drive["highest_Hz"] == pytest.approx(10.0, abs=4.0)  # three lines of the spectrum
+    browser.open(desk / "stage page.html")
+    assert drive["sentence"] in browser.run("return document.body.innerText")
+
+
 def recording(x: np.ndarray, y: np.ndarray) -> Recording:
     return Recording.from_arrays(x, y, SAMPLE_TIME, input_unit="V", output_unit="um")
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter, sawtooth
 
 from piezo_model import HysteresisCreepModel, Recording, identify
-from piezo_model.identification.report import UNDETERMINED
+from piezo_model.identification.report import ABSENT, UNDETERMINED
 from piezo_model.operators import play
 
 Vector = NDArray[np.float64]
@@ -63,6 +63,8 @@ def test_a_model_of_one_frequency_has_no_creep_and_holds_at_other_speeds_and_on_
     assert worst(model, STEP) < 1e-9
     assert UNDETERMINED in model.report["findings"]
     assert UNDETERMINED not in without.report["sentences"]
+    assert model.report["drive"]["hysteresis"]
+    assert not model.report["drive"]["creep"]
 
 
 @pytest.mark.parametrize("creep", [0.01, 0.03])
@@ -73,9 +75,26 @@ def test_a_step_held_for_a_minute_and_two_speeds_determine_creep(creep: float) -
         model, without = (identify(recorded(u, stage(u, creep)), creep_rates=rates) for rates in (None, ()))
         assert model.structure.creep_rates
         assert model.report["creep"]["determined"]
+        assert model.report["drive"]["creep"]
         assert model.report["creep"]["sentence"] == ""
         assert "holds creep, which the model leaves out" in without.report["creep"]["sentence"]
         assert worst(model, STEP, creep) < 0.5 * worst(without, STEP, creep)
+
+
+def test_a_drive_that_would_show_creep_says_so_where_there_is_none() -> None:
+    u = np.concatenate([triangle(TIME / 2), STEP])
+    model = identify(recorded(u, stage(u)))
+    assert model.structure.creep_rates == ()
+    assert ABSENT in model.report["findings"]
+    assert UNDETERMINED not in model.report["sentences"]
+    assert model.report["drive"]["sentence"].startswith("This drive determines hysteresis, creep")
+
+
+def test_a_single_branch_does_not_determine_hysteresis() -> None:
+    u = np.linspace(1.0, 9.0, 3000)
+    drive = identify(recorded(u, stage(u)), force=True).report["drive"]
+    assert not drive["hysteresis"]
+    assert "determines none of hysteresis, creep and drift" in drive["sentence"]
 
 
 def duhem(u: Vector, rate: float) -> Vector:

@@ -1,0 +1,54 @@
+"""What the drive of a recording determines: hysteresis, creep, a drift of the sensor, and dynamics up to a frequency.
+
+Dynamics show up to the highest frequency at which the output follows the drive: at which the coherence of the two,
+|S_xy|² / (S_xx S_yy), exceeds one half.
+
+Source: P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra", IEEE Trans. Audio
+Electroacoust. 15 (1967) 70–73.
+"""
+
+import numpy as np
+from scipy.signal import csd
+
+from piezo_model.identification.adequacy import is_one_way, is_undersampled
+from piezo_model.identification.creep import Determined
+from piezo_model.identification.report import Drive
+from piezo_model.recordings import Recording
+
+SAMPLES = 1_000_000
+"""Samples from the start in which frequencies are sought."""
+SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
+"""Segments of a part, and samples of one."""
+COHERENT = 0.5
+FAINT = 1e-9
+"""Smallest power of a frequency, as a share of the strongest one, that is no leakage of the window."""
+
+
+def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:
+    """What the drive of a recording can determine after the skipped samples."""
+    x = recording.x[skip:]
+    hysteresis = not is_one_way(x) and not is_undersampled(x)
+    return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest_frequency(recording))
+
+
+def highest_frequency(recording: Recording) -> float:
+    """Highest frequency in Hz at which the output follows the drive; 0 without one.
+
+    Examples
+    --------
+    >>> t = np.arange(20_000) / 1000
+    >>> x, noise = np.sin(2 * np.pi * t**2), np.random.default_rng(0).normal(size=t.size)
+    >>> 38 < highest_frequency(Recording.from_arrays(x, 2 * x + 0.01 * noise, 1e-3)) < 45
+    True
+    """
+    highest = 0.0
+    for sweep in recording.head(SAMPLES).sweeps():
+        segment = min(LONGEST_SEGMENT, sweep.length // SEGMENTS)
+        if segment < SHORTEST_SEGMENT:
+            continue
+        pairs = (sweep.x, sweep.x), (sweep.y, sweep.y), (sweep.x, sweep.y)
+        spectra = [csd(*pair, 1.0 / sweep.sample_time, "blackmanharris", segment) for pair in pairs]
+        f, (xx, yy, xy) = spectra[0][0], (np.abs(spectrum) for _, spectrum in spectra)
+        follows = (xy**2 > COHERENT * xx * yy) & (xx > FAINT * xx.max())
+        highest = max(highest, float(f[follows].max(initial=0.0)))
+    return highest
