@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import Solving, States, spans
+from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.regressors import regressor_rows
@@ -310,6 +311,19 @@ def fit_forward(
         free[kept],
         best.dynamics,
     )
+
+
+def step_problem(
+    recording: Recording, counted: Mask, fit: ForwardFit, problem: IdentificationProblem
+) -> IdentificationProblem:
+    """The program of the next step from a fit, in the form of the program (6) of the same recording and structure: the
+    proximal term keeps to the weights of the fit, and so do weights that no sample reaches."""
+    s, v = fit.structure, fit.v
+    at = Trial(v, fit.states, fit.dynamics, fit.static, fit.y_model, fit.error, fit.cost)
+    gram = _gram(recording, counted, s, at, [], None)[0]
+    P, Je, S = gram[:-1, :-1], gram[:-1, -1], s.inverse_slope_map
+    q, c = -Je - P @ v, 0.5 * (gram[-1, -1] + 2.0 * Je @ v + v @ P @ v)
+    return replace(problem, P=S.T @ P @ S, q=S.T @ q, c=float(c), reference=fit.weights)
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,19 @@ def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_
     assert any(problem.forms["scaled"].certificate.convexity_shift > 0 for problem in bare)
 
 
+def test_a_forward_program_leads_from_its_start_to_the_weights_of_the_next_step() -> None:
+    problems = list(make("forward").problems())
+    assert len(problems) == len(make("forward"))
+    for first, second in pairwise(problems):
+        form = second.forms["raw"]
+        if first.name.partition("-step")[0] == second.name.partition("-step")[0]:
+            np.testing.assert_allclose(form.to_weights @ form.starts["warm"], first.optimal_weights, atol=1e-6)
+        assert form.optimum_is_unique
+        assert len(form.windows) == 1
+    errors = {problem.name: problem.optimum_error_percent for problem in problems}
+    assert errors["bouc_wen-step-3"] <= errors["bouc_wen-step-1"]
+
+
 def test_the_proximal_term_makes_every_optimum_unique(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
     proximal = [problem for name, problem in excitation[1].items() if name.endswith("proximal")]
     assert all(form.optimum_is_unique for problem in proximal for form in problem.forms.values())
