@@ -130,7 +130,7 @@ def same_problem(a: RaceProblem, b: RaceProblem) -> bool:
     def parts(problem: RaceProblem) -> list[object]:
         found: list[object] = [problem.name, problem.d, [*problem.forms]]
         for form in problem.forms.values():
-            found += [*fields_of(form.qp).values(), form.to_weights, form.warm_start]
+            found += [*fields_of(form.qp).values(), form.to_weights, *form.starts, *form.starts.values()]
             found += [form.certificate, form.c, form.cost_unit]
         v = problem.validation
         return found + ([] if v is None else [v.state.play, v.state.creep, v.x, v.y, v.noise_um])
