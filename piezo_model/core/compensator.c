@@ -104,9 +104,9 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
         wanted = wanted_drive(c, reference);
         set_where(change->which, &m->bump, plus(m->bump, minus(within_limits(c, before), within_limits(c, wanted))));
     }
-    wanted = select(finite, plus(wanted, m->bump), last);
+    wanted = where(finite, plus(wanted, m->bump), last);
     set_where(finite, &m->bump, flushed(times(m->bump, constant(p->decay))));
-    num x = within_limits(c, select(finite, within(wanted, minus(last, step), plus(last, step)), last));
+    num x = within_limits(c, where(finite, within(wanted, minus(last, step), plus(last, step)), last));
     m->held = minus(less(x, wanted), less(wanted, x));
     x = within(plus_times(x_centre, x_scale, x), m->low, m->high); /* rounding may exceed a limit by a bit */
     flush_in_turn(c);

@@ -131,7 +131,7 @@ static num excites(const Learner *l, const BlockSummary *b, num counts)
     const num span = minus(greatest(high, m->drive_before[1]), lowest(low, m->drive_before[0]));
     const num filled = plus(m->in_half, b->good),
               over = logical_and(counts, is_not(less(filled, constant((real)l->settings->half_window))));
-    set_where(counts, &m->in_half, select(over, constant(0), filled));
+    set_where(counts, &m->in_half, where(over, constant(0), filled));
     set_where(counts, &m->drive[0], low);
     set_where(counts, &m->drive[1], high);
     copy_where(over, m->drive_before, m->drive, 2);

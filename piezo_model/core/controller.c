@@ -39,10 +39,10 @@ int N(controller_observe)(const Controller *c, num x, num y)
     num fault;
     const num good = guard_judge(guard_of(c), x, unit_y, &fault),
               counted = plus(from_shared(c->mailbox.faults, 0), fault);
-    const num faults = select(less(constant(MOST_COUNTED), counted), constant(0), counted);
+    const num faults = where(less(constant(MOST_COUNTED), counted), constant(0), counted);
     N(compensator_correct)(&c->compensator, y, good);
     to_shared(b.x, m->filled, x);
-    to_shared(b.y, m->filled, select(good, unit_y, constant((real)NAN)));
+    to_shared(b.y, m->filled, where(good, unit_y, constant((real)NAN)));
     to_shared(c->mailbox.faults, 0, faults);
     ++m->samples;
     ++m->filled;

@@ -68,7 +68,7 @@ static BlockSummary pass_through(const Learner *l, const Block *block, int judge
     for (int k = 0; k < b.count; ++k) {
         num *const row = w->rows + k * row_nums(s);
         const num x = from_shared(block->x, k), y = from_shared(block->y, k), good = is_finite(y);
-        write_row(&l->regressors, s, good, x, select(good, y, constant(0)), w->play, w->creep, row);
+        write_row(&l->regressors, s, good, x, where(good, y, constant(0)), w->play, w->creep, row);
         span_widen(b.span, (const num[]){x, x, y, y}, good);
     }
     if (judges) {
@@ -95,7 +95,7 @@ static int judge_direction(const Learner *l, const Block *block, const num *span
     num *const e = m->evidence, *const driven = m->stretch + SPAN;
     for (int k = 0; k < block->head->count; ++k) {
         const num measured = from_shared(block->y, k), good = logical_and(m->learning, is_finite(measured));
-        const num x = logical_and(good, from_shared(block->x, k)), y = select(good, measured, constant(0));
+        const num x = logical_and(good, from_shared(block->x, k)), y = where(good, measured, constant(0));
         const num terms[] = {good, x, y, times(x, x), times(x, y), times(y, y)};
         for (int i = 0; i < MOMENTS; ++i) {
             e[i] = plus(e[i], terms[i]);
@@ -120,7 +120,7 @@ static int judge_direction(const Learner *l, const Block *block, const num *span
     const num falls = logical_and(logical_and(less(e[XY], constant(0)), less(times(constant(FALLS), known), explained)),
                                   logical_and(less(constant(SOME), e[STRETCHES]), less(constant(WIDE), range)));
     const num found = logical_and(falls, is_not(less(e[DIRECTION], constant(0))));
-    e[DIRECTION] = select(rises, constant(1), select(falls, constant(-1), e[DIRECTION]));
+    e[DIRECTION] = where(rises, constant(1), where(falls, constant(-1), e[DIRECTION]));
     return any(found) ? REVERSED : 0;
 }
 
@@ -140,8 +140,8 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
         for (int i = 0; i < VECTORS(l->d + 1); ++i) {
             set_vector(row, i, mul(weight, vector(row, i)));
         }
-        root = select(counts, times(root, root_step), root);
-        fade = select(counts, times(fade, forgetting), fade);
+        root = where(counts, times(root, root_step), root);
+        fade = where(counts, times(fade, forgetting), fade);
     }
     gram_add(l->gram, l->d + 1, fade, rows, stride, count);
 }

@@ -73,10 +73,10 @@ void N(noise_judge)(const Learner *l, const Block *block, BlockSummary *b)
         b->squares_in_use = plus(b->squares_in_use, minus_times(times(error, error), variance, slope));
         b->squares_candidate =
             plus(b->squares_candidate, minus_times(times(other, other), variance, squared_slope(l, l->candidate, y)));
-        noise[SQUARES] = select(known, lowest(square, times(most, slope)), constant(0));
+        noise[SQUARES] = where(known, lowest(square, times(most, slope)), constant(0));
         noise[SLOPES] = logical_and(known, slope);
         memmove(before + 1, before, 2 * sizeof *before);
-        before[0] = select(is_finite(y), error, y);
+        before[0] = where(is_finite(y), error, y);
     }
 }
 
@@ -86,7 +86,7 @@ void N(noise_add)(const Learner *l, const Block *block, num learns)
     for (int k = 0; k < block->head->count; ++k) {
         const num *const noise = workspace_of(l).rows + (k + 1) * row_nums(l->shape) - NOISE;
         const num y = from_shared(block->y, k), counts = logical_and(learns, is_finite(y));
-        const num fade = select(counts, constant(p->forgetting), constant(1)),
+        const num fade = where(counts, constant(p->forgetting), constant(1)),
                   weight = times(counts, constant(p->row_weight));
         for (int i = 0; i < VECTORS(l->shape.zones); ++i) {
             const vec8 counted = mul(SPREAD(weight), active_pieces(&l->regressors, i, SPREAD(y)));

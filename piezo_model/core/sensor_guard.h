@@ -40,8 +40,8 @@ CORE_INLINE void guard_forget(SensorGuard *g)
 CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
 {
     const num begun = is_finite(g->last_x), there = is_finite(y), known = is_finite(g->last_y);
-    const num path_length = select(begun, plus(g->path_length, absolute(minus(x, g->last_x))), g->path_length);
-    const num low = select(begun, lowest(x, g->x_low), x), high = select(begun, greatest(x, g->x_high), x);
+    const num path_length = where(begun, plus(g->path_length, absolute(minus(x, g->last_x))), g->path_length);
+    const num low = where(begun, lowest(x, g->x_low), x), high = where(begun, greatest(x, g->x_high), x);
     const num plausible = logical_and(there, is_not(less(constant(PLAUSIBLE), absolute(y))));
     const num moved = logical_or(less(y, g->last_y), less(g->last_y, y));
     const num same = logical_and(plausible, logical_and(known, is_not(moved))),
@@ -52,10 +52,10 @@ CORE_INLINE num guard_judge(SensorGuard *g, num x, num y, num *fault)
     const num refused = logical_or(logical_and(there, is_not(plausible)), frozen),
               good = logical_and(plausible, is_not(logical_or(frozen, jumped)));
     g->last_x = x;
-    g->last_y = select(changed, y, g->last_y);
-    g->path_length = select(changed, constant(0), path_length);
-    g->x_low = select(changed, x, low);
-    g->x_high = select(changed, x, high);
+    g->last_y = where(changed, y, g->last_y);
+    g->path_length = where(changed, constant(0), path_length);
+    g->x_low = where(changed, x, low);
+    g->x_high = where(changed, x, high);
     *fault = logical_or(refused, jumped);
     if (any(is_not(good))) {
         g->verdicts[MISSING] = plus(g->verdicts[MISSING], is_not(there));

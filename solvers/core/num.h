@@ -98,14 +98,14 @@ CORE_INLINE num is_not(num a) { return minus(constant(1), a); }
 CORE_INLINE num logical_and(num a, num b) { return times(a, b); }
 CORE_INLINE num logical_or(num a, num b) { return greatest(a, b); }
 CORE_INLINE num differs(num a, num b) { return logical_or(less(a, b), less(b, a)); }
-CORE_INLINE num select(num which, num a, num b) { return if_less(constant(0), which, a, b); }
+CORE_INLINE num where(num which, num a, num b) { return if_less(constant(0), which, a, b); }
 CORE_INLINE num is_finite(num a) { return less(absolute(a), constant(REAL_INFINITY)); }
 CORE_INLINE num within(num a, num low, num high) { return greatest(lowest(a, high), low); }
 
 CORE_INLINE num *nums(Arena *arena, int count) { return (num *)(void *)reals(arena, count, WIDTH); }
 
 /* Change *to in the lanes in which `which` is 1. */
-CORE_INLINE void set_where(num which, num *to, num a) { *to = select(which, a, *to); }
+CORE_INLINE void set_where(num which, num *to, num a) { *to = where(which, a, *to); }
 CORE_INLINE void copy_where(num which, num *to, const num *from, int count)
 {
     for (int i = 0; i < count; ++i) {
