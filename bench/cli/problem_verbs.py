@@ -27,7 +27,7 @@ from bench.report.console import AsJson, console, print_json, print_table, progr
 from bench.report.words import by_heading
 from solvers.certificate import Certificate, NotCertified, verify
 
-HEADINGS = ("problem", "optimum", "variables", "rows", "condition", "gaps are relative to", "proofs")
+HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
 
 
 @reads_a_recording
@@ -133,7 +133,9 @@ def problems_verb(
 
 def _count(cls: type[ProblemSet]) -> str:
     return (
-        "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs) if cls.needs else str(len(cls()))
+        "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs)
+        if cls.needs
+        else str(len(cls().names()))
     )
 
 
@@ -143,7 +145,7 @@ def _problems(
     """The problems, those left out with the reason (complete after the last problem), and the largest count."""
     if source is None:
         made = make(str(problem_set), seed, options)
-        return made.problems(), made.left_out, len(made)
+        return made.problems(), made.left_out, len(made.names())
     if not source.is_dir():
         raise ProblemSetError(f"{source}: is not a folder")
     files = sorted(source.glob("*.npz"))
@@ -166,10 +168,11 @@ def _described(problem: RaceProblem) -> tuple[str, ...]:
     form = next(iter(problem.forms.values()))
     rows = sum(side.size for side in (form.qp.h, form.qp.b) if side is not None)
     condition = f"{form.condition:.1e}" if form.condition < float("inf") else "singular"
-    return problem.name, _optimum(form.certificate), str(problem.d), str(rows), condition, f"{form.yardstick:.3g}"
+    optimum, point = repr(problem.optimum), _point(form.certificate)
+    return problem.name, optimum, point, str(problem.d), str(rows), condition, f"{form.yardstick:.3g}"
 
 
-def _optimum(certificate: Certificate) -> str:
+def _point(certificate: Certificate) -> str:
     if certificate.convexity_shift:
         return f"of P + {certificate.convexity_shift:.0e} I, since rounding left P indefinite"
     return {True: "unique", False: "not unique", None: "uniqueness undecided"}[certificate.unique]

@@ -59,6 +59,7 @@ FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 
 SETTING_OF = {
     "problem_set": "problem_sets",
+    "problem": "problems",
     "scaling": "scalings",
     "tier": "tiers",
     "settings": "settings_run",
@@ -133,6 +134,10 @@ def race_verb(
             "problems.",
         ),
     ] = None,
+    problem: Annotated[
+        list[str] | None,
+        typer.Option(help="Problem by name, repeatable; piezobench problems --set SET lists them."),
+    ] = None,
     solver: Annotated[
         list[str] | None,
         typer.Option(help="Solver by name, or a file.py with your own, repeatable; all by default."),
@@ -168,7 +173,11 @@ def race_verb(
     ] = None,
     limit: Annotated[
         int | None,
-        typer.Option(min=0, help="Problems of each set, 0 for all; 3 by default, and all if sets or files are named."),
+        typer.Option(
+            min=0,
+            help="Problems of each set, evenly spread over it, 0 for all; 3 by default, and all if sets or files are "
+            "named.",
+        ),
     ] = None,
     recording: Annotated[
         Path | None, typer.Option(help=f"Race on the set recorded, made from this file. {FILE}")
@@ -221,6 +230,7 @@ def race_verb(
         "solvers": [text for text in solver or () if not text.endswith(".py")],
         "solver_files": [str(Path(text).resolve()) for text in solver or () if text.endswith(".py")],
         "problem_sets": sets,
+        "problems": problem,
         "lanes": lane,
         "tiers": tier,
         "scalings": [choice.value for choice in scaling or ()],

@@ -5,17 +5,27 @@ scaling. Gap and violation are those of the first answer, ``timed_gap`` is the l
 that were judged among the timed ones.
 """
 
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
 import pandas as pd
 
+from bench.derived.accuracy import distance
 from bench.derived.measurements import Measurements, at_tiers
 from bench.messages.verdict import Tier
+from bench.problem_files.miss import Miss
+from bench.problems.fresh import mixture
+from bench.store import Run, RunError
+from solvers.certificate import NotCertified
 
 COLUMNS = ["solver", "lane", "problem_set", "problem", "settings", "status"]
 FIGURES = ["cost_gap", "timed_gap", "violation", "answer_us"]
 
 
 def misses(measurements: Measurements) -> pd.DataFrame:
-    """COLUMNS and FIGURES, one row for each solver lane and problem that it misses; lanes with the fewest misses first.
+    """COLUMNS, FIGURES and ``task``, one row for each solver lane and problem that it misses; lanes with the fewest
+    misses first.
 
     A lane that is right on no problem is left out: its problems do not differ. Settings are {} where a solver crashed.
     """
@@ -27,4 +37,24 @@ def misses(measurements: Measurements) -> pd.DataFrame:
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
     missed = missed.assign(**counts)[~judged.right & (counts.some > 0)]
     order = ["count", "solver", "lane", "problem"]
-    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)[COLUMNS + FIGURES]
+    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)[[*COLUMNS, *FIGURES, "task"]]
+
+
+def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
+    """The worst missed answers of at most ``most`` solver lanes, those with the fewest misses first, with names for
+    their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
+    missed = misses(measurements)
+    worst = missed.assign(gap=missed[["cost_gap", "timed_gap"]].max(axis=1)).sort_values("gap", ascending=False)
+    for line in worst.drop_duplicates(["solver", "lane"]).sort_index().head(most).to_dict("records"):
+        rows = measurements.every[measurements.every.task == line["task"]]
+        *_, row = rows.assign(distance=distance(rows)).sort_values("distance").to_dict("records")
+        with suppress(RunError, NotCertified):  # a miss without its problem is still in the table
+            form = first = run.problem(row["problem_set"], row["problem"]).forms[row["scaling"]]
+            x = row["answer"]
+            if row["timed_gap"] > max(row["cost_gap"], row["violation"]):
+                form, x = mixture(first, row["timed_shares"], row["timed_factors"]), row["timed_answer"]
+            optimum = np.array(form.certificate.x)
+            yield (
+                f"{row['solver']}-{row['lane']}-{row['problem_set']}--{row['problem']}.npz",
+                Miss(row["solver"], row["lane"], row["settings"], first.qp, form.qp, x, optimum, form.yardstick),
+            )

@@ -46,10 +46,12 @@ def require(condition: Any, otherwise: str) -> None:
 
 @dataclass(frozen=True)
 class ReadProgram:
-    """A program and the constant term of its cost."""
+    """A program to be minimised, the constant term of its cost, and −1 as ``sense`` if its file maximises the negative
+    of both."""
 
     qp: Problem
     constant: float = 0.0
+    sense: float = 1.0
 
 
 @contextmanager

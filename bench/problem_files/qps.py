@@ -225,7 +225,7 @@ class _Reader:
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
         qp = two_sided(sign * _sparse(elements, (d, d)), sign * q, C, l, u, lb, ub)
-        return ReadProgram(checked(qp), -sign * right.get(str(objective), 0.0))
+        return ReadProgram(checked(qp), -sign * right.get(str(objective), 0.0), sign)
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:

@@ -43,8 +43,8 @@ def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> 
 
     Examples
     --------
-    >>> len(make("noise", options={"recording": "stage.csv"}))
-    5
+    >>> make("noise", options={"recording": "stage.csv"}).names()[:2]
+    ['noise-none', 'noise-1e-05']
     """
     cls = find(name)
     own = {**cls.needs, **cls.takes}

@@ -8,7 +8,7 @@ runs beside a controller gets such problems, and a warm start should help there.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from bench.problems.simulation import SAMPLE_TIME, Experiment
@@ -28,9 +28,9 @@ class Drift(ProblemSet):
     name = "drift"
     description = "snapshots of a forgetting data basis (2 s) every 0.25 s over a drifting actuator, with warm starts"
 
-    def __len__(self) -> int:
-        """Number of snapshots."""
-        return COUNT
+    def names(self) -> Sequence[str]:
+        """Moments of the snapshots."""
+        return [f"t{BUILD_S + k * EVERY_S:05.2f}s" for k in range(1, COUNT + 1)]
 
     def problems(self) -> Iterator[RaceProblem]:
         """Certify a snapshot every quarter of a second."""
@@ -44,12 +44,12 @@ class Drift(ProblemSet):
         basis.update(x[:first], y[:first])
         start = basis.problem()
         previous, neighbours = certified(self.name, "start", start).optimal_weights, [start]
-        for end in range(first + step, first + COUNT * step + 1, step):
+        for name, end in zip(self.names(), range(first + step, first + COUNT * step + 1, step), strict=True):
             basis.update(x[end - step : end], y[end - step : end])
             unseen = slice(end, end + unseen_samples)
             validation = Validation(basis.structure, basis.state.copy(), x[unseen], y[unseen], plant.noise_um)
             now = basis.problem()
-            problem = certified(self.name, f"t{end * SAMPLE_TIME:05.2f}s", now, validation, previous, neighbours[-3:])
+            problem = certified(self.name, name, now, validation, previous, neighbours[-3:])
             previous = problem.optimal_weights
             neighbours.append(now)
             yield problem

@@ -58,9 +58,9 @@ class ForeignPrograms(ProblemSet):
         except ValueError:
             raise ProblemSetError(f"work is {self.options['work']!r} and not a number of bit operations") from None
 
-    def __len__(self) -> int:
-        """Number of programs."""
-        return len(self.sources())
+    def names(self) -> Sequence[str]:
+        """Names of the programs."""
+        return [name for name, _ in self.sources()]
 
     @abstractmethod
     def sources(self) -> Sequence[tuple[str, Source]]:
@@ -68,7 +68,7 @@ class ForeignPrograms(ProblemSet):
 
     def problems(self) -> Iterator[RaceProblem]:
         """Read, scale and certify, several in parallel; failures are left out with the reason."""
-        sources = self.sources()
+        sources = [(name, read) for name, read in self.sources() if name in self.wanted]
         with closing(proven(self._made, sources)) as made:
             for (name, _), problem in zip(sources, made, strict=True):
                 if isinstance(problem, str):
@@ -115,6 +115,7 @@ class ForeignPrograms(ProblemSet):
                     cost_unit=1.0,
                 ),
             },
+            sense=program.sense,
         )
 
 

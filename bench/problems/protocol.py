@@ -4,8 +4,9 @@ import hashlib
 import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NotRequired, Self, TypedDict
@@ -132,6 +133,15 @@ class RaceProblem:
     """By scaling, "scaled" and "raw"."""
     validation: Validation | None = None
     """Unseen data, for the problem of an actuator."""
+    sense: float = 1.0
+    """−1 if the file of the program maximises the negative of its cost."""
+
+    @property
+    def optimum(self) -> float:
+        """The optimal value of the objective in the terms of its source, constant and sense included: the exact number
+        rounded once."""
+        form = self.forms["raw" if "raw" in self.forms else next(iter(self.forms))]
+        return self.sense * float(Fraction(form.certificate.value) + Fraction(form.c))
 
     @property
     def d(self) -> int:
@@ -174,6 +184,7 @@ class RaceProblem:
             "certificates": {s: form.certificate.to_json() if proven else "" for s, form in self.forms.items()},
             "c": {s: form.c for s, form in self.forms.items()},
             "cost_unit": {s: form.cost_unit for s, form in self.forms.items()},
+            **({} if self.sense == 1.0 else {"sense": int(self.sense)}),
         }
         for scaling, form in self.forms.items():
             arrays |= packed_program(form.qp, f"{scaling}/")
@@ -221,7 +232,7 @@ class RaceProblem:
                 state = OperatorState(play, creep)
                 state.require(meta["structure"])
                 validation = Validation(meta["structure"], state, x, y, meta.get("noise_um", math.nan))
-        return cls(meta["set"], meta["name"], forms, validation)
+        return cls(meta["set"], meta["name"], forms, validation, meta.get("sense", 1.0))
 
 
 def _windows(data: Any, prefix: str) -> tuple[Window, ...]:
@@ -278,6 +289,7 @@ class Meta(TypedDict):
     cost_unit: NotRequired[dict[Scaling, float]]
     structure: NotRequired[ModelStructure]
     noise_um: NotRequired[float]
+    sense: NotRequired[Literal[-1, 1]]
 
 
 class ProblemSet(ABC):
@@ -294,6 +306,8 @@ class ProblemSet(ABC):
     ----------
     left_out : dict of str to str
         Problems that are not raced, with the reason; complete when :meth:`problems` is exhausted.
+    wanted : set of str
+        Names of the problems that are needed; all by default. :meth:`problems` need not make the others.
 
     Raises
     ------
@@ -320,8 +334,13 @@ class ProblemSet(ABC):
         self.left_out: dict[str, str] = {}
 
     @abstractmethod
-    def __len__(self) -> int:
-        """Number of problems."""
+    def names(self) -> Sequence[str]:
+        """Names of the problems, in their order."""
+
+    @cached_property
+    def wanted(self) -> Set[str]:
+        """All names."""
+        return {*self.names()}
 
     @abstractmethod
     def problems(self) -> Iterator[RaceProblem]:

@@ -57,9 +57,9 @@ class Recorded(ProblemSet):
         **dict.fromkeys(READING, "how the file is read"),
     }
 
-    def __len__(self) -> int:
-        """Number of orders times number of windows."""
-        return len(self._orders) * len(WINDOWS)
+    def names(self) -> Sequence[str]:
+        """Names of all orders over all windows."""
+        return [f"n{n}-m{m}-{window}" for n, m in self._orders for window in WINDOWS]
 
     @cached_property
     def _whole(self) -> Recording:

@@ -5,7 +5,7 @@ measured with noise and quantisation; the unseen data for validation follow, und
 """
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,14 +86,15 @@ class Simulated(ProblemSet):
     def experiments(self) -> Mapping[str, Experiment]:
         """The experiment of each problem by name."""
 
-    def __len__(self) -> int:
-        """Number of experiments."""
-        return len(self.experiments())
+    def names(self) -> Sequence[str]:
+        """Names of the experiments."""
+        return [*self.experiments()]
 
     def problems(self) -> Iterator[RaceProblem]:
         """Drive, measure, accumulate and certify."""
         for name, experiment in self.experiments().items():
-            yield experiment.problem(self.name, name)
+            if name in self.wanted:
+                yield experiment.problem(self.name, name)
 
 
 def centred_range(x: Vector, y: Vector, reach: float = 1.0) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from bench.messages.race_error import RaceError
-from bench.problems import check_options, make
+from bench.problems import ProblemSetError, check_options, make
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverPool, entry_of_file
 from bench.races import null_solver
@@ -56,8 +56,14 @@ def chosen(
 def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
     """The solvers selected by the settings; RaceError, RunError or ProblemSetError if the race cannot be run."""
     check_options(settings.problem_sets, settings.set_options)
-    for problem_set in settings.problem_sets:
-        make(problem_set, settings.seed, settings.set_options)
+    sets = [make(problem_set, settings.seed, settings.set_options) for problem_set in settings.problem_sets]
+    if settings.problems:
+        names = {each.name: each.names() for each in sets}
+        known = {name for set_name, of_set in names.items() for each in of_set for name in (each, f"{set_name}/{each}")}
+        for name in settings.problems:
+            if name not in known:
+                listed = "; ".join(f"{set_name}: {', '.join(of_set)}" for set_name, of_set in names.items())
+                raise ProblemSetError(f"there is no problem {name!r} in these sets; {listed}")
     if isinstance(settings, TierSettings):
         table_of(settings.settings_run)
     return chosen(settings, entries(), from_file, "solver", preload)

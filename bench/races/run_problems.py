@@ -4,14 +4,30 @@ While solvers run, only this process knows the certificates of new problems; the
 ended. A race that is resumed before that certifies the problems again.
 """
 
-from collections.abc import Iterable, Iterator
-from itertools import islice
+from collections.abc import Iterable, Iterator, Sequence
 
 from bench.messages.progress import Progress
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
 from bench.races.settings import RaceSettings
 from bench.store import ModelNote, Run
 from piezo_model import IdentificationError
+
+
+def raced(settings: RaceSettings, set_name: str, names: Sequence[str]) -> Sequence[str]:
+    """The problems of a set that are raced: those that the settings name, or as many as they permit, evenly spread over
+    the set, so that a few are of different actuators and drives.
+
+    Examples
+    --------
+    >>> raced(RaceSettings(limit=3), "digits", "0123456789")
+    ['0', '3', '6']
+    >>> raced(RaceSettings(problems=("digits/7", "x")), "digits", "0123456789")
+    ['7']
+    """
+    if settings.problems:
+        return [name for name in names if {name, f"{set_name}/{name}"} & {*settings.problems}]
+    count = min(settings.limit or len(names), len(names))
+    return [names[i * len(names) // count] for i in range(count)]
 
 
 def left_out(run: Run) -> list[tuple[str, str]]:
@@ -33,6 +49,9 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
                 yield run.problem(set_name, name)
         else:
             problem_set = make(set_name, settings.seed, settings.set_options)
+            problem_set.wanted = {*raced(settings, set_name, problem_set.names())}
+            if not problem_set.wanted:
+                continue
             _save_model(run, problem_set, progress)
             problems = list(_generate(run, settings, problem_set, progress))
             run.note_of_set(set_name, problems=[problem.name for problem in problems])
@@ -72,10 +91,11 @@ def save_certificates(run: Run, problems: Iterable[RaceProblem]) -> None:
 
 def _generate(run: Run, settings: RaceSettings, problem_set: ProblemSet, progress: Progress) -> Iterator[RaceProblem]:
     """Generate the problems of a set and save them without certificates; those that were saved before are loaded."""
-    count = min(len(problem_set), settings.limit or len(problem_set))
-    if count < len(problem_set):
-        run.note_of_set(problem_set.name, there_are=len(problem_set))
-    for i, problem in enumerate(islice(problem_set.problems(), count)):
+    count, there_are = len(problem_set.wanted), len(problem_set.names())
+    if count < there_are:
+        run.note_of_set(problem_set.name, there_are=there_are)
+    made = (problem for problem in problem_set.problems() if problem.name in problem_set.wanted)
+    for i, problem in enumerate(made):
         progress(f"certified {problem_set.name}/{problem.name}", i + 1, count)
         path = run.problem_path(problem_set.name, problem.name)
         if path.is_file():

@@ -39,7 +39,9 @@ class RaceSettings:
     lanes: tuple[Lane, ...] = LANES
     scalings: tuple[Scaling, ...] = SCALINGS
     limit: Annotated[int, Meta(ge=0, le=MOST)] = 0
-    """Number of problems of each set; 0 for all."""
+    """Number of problems of each set, evenly spread over it; 0 for all."""
+    problems: tuple[str, ...] = ()
+    """Names of the problems to race, as ``name`` or ``set/name``; empty for all."""
     seed: int = 0
     effort: Effort = field(default_factory=Effort)
     time_limit_s: Annotated[float, Meta(ge=0.1, le=1e7)] = 20.0
@@ -75,6 +77,7 @@ class OwnProblemSettings(RaceSettings):
     problem_sets: tuple[str, ...] = fixed(("paper",))
     scalings: tuple[Scaling, ...] = fixed(SCALINGS)
     set_options: dict[str, str] = fixed({})
+    problems: tuple[str, ...] = fixed(())
 
 
 @dataclass(frozen=True)

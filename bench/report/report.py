@@ -3,8 +3,10 @@
 There are three renderings: the terminal (`bench.report.console`), Markdown and an HTML page (`bench.report.writing`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -90,6 +92,8 @@ class Report:
     title: str = ""
     scope: str = ""
     """Problems, machine and its drift, before the first figure."""
+    files: Mapping[str, Callable[[Path], None]] = dataclass_field(default_factory=dict)
+    """Further files beside the report by name, and what writes them."""
 
     @property
     def drawn(self) -> list[Figure]:

@@ -47,6 +47,9 @@ def write_report(report: Report, folder: Path, name: str = "report", pictures: i
     path of the Markdown file."""
     if report.summary is not None:
         _write_csv(report.summary, folder / "summary.csv")
+    for file, save in report.files.items():
+        (folder / file).parent.mkdir(exist_ok=True)
+        save(folder / file)
     write_page(report, folder / f"{name}.html")
     return write_markdown(report, folder / f"{name}.md", pictures)
 

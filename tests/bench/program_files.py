@@ -128,7 +128,7 @@ def same_problem(a: RaceProblem, b: RaceProblem) -> bool:
     """Whether two problems, their proofs and unseen data are exactly equal."""
 
     def parts(problem: RaceProblem) -> list[object]:
-        found: list[object] = [problem.name, problem.d, [*problem.forms]]
+        found: list[object] = [problem.name, problem.d, problem.sense, [*problem.forms]]
         for form in problem.forms.values():
             found += [*fields_of(form.qp).values(), form.to_weights, *form.starts, *form.starts.values()]
             found += [form.certificate, form.c, form.cost_unit]

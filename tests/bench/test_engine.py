@@ -10,7 +10,7 @@ import pytest
 from command_line import CommandLine, kill_worker, wait_until_gone
 from conftest import SMALL, THIRD, TWO_CORES, Race
 from programs import library
-from test_store import without_times
+from test_store import of_first_answers
 
 from bench.derived.table import ONESHOT
 from bench.store import Run
@@ -18,7 +18,7 @@ from bench.timing import cores
 
 
 def same_but_for_times(run: Run, race: Race) -> None:
-    pd.testing.assert_frame_equal(without_times(run.rows(ONESHOT)), without_times(race.rows))
+    pd.testing.assert_frame_equal(of_first_answers(run.rows(ONESHOT)), of_first_answers(race.rows))
 
 
 def hosts_and_cores(run: Run) -> set[tuple[str, int]]:

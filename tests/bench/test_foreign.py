@@ -79,7 +79,7 @@ def problems_of(folder: Path, **options: str) -> tuple[dict[str, RaceProblem], d
     """The problems of a folder, and those that are left out."""
     made = make("foreign", options={"folder": str(folder), **options})
     problems = {problem.name: problem for problem in made.problems()}
-    assert len(problems) + len(made.left_out) == len(made)
+    assert len(problems) + len(made.left_out) == len(made.names())
     return problems, made.left_out
 
 
@@ -281,7 +281,7 @@ def test_test_sets_of_qpbenchmark_are_read_from_their_class(
     found = {problem.name: problem for problem in made.problems()}
     saved = [RaceProblem.load(path) for path in tmp_path.glob("*.npz")]
     assert not made.left_out
-    assert len(found) == len(made) == 2 * len(saved)
+    assert len(found) == len(made.names()) == 2 * len(saved)
     for problem in saved:
         for scaling, form in problem.forms.items():
             assert found[f"foreign--{problem.name}--{scaling}"].forms["raw"].certificate.x == form.certificate.x
@@ -386,7 +386,7 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
     (tmp_path / "folder.lp").mkdir()
     found = make("foreign", options={"folder": str(tmp_path)})
     assert [name for name, _ in found.sources()] == ["drawn", "one", "two.v1"]
-    assert len(found) == 3
+    assert len(found.names()) == 3
     assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}
     assert len(list(found.problems())) == 3
     assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}

@@ -14,6 +14,8 @@ from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
 from bench.races.metrics import judge
+from bench.races.run_problems import raced
+from bench.races.settings import RaceSettings
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS
@@ -55,7 +57,8 @@ def recorded(recording: Path) -> list[RaceProblem]:
 
 def test_every_proof_of_the_excitation_set_holds_and_is_counted(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
     output, problems = excitation
-    assert f"{len(problems)} of {len(make('excitation'))} problems are certified in every scaling (100 %)" in output
+    of = len(make("excitation").names())
+    assert f"{len(problems)} of {of} problems are certified in every scaling (100 %)" in output
 
 
 def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_ones(
@@ -249,3 +252,15 @@ def test_the_verb_lists_every_set_and_the_problems_of_one(piezobench: CommandLin
     assert all(name in listed.stdout for name in all_sets())
     one = piezobench("problems", "--set", "recorded", "--recording", recording, "--input", "voltage_V", "--limit", 2)
     assert [line.split()[0] for line in one.stdout.splitlines()[1:]] == ["n5-m3-whole", "n5-m3-half"]
+
+
+def test_a_few_problems_of_a_set_are_spread_over_its_actuators_and_drives() -> None:
+    few = raced(RaceSettings(limit=3), "paper", make("paper").names())
+    assert len({name.split("-")[0] for name in few}) == len({name.split("-")[1] for name in few}) == 3
+
+
+def test_a_set_makes_only_the_problems_that_are_wanted_under_their_names() -> None:
+    for name in ("noise", "measured"):
+        problem_set = make(name)
+        problem_set.wanted = {problem_set.names()[1]}
+        assert [problem.name for problem in problem_set.problems()] == [problem_set.names()[1]]

@@ -6,7 +6,7 @@ from the s-th on, so that other seeds have other noise of the same sensor; the f
 neighbouring window.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TypedDict
 
@@ -30,9 +30,9 @@ class Measured(ProblemSet):
         "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth kept back"
     )
 
-    def __len__(self) -> int:
-        """Number of recordings."""
-        return len(_files())
+    def names(self) -> Sequence[str]:
+        """Names of the recordings."""
+        return [path.stem for path in _files()]
 
     def problems(self) -> Iterator[RaceProblem]:
         """Certify the program of each recording."""

@@ -1,7 +1,7 @@
 """The report of a one-shot race."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import pandas as pd
@@ -10,13 +10,15 @@ from bench.derived import anytime, pictures
 from bench.derived import summary as summaries
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
-from bench.derived.misses import misses
+from bench.derived.misses import kept, misses
 from bench.derived.ranking import ranking, short_table, yardstick
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.derived.wrapper_share import wrapper_share
 from bench.races.oneshot.figures import figures
+from bench.races.oneshot.settings import OneshotSettings
+from bench.races.settings import settings_of
 from bench.report.report import Report, Table
-from bench.report.words import OURS_NOTE, gap, marked, number, settings_label
+from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
 from bench.store import Run, RunError
 
 HEADINGS = {
@@ -93,6 +95,10 @@ def report(run: Run) -> Report:
     drift = settings.get("conditions", {}).get("sentinel_drift", 0.0)
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
+    files = {
+        f"misses/{name}": miss.save
+        for name, miss in kept(run, measurements, settings_of(run, OneshotSettings).keep_misses)
+    }
     wrong = [[marked(solver), *others] for solver, *others in summaries.failures(measurements)]
     return Report(
         verdict(measurements, settings["machine"]["core"], drift),
@@ -101,7 +107,15 @@ def report(run: Run) -> Report:
         figures(measurements, summary),
         terminal=short_table(table, note, terminal=True),
         scope=f"{measurements.problems} problem{'s' if measurements.problems != 1 else ''}",
-        notes=[*below_rounding(costs), *notes(measurements, summary), *_hosts(measurements), *_models(run)],
+        notes=[
+            *below_rounding(costs),
+            *notes(measurements, summary),
+            *_unrepeatable(measurements),
+            *_hosts(measurements),
+            *_models(run),
+            *_reproduction(run, files),
+        ],
+        files=files,
         definitions=[*DEFINITIONS, *_of_repeats(run)],
         tables=[
             Table(
@@ -150,12 +164,13 @@ def report(run: Run) -> Report:
             ),
             Table(
                 "Problems",
-                ("problem set", "problem", "unknowns", "scaling", "V*", "yardstick", "|V*| over yardstick"),
+                ("problem set", "problem", "unknowns", "optimum", "scaling", "V*", "yardstick", "|V*| over yardstick"),
                 [
                     [
                         row.problem_set,
                         row.problem,
                         str(row.d),
+                        repr(float(row.objective)),
                         row.scaling,
                         *(number(value) for value in (row.V, row.yardstick, row.optimum)),
                     ]
@@ -163,6 +178,8 @@ def report(run: Run) -> Report:
                 ],
                 2,
                 ("problem set", "scaling"),
+                "Optimum: of the objective as its source states it, constant and sense included, in volts squared for "
+                "a recording. V*: without the constant, in each scaling.",
             ),
             Table("What went wrong", WRONG, wrong, 8, ("lane", "scaling", "status")),
         ],
@@ -181,6 +198,23 @@ def anytime_report(run: Run) -> Report:
         figures=[first, *others],
         tables=[*([whole.table] if whole.table else []), *whole.tables],
     )
+
+
+def _unrepeatable(measurements: Measurements) -> list[str]:
+    rows = measurements.field[~measurements.field.repeatable]
+    names = sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)})
+    return [f"The same data do not give the same bits again with {joined(names)}."] if names else []
+
+
+def _reproduction(run: Run, files: Iterable[str]) -> list[str]:
+    """The lines of Python that solve a missed program again."""
+    return [
+        f"{len([*files])} missed answers are kept in {run.path / 'misses'}, each with its program and the proven "
+        "optimum. To solve the first again: "
+        f"from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / file)!r}); "
+        "print(miss.gap(miss.x), miss.gap(miss.solve()))"
+        for file in [*files][:1]
+    ]
 
 
 def _hosts(measurements: Measurements) -> list[str]:
@@ -258,9 +292,10 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
     lines = []
     for line in problems.to_dict("records"):
         try:
-            form = run.problem(line["problem_set"], line["problem"]).forms[line["scaling"]]
+            problem = run.problem(line["problem_set"], line["problem"])
+            form = problem.forms[line["scaling"]]
         except RunError:
-            lines.append({**line, "V": math.nan, "yardstick": math.nan, "optimum": math.nan, "c": math.nan})
+            lines.append(line | dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan))
             continue
         value = form.certificate.value_rounded
         lines.append(
@@ -269,6 +304,7 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
                 "V": value,
                 "yardstick": form.yardstick,
                 "optimum": abs(value) / form.yardstick,
+                "objective": problem.optimum,
                 "c": 0.0 if form.cost_unit else form.c,
             }
         )

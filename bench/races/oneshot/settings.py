@@ -28,6 +28,8 @@ class OneshotSettings(RaceSettings):
     problem_sets: tuple[str, ...] = ("paper", "measured")
     rounds: int = option(10, "Rounds in which the solvers are interleaved.", least=0)
     """Rounds of interleaved solves, one update and solve of each solver a round; 0 for none."""
+    keep_misses: int = option(5, "Solver lanes whose worst miss of 1e-9 is kept as a file.", least=0)
+    """Most solver lanes of which a missed answer is saved with its program."""
     iteration_limits: tuple[int, ...] = ()
     """Ascending iteration limits at which solvers that have one are measured in addition."""
 

@@ -1,0 +1,88 @@
+"""A missed answer is kept as a file from which it can be reproduced."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import CommandLine
+from conftest import Race, race_of
+
+from bench.derived.misses import misses
+from bench.problem_files.miss import Miss
+from bench.problems import all_sets
+from solvers import Lane, get
+
+
+@pytest.fixture(scope="module")
+def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    """A race in which two solvers miss 1e-9 on some problems."""
+    words = ("--limit", 2, "--set", "measured", "--set", "paper", "--scaling", "scaled", "--rounds", 0)
+    lanes = ("--lane", "direct", "--solver", "daqp", "--solver", "mujoco", "--solver", "scipy_slsqp")
+    return race_of(piezobench, tmp_path_factory.mktemp("misses"), "run", *words, *lanes)
+
+
+def test_each_lane_that_misses_some_problems_has_its_worst_miss_kept(race: Race) -> None:
+    found = misses(race.found)
+    assert len(found)
+    kept = {path.name for path in (race.run.path / "misses").iterdir()}
+    assert {name.split("-")[0] for name in kept} == set(found.solver)
+    assert len(kept) == len(found.drop_duplicates(["solver", "lane"]))
+
+
+def test_the_printed_lines_reproduce_the_miss(race: Race, capsys: pytest.CaptureFixture[str]) -> None:
+    report = (race.run.path / "report.md").read_text()
+    (line,) = re.findall(r"To solve the first again: (.*)$", report, re.MULTILINE)
+    exec(compile(line.replace("\\", "").replace("&#39;", "'"), "report.md", "exec"), {})
+    kept, again = map(float, capsys.readouterr().out.split())
+    assert kept > 1e-9
+    assert again == pytest.approx(kept, rel=0.5)
+
+
+def test_a_kept_miss_has_the_judged_gap_and_a_solver_that_is_right_solves_it(race: Race) -> None:
+    rows = race.rows.set_index("solver")
+    for path in (race.run.path / "misses").iterdir():
+        miss = Miss.load(path)
+        worst = rows.loc[[miss.solver], ["cost_gap", "timed_gap"]].to_numpy()
+        assert np.isclose(miss.gap(miss.x), worst, rtol=1e-3, atol=1e-12).any()
+        assert abs(miss.gap(miss.solve(get("daqp", lane=Lane.DIRECT)))) < 1e-9
+
+
+def test_no_misses_are_kept_if_none_are_wanted(piezobench: CommandLine, tmp_path: Path) -> None:
+    words = ("--limit", 2, "--set", "measured", "--scaling", "scaled", "--rounds", 0, "--keep-misses", 0)
+    race = race_of(piezobench, tmp_path, "run", *words, "--lane", "direct", "--solver", "daqp", "--solver", "mujoco")
+    assert not (race.run.path / "misses").exists()
+
+
+HS21 = """NAME HS21
+ROWS
+ N OBJ
+ G R1
+COLUMNS
+ X1 R1 10.0
+ X2 R1 -1.0
+RHS
+ RHS OBJ 100.0
+ RHS R1 10.0
+BOUNDS
+ LO BND X1 2.0
+ UP BND X1 50.0
+ LO BND X2 -50.0
+ UP BND X2 50.0
+QUADOBJ
+ X1 X1 0.02
+ X2 X2 2.0
+ENDATA
+"""
+
+
+def test_the_optimum_is_in_the_terms_of_the_file_constant_and_sense_included(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    (tmp_path / "HS21.qps").write_text(HS21)
+    turned = HS21.replace("ROWS", "OBJSENSE\n MAX\nROWS").replace("OBJ 100.0", "OBJ -100.0")
+    (tmp_path / "turned.qps").write_text(turned.replace("X1 0.02", "X1 -0.02").replace("X2 2.0", "X2 -2.0"))
+    made = all_sets()["foreign"](folder=str(tmp_path))
+    assert {problem.name: problem.optimum for problem in made.problems()} == {"HS21": -99.96, "turned": 99.96}
+    listed = piezobench("problems", "--set", "foreign", "--folder", tmp_path)
+    assert re.search(r"^HS21 +-99\.96 ", listed.stdout, re.MULTILINE), listed.stdout
