@@ -116,7 +116,7 @@ def test_weights_are_not_judged_if_the_optimum_is_not_unique(
 
 
 def test_snapshots_of_the_drift_follow_each_other_every_quarter_of_a_second(drift: list[RaceProblem]) -> None:
-    assert len(drift) == len(make("drift")) == len({problem.name for problem in drift})
+    assert len(drift) == len(make("drift").names()) == len({problem.name for problem in drift})
     times = [float(problem.name.strip("ts")) for problem in drift]
     assert np.allclose(np.diff(times), 0.25)
 

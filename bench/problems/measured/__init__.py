@@ -37,6 +37,8 @@ class Measured(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Certify the program of each recording."""
         for path in _files():
+            if path.stem not in self.wanted:
+                continue
             (*neighbours, problem), validation = read(path, self.seed)
             yield certified(self.name, path.stem, problem, validation, neighbours=neighbours)
 
