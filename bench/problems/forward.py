@@ -4,7 +4,7 @@ They have the box of (6) and begin at its optimum, and the modelled output in pl
 regressors.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -26,9 +26,9 @@ class Forward(ProblemSet):
     name = "forward"
     description = "the programs of the Gauss–Newton steps from the optimum of (6) to the smallest error of the output"
 
-    def __len__(self) -> int:
-        """Number of actuators times number of steps."""
-        return len(ACTUATORS) * STEPS
+    def names(self) -> Sequence[str]:
+        """Names of the steps on all actuators."""
+        return [f"{actuator}-step-{step}" for actuator in ACTUATORS for step in range(1, STEPS + 1)]
 
     def problems(self) -> Iterator[RaceProblem]:
         """Drive, measure, and certify the program of each step, which starts from the weights of the one before."""

@@ -79,7 +79,7 @@ def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_
 
 def test_a_forward_program_leads_from_its_start_to_the_weights_of_the_next_step() -> None:
     problems = list(make("forward").problems())
-    assert len(problems) == len(make("forward"))
+    assert len(problems) == len(make("forward").names())
     for first, second in pairwise(problems):
         form = second.forms["raw"]
         if first.name.partition("-step")[0] == second.name.partition("-step")[0]:
@@ -236,7 +236,7 @@ def test_sets_that_need_a_file_are_not_among_those_of_a_seed() -> None:
         (("--set", "foreign"), "needs --folder"),
         (("--set", "recorded", "--recording", "none.csv"), "none.csv: no such file"),
         (("--set", "foreign", "--folder", "nowhere"), "nowhere: is not a folder"),
-        (("--set", "unheard"), "there is no problem set 'unheard'; known are drift, "),
+        (("--set", "unheard"), "there is no problem set 'unheard'; known are boxes, drift, "),
         (("--from", "nowhere"), "nowhere: is not a folder"),
         (("--verify",), "needs problems; name a --set"),
     ],
