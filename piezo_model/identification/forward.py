@@ -102,8 +102,8 @@ class ForwardFit:
     """Output of the model (N,) in unit amplitudes, without the further columns."""
     error: Vector
     """y − ŷ (N,) in unit amplitudes, with the further columns."""
-    errors: Sequence[Vector]
-    """The same of the counted samples of each part."""
+    counted: Mask
+    parts: Sequence[slice]
     P: Matrix
     """Mean of JᵀJ over (v, further, θ) at the last step."""
     free: Mask
@@ -114,6 +114,11 @@ class ForwardFit:
     def weights(self) -> Vector:
         """Weights (d,) in weight coordinates."""
         return self.structure.slope_map @ self.v
+
+    @property
+    def errors(self) -> list[Vector]:
+        """Errors of the counted samples of each part, in unit amplitudes."""
+        return [self.error[part][self.counted[part]] for part in self.parts]
 
     @property
     def independent(self) -> float:
@@ -185,10 +190,9 @@ def responses(
 ) -> tuple[Vector, Vector]:
     """Outputs (N,) before and behind the dynamics, as of `simulate`."""
     parts = zip(spans(recording), states, strict=True)
-    before, behind = zip(
-        *(respond(s, arrays, dynamics, recording.x[part], state) for part, state in parts), strict=True
-    )
-    return np.concatenate(before), np.concatenate(behind)
+    outputs = [respond(s, arrays, dynamics, recording.x[part], state) for part, state in parts]
+    static = np.concatenate([before for before, _ in outputs])
+    return static, static if dynamics is None else np.concatenate([behind for _, behind in outputs])
 
 
 def fit_forward(
@@ -254,9 +258,14 @@ def fit_forward(
             begun[part] = state_with_slopes(sweeps[part], s, slopes)
         arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
         dynamics = None if parameters is None else parameters.at(z[d + n + k :])
-        static, y_model = (s.unit_output(y) for y in responses(s, arrays, recording, begun, dynamics))
-        error = unit_y - y_model - (0.0 if further is None else further.signals @ z[d + n : d + n + k])
-        return Trial(z, begun, dynamics, static, y_model, error, float(np.mean(np.square(error[counted]))))
+        before, behind = responses(s, arrays, recording, begun, dynamics)
+        static = s.unit_output(before)
+        y_model = static if behind is before else s.unit_output(behind)
+        error = unit_y - y_model
+        if further is not None:
+            error -= further.signals @ z[d + n : d + n + k]
+        own = error if counted.all() else error[counted]
+        return Trial(z, begun, dynamics, static, y_model, error, float(own @ own) / own.size)
 
     known = np.zeros(z.size, dtype=bool)
     known[:d] = weights_known
@@ -306,7 +315,8 @@ def fit_forward(
         best.static,
         best.y_model,
         best.error,
-        [best.error[part][counted[part]] for part in spans(recording)],
+        counted,
+        spans(recording),
         P[np.ix_(kept, kept)],
         free[kept],
         best.dynamics,

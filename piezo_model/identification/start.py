@@ -34,6 +34,7 @@ from piezo_model.identification.error_model import (
     spans,
 )
 from piezo_model.identification.forward import (
+    GRAM_SAMPLES,
     NUDGE,
     Columns,
     ForwardFit,
@@ -129,14 +130,20 @@ def prepare(
         require(recording, counted_from(recording, skip or 0), s, skip or 0)
         return _fitted(recording, s, skip or 0, solving, state)
     s = _signed(recording, _ranged(recording, s, skip or 0, fit_range), skip or 0, solving)
-    found = _fitted(recording, s, skip or 0, solving)
-    longest = _longest_transient(recording) if skip is None else 0
+    single = len(recording.starts) == 1
+    head = recording.head(_settled_from(recording, s) + GRAM_SAMPLES) if single else recording
+    found = _fitted(head, s, skip or 0, solving)
+    longest = _longest_transient(head) if skip is None else 0
     if longest:
         settled = _ranged(recording, s, longest, fit_range)
-        later = _fitted(recording, settled, longest, solving)
+        later = _fitted(head, settled, longest, solving)
         spoiled = abs(s.y_scale / settled.y_scale) * found.fit.error
         if skip := _transient(0.5 * spoiled, 0.5 * later.fit.error, longest):
-            found = _fitted(recording, _ranged(recording, s, skip, fit_range), skip, solving)
+            found = _fitted(head, _ranged(recording, s, skip, fit_range), skip, solving)
+    if head.length < recording.length:
+        counted = counted_from(recording, found.skip)
+        whole = _started(recording, counted, found.fit.structure, found.fit.states, solving)
+        found = replace(found, fit=whole)
     return _narrowed(recording, found, solving) if fit_range else found
 
 
@@ -190,8 +197,8 @@ def _fitted(
     counted, sweeps = counted_from(recording, skip), list(recording.sweeps())
 
     def fit(slope: float) -> ForwardFit:
-        states = [state_with_slopes(sweep, s, slope) for sweep in sweeps]
-        return _started(recording, counted, s, [*([] if state is None else [state]), *states][: len(sweeps)], solving)
+        first, *later = (state_with_slopes(sweep, s, slope) for sweep in sweeps)
+        return _started(recording, counted, s, [state or first, *later], solving)
 
     def search(best: ForwardFit) -> ForwardFit:
         return fit_forward(recording, counted, s, best.states, best.v, solving, searched=[True])

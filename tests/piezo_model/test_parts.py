@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from piezo_model import HysteresisCreepModel, Recording, identify
+from piezo_model.identification import forward, start
 from piezo_model.identification.adequacy import alternate_blocks
 from piezo_model.identification.creep import holds
 from piezo_model.identification.forward import independent_samples
@@ -120,3 +121,26 @@ def test_sweeps_below_each_other_do_not_show_a_lag_that_the_sensor_has_not(lag: 
     model = identify(made, lag=lag)
     assert not model.report["lag"]["pays"]
     assert not any("lag" in advice for advice in model.report["advice"])
+
+
+def test_a_long_recording_gives_the_model_of_all_of_it_from_a_million_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = joined([(swelling(40.0, 12_000), UP)])
+    whole = identify(made, n=5, m=1)
+    for module in (forward, start):
+        monkeypatch.setattr(module, "GRAM_SAMPLES", 3000)
+    monkeypatch.setattr(forward, "CHUNK", 400)
+    thinned = identify(made, n=5, m=1)
+    assert thinned.report["start"] == whole.report["start"]
+    assert thinned.report["fit"]["samples"] == made.length
+    assert thinned.report["fit"]["rms"] == pytest.approx(whole.report["fit"]["rms"], rel=0.01)
+    np.testing.assert_allclose(thinned.simulate(made.x), whole.simulate(made.x), atol=0.3)
+
+
+def test_given_states_are_those_of_the_first_part_alone() -> None:
+    made = joined([(swelling(10.0, 3000), UP), (swelling(7.0, 3000), DOWN)])
+    start = identify(made, n=5, m=1).starts[0]
+    model = identify(made, n=5, m=1, state=start)
+    assert model.report["start"] == "given"
+    np.testing.assert_array_equal(model.starts[0].play, start.play)
+    assert model.report["parts"][0]["start"] == "searched"
+    assert model.starts[1].play.max() > model.starts[1].play[0]
