@@ -5,13 +5,14 @@ has two settings here: its defaults, and the finest rung of its ladder if it has
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from qpsolvers import Problem
 
+from bench.messages.progress import Progress, silent
 from bench.problems.protocol import RaceProblem
 from bench.processes.forked_child import ForkedChild
 from bench.races.metrics import relative_gap
@@ -20,7 +21,7 @@ from solvers import Unsupported
 from solvers.arrays import Vector
 from solvers.registry import Entry
 
-LIMIT_S = 30.0
+LIMIT_S = 10.0
 """Time limit of one program, after which the solver's process is ended."""
 LEVELS = (1e-9, 1e-6, 1e-3)
 """Errors by which answers are counted."""
@@ -54,11 +55,12 @@ def settings_of(entry: Entry) -> Mapping[str, bool]:
     return {"default": False, "finest": True} if len(entry.load().ladder(1.0)) > 1 else {"default": False}
 
 
-def checked(entry: Entry, finest: bool, problems: Iterable[RaceProblem]) -> list[Checked]:
+def checked(entry: Entry, finest: bool, problems: Sequence[RaceProblem], progress: Progress = silent) -> list[Checked]:
     """The answers of a solver to programs in original units, in a process of its own."""
     found = []
     with ForkedChild() as child:
-        for problem in problems:
+        for done, problem in enumerate(problems):
+            progress(f"{entry.name} {problem.name}", done, len(problems))
             form = problem.forms["raw"]
             try:
                 claims, x, why = child.call(LIMIT_S, solved, entry, finest, form.unit, form.qp)

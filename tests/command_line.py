@@ -139,7 +139,7 @@ def kill_worker(call: Call, reached: Callable[[], bool]) -> Finished:
     """Kill one of the local workers of a call once a condition holds, and wait for every process of its session."""
 
     def workers() -> list[int]:
-        return [pid for pid in of_session(call.pid) if any("loky" in words for words in command_lines([pid]))]
+        return [pid for pid in of_session(call.pid) if any("spawn_main" in words for words in command_lines([pid]))]
 
     wait_until(lambda: len(workers()) >= 2 and reached(), lambda: command_lines(of_session(call.pid)))
     os.kill(max(workers()), signal.SIGKILL)

@@ -13,14 +13,14 @@ import numpy as np
 import typer
 from qpsolvers import Problem
 
-from bench.cli.options import ProofWork, installed, positive, refuse
+from bench.cli.options import installed, positive, refuse
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.program import about, require
 from bench.problems import make
 from bench.problems.certifying import ProverLost, prove, require_size, start
 from bench.processes.forked_child import ForkedChild
 from bench.processes.solver_child import entry_of_file
-from bench.report.console import AsJson, check_writable, console, print_json, print_result, print_table
+from bench.report.console import AsJson, check_writable, console, print_json, print_result, print_table, progress_bar
 from bench.solver_check import LEVELS, checked, row, settings_of, worst
 from piezo_model.atomic_file import write_text
 from solvers import find
@@ -52,7 +52,7 @@ def certify_verb(
     tolerance: Annotated[
         float, typer.Option(callback=positive, help="With --set: largest relative error of a right answer.")
     ] = LEVELS[0],
-    work: ProofWork = WORK,
+    work: Annotated[float, typer.Option(callback=positive, help="Most bit operations of a proof.")] = WORK,
     as_json: AsJson = False,
 ) -> None:
     """Prove the optimum of a program in exact arithmetic, and judge an answer; or judge solvers on a problem set.
@@ -93,7 +93,8 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
     for entry in entries:
         right = False
         for setting, finest in settings_of(entry).items():
-            answers = checked(entry, finest, problems)
+            with progress_bar() as progress:
+                answers = checked(entry, finest, problems, progress)
             counted = row(answers)
             rows.append(
                 (entry.name, setting, *(f"{n:.1e}" if isinstance(n, float) else str(n) for n in counted.values()))

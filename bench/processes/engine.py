@@ -1,4 +1,4 @@
-"""Runs work in this process, on several local workers or on a Dask cluster; the workers are joblib's.
+"""Runs work in this process, or on the executor of several local processes or of a Dask cluster.
 
 In a race each worker times on a core of its own (see `cores`) and keeps its solvers' processes from part to part. It
 writes its rows itself, so a cluster's workers must reach the run's folder under the same path.
@@ -6,20 +6,18 @@ writes its rows itself, so a cluster's workers must reach the run's folder under
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache, partial
+from functools import partial
 from queue import Empty, SimpleQueue
-from select import select
 from typing import Any, Protocol, TypeVar
-
-from joblib import Parallel, delayed, parallel_config
-from joblib.externals.loky import get_reusable_executor
 
 from bench.messages.race_error import RaceError
 from bench.processes.forked_child import warm_up
@@ -27,9 +25,6 @@ from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.timing import cores
 from solvers.registry import Entry
-
-IDLE_S = 10
-"""Seconds without work after which a local worker ends."""
 
 
 class Part(Protocol):
@@ -99,40 +94,46 @@ def parallel_map(
     if workers.is_one:
         yield from map(function, items)
         return
-    # Of joblib's local workers only those at work may have items: one that waits in their queue when they are stopped
-    # ends in a KeyError of joblib's own thread.
-    is_local = workers.backend is Backend.LOCAL
-    parent, ahead = (os.getpid(), "2 * n_jobs") if is_local else (None, "all")
-    try:
-        with _backend(workers) as (count, client):
-            yield from Parallel(n_jobs=count, batch_size=1, pre_dispatch=ahead, return_as="generator_unordered")(
-                delayed(_call)(function, item, parent) for item in items
-            )
-            if client is not None and at_end is not None:
-                client.run(at_end)
-    except BrokenProcessPool:
-        raise ChildProcessError("a worker was killed, perhaps for want of memory") from None
+    with _local(workers.count) if workers.backend is Backend.LOCAL else _cluster(workers.scheduler, at_end) as executor:
+        try:
+            for done in as_completed([executor.submit(function, item) for item in items]):
+                yield done.result()
+        except BrokenProcessPool:
+            raise ChildProcessError("a worker was killed, perhaps for want of memory") from None
 
 
 @contextmanager
-def _backend(workers: Workers) -> Iterator[tuple[int, Any]]:
-    """Choose joblib's backend; yields the number of its workers, and the client of a cluster."""
-    if workers.backend is Backend.LOCAL:
-        with parallel_config(backend="loky", idle_worker_timeout=IDLE_S):
-            yield workers.count, None
-        get_reusable_executor().shutdown(wait=True)
-        return
+def _local(count: int) -> Iterator[Executor]:
+    """Worker processes of this machine; an interruption ends them in the middle of their items."""
+    others = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, context, _prepare_worker) as executor:
+        try:
+            yield executor
+        except BaseException:
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.kill()
+            executor.shutdown(cancel_futures=True)
+            raise
+
+
+@contextmanager
+def _cluster(scheduler: str, at_end: Callable[[], None] | None) -> Iterator[Executor]:
+    """The workers of a Dask cluster."""
     try:
         from distributed import Client
     except ImportError:
         raise RaceError("the backend dask needs the package distributed: install piezobench[dask]") from None
     try:
-        client = Client(workers.scheduler, timeout="10s")
+        client = Client(scheduler, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
-        raise RaceError(f"there is no Dask scheduler at {workers.scheduler} ({' '.join(str(error).split())})") from None
-    with client, parallel_config(backend="dask", client=client):
-        _check_cores(client, workers.scheduler)
-        yield -1, client
+        raise RaceError(f"there is no Dask scheduler at {scheduler} ({' '.join(str(error).split())})") from None
+    with client:
+        _check_cores(client, scheduler)
+        with client.get_executor() as executor:
+            yield executor
+        if at_end is not None:
+            client.run(at_end)
 
 
 def _check_cores(client: Any, address: str) -> None:
@@ -160,24 +161,14 @@ def host_and_cores() -> tuple[str, int]:
     return os.uname().nodename, len(cores.usable())
 
 
-def _call(function: Callable[[T], R], item: T, parent: int | None) -> R:
-    if parent is not None:
-        _end_with(parent)
-    return function(item)
-
-
-@cache
-def _end_with(parent: int) -> None:
-    """End this process as soon as its parent ends: joblib's would wait for ever for somebody to read its result."""
-    try:
-        handle = os.pidfd_open(parent)
-    except ProcessLookupError:
-        os._exit(1)
-    if os.getppid() != parent:
-        os._exit(1)
+def _prepare_worker() -> None:
+    """Leave interruptions to the parent, and end as soon as it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
 
     def wait() -> None:
-        select([handle], [], [])
+        parent.join()
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
@@ -213,14 +204,9 @@ def _pool(entries: tuple[Entry, ...], settings: ChildSettings) -> tuple[SolverPo
 
 
 def _permit_children() -> None:
-    """Let this process start child processes, whoever started it.
-
-    A Dask worker under a nanny is a daemon, and multiprocessing forbids daemons to have children; ours end with their
-    connection. A worker of joblib's has a default start method that only joblib knows.
-    """
+    """Let this process start child processes: a Dask worker under a nanny is a daemon, and multiprocessing forbids
+    daemons to have children; ours end with their connection."""
     multiprocessing.current_process().daemon = False
-    if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
-        multiprocessing.set_start_method("forkserver", force=True)
 
 
 def close_pools() -> None:

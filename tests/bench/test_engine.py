@@ -1,5 +1,6 @@
 """A race on several workers, local or of a cluster, gives the rows of a race on one."""
 
+import os
 import subprocess
 import sys
 import time
@@ -83,8 +84,6 @@ def test_a_race_that_lost_a_worker_says_how_to_continue_and_keeps_its_run(
 
 
 LONG = """
-import subprocess
-import sys
 import time
 from pathlib import Path
 from bench.processes import engine
@@ -94,19 +93,23 @@ class Part:
     result = bytes(1_000_000)  # does not fit into a pipe
 
     def do(self, pool, tell):
-        Path({mark!r}).touch()
+        Path("mark").touch()
         time.sleep(0.5)
 
-list(engine.distribute([Part(), Part()], [], ChildSettings(), engine.Workers(2)))
+def race():
+    list(engine.distribute([Part(), Part()], [], ChildSettings(), engine.Workers(2)))
 """
 
 
 @pytest.mark.slow
 @TWO_CORES
 def test_a_worker_with_a_long_result_ends_with_the_race_that_was_killed(tmp_path: Path) -> None:
-    mark = tmp_path / "mark"
-    with subprocess.Popen([sys.executable, "-c", LONG.format(mark=str(mark))], start_new_session=True) as race:
-        while not mark.exists():
+    (tmp_path / "long.py").write_text(LONG)
+    words = [sys.executable, "-c", "import long; long.race()"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    with subprocess.Popen(words, start_new_session=True, cwd=tmp_path, env=environment) as race:
+        while not (tmp_path / "mark").exists():
+            assert race.poll() is None
             time.sleep(0.01)
         race.kill()
     wait_until_gone(race.pid)

@@ -119,7 +119,7 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
     if kind == "realtime":
         return is_pacing(session)
     if kind == "fleet":
-        return sum("loky" in words for words in command_lines(of_session(session))) >= 2
+        return sum("spawn_main" in words for words in command_lines(of_session(session))) >= 2
     run = folder / "results" / "run"
     return (run / "run.json").is_file() if kind == "problems" else any((run / "tasks").glob("[!.]*.npz"))
 

@@ -44,7 +44,7 @@ class Boxes(ForeignPrograms):
 
     name = "boxes"
     description = "200 small programs with bounds, for a solver's own tests: ill-conditioned, degenerate, scaled"
-    needs: ClassVar = {}
+    takes: ClassVar = {}
 
     def sources(self) -> Sequence[tuple[str, Source]]:
         """Name and maker of each program."""
