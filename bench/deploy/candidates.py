@@ -1,9 +1,10 @@
 """The candidates of a one-shot race or a stream: solver lanes, each at its setting for the required accuracy."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.deploy.floor import Floor
 from bench.deploy.rule import Candidate, Choice, Rule
@@ -11,8 +12,10 @@ from bench.derived.accuracy import distance
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements
 from bench.derived.tier_settings import PROBLEM, by_problem
 from bench.races.stream.race import STREAM
-from bench.races.stream.summary import floor_bound, raw
+from bench.races.stream.summary import raw
 from bench.store import Run, RunError
+from bench.timing.percentiles import rate_ratio
+from bench.timing.schedule import runs
 
 
 def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
@@ -57,9 +60,13 @@ def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
     Compiled loops are not on the schedule and are excluded. Of two settings of a lane, the less exact one is looser.
     """
     rows, times = run.rows(STREAM), run.times()
-    floor = rows[rows.solver == FLOOR]
-    _require_useful_deadline(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
-    bound = floor_bound(floor)
+
+    def late(tasks: Iterable[str]) -> list[NDArray[np.bool_]]:
+        return [raw(times, [task], "response") > rule.deadline_us for task in tasks]
+
+    floor = late(rows.task[rows.solver == FLOOR])
+    samples = sum(each.size for each in floor)
+    _require_useful_deadline(run, rule, int(sum(each.sum() for each in floor)), samples)
     field = rows[(rows.solver != FLOOR) & rows.paced.astype(bool) & rows.lane.isin([str(lane) for lane in rule.lanes])]
     gaps = field.own_gap_max.astype(float).where(field.unanswered == 0).fillna(math.inf)
     for (solver, lane), part in field.assign(gap=gaps).groupby(["solver", "lane"], sort=False):
@@ -67,12 +74,16 @@ def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
         chosen = Choice.of(
             worst.to_numpy(np.float64)[None, :], [str(setting) for setting in worst.index], rule.accuracy
         )
-        calls = raw(times, part.task[part.setting == chosen.setting], "response")
+        tasks = part.task[part.setting == chosen.setting]
+        calls, missed = raw(times, tasks, "response"), late(tasks)
+        bouts = (sum(runs(each) for each in several) for several in (missed, floor))
+        ratio = rate_ratio(next(bouts), max(calls.size, 1), next(bouts), samples)
+        count = int(sum(each.sum() for each in missed))
         yield Candidate.of(
             (str(solver), str(lane)),
             chosen,
             calls,
-            math.ceil(bound * calls.size),
+            (math.floor(count / max(1.0, ratio[1])), math.ceil(count / max(1.0, ratio[0]))),
             rule.deadline_us,
             calls,
             float(np.median(calls)) if calls.size else math.nan,

@@ -39,12 +39,12 @@ class Decision:
         """The rule, the choice with its reasons, and the runners-up."""
         it, name = self.chosen, "median" if self.by == len(QUANTILES) - 1 else Percentile(QUANTILES[self.by]).name
         problems = "1 problem" if it.chosen.problems == 1 else f"{it.chosen.problems} problems"
+        here = machine.name(self.run.settings["machine"])
         found = [
             f"Rule: {self.rule.sentence}",
             f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, a "
-            f"margin of {it.chosen.margin:g}; {it.missed} of {it.samples} deadlines missed, {it.beyond_floor} above "
-            f"the machine's floor; {name} of an answer {number(it.time(self.by))} µs "
-            f"on the machine of the run ({machine.name(self.run.settings['machine'])}).",
+            f"margin of {it.chosen.margin:g}; {it.missed} of {it.samples} deadlines missed, {it.own_misses}; "
+            f"{name} of an answer {number(it.time(self.by))} µs on the machine of the run ({here}).",
             "The compensator learns continuously: in C and in piezobench live with box_active_set, in Python with "
             f"{'it, too' if it.solver in EXACT_SOLVERS else marked(it.solver)}.",
         ]

@@ -13,9 +13,9 @@ machine explains is
 
     r = min(B(k, K), k / K + 0.01),   B the upper 95 % bound of Clopper and Pearson (`bench.timing.percentiles`),
 
-and of N calls of the candidate it explains ⌈r N⌉. The second term matters if K is small and the bound reflects the
-sample size rather than the machine: delays that were not observed explain at most one call in a hundred. If T > D, the
-solver is late by itself, and nothing is explained.
+and of N calls of the candidate it explains at most ⌈r N⌉, and at least ⌊(1 − B(K − k, K)) N⌋. The second term matters
+if K is small and the bound reflects the sample size rather than the machine: delays that were not observed explain at
+most one call in a hundred. If T > D, the solver is late by itself, and nothing is explained.
 """
 
 import math
@@ -43,14 +43,16 @@ class Floor:
         """Times of all calls."""
         return np.concatenate([np.zeros(0), *self.series])
 
-    def explained(self, calls: Microseconds, deadline_us: float) -> int:
-        """Most late calls of a candidate, of times (N,), that the machine explains; 0 if the floor was not measured."""
+    def explained(self, calls: Microseconds, deadline_us: float) -> tuple[int, int]:
+        """Fewest and most late calls of a candidate, of times (N,), that the machine explains; 0 if the floor was not
+        measured."""
         if not calls.size or not self.calls.size or (T := float(np.median(calls))) > deadline_us:
-            return 0
+            return 0, 0
         n = self.calls
         excess = np.concatenate([one - np.median(one) for one in self.series if one.size])
         b = min(n.size, max(1, round(T / max(float(np.median(n)), SHORTEST_US))))
         K = n.size // b
         S = excess[: K * b].reshape(K, b).sum(axis=1)
         k = int(np.count_nonzero(T + S - np.median(S) > deadline_us))
-        return math.ceil(min(rate_bound(k, K), k / K + UNSEEN) * calls.size)
+        most = math.ceil(min(rate_bound(k, K), k / K + UNSEEN) * calls.size)
+        return math.floor((1.0 - rate_bound(K - k, K)) * calls.size), most

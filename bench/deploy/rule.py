@@ -91,8 +91,8 @@ class Candidate:
     chosen: Choice
     samples: int
     missed: int
-    explained: int
-    """Most missed deadlines that the floor explains."""
+    explained: tuple[int, int]
+    """Fewest and most missed deadlines that the floor explains."""
     time_us: float
     """Median, as in the report of the race."""
     tail: tuple[Percentile, ...]
@@ -104,7 +104,7 @@ class Candidate:
         key: tuple[str, str],
         chosen: Choice,
         calls: Microseconds,
-        explained: int,
+        explained: tuple[int, int],
         deadline_us: float,
         tail: Microseconds,
         time_us: float,
@@ -135,8 +135,16 @@ class Candidate:
 
     @property
     def beyond_floor(self) -> int:
-        """Deadlines missed beyond those that the floor explains."""
-        return max(0, self.missed - self.explained)
+        """Deadlines missed for certain beyond those that the floor explains."""
+        return max(0, self.missed - self.explained[1])
+
+    @property
+    def own_misses(self) -> str:
+        """How many missed deadlines are the solver's own, in words."""
+        most = max(0, self.missed - self.explained[0])
+        if self.beyond_floor == most:
+            return f"{most or 'none'} of them its own"
+        return f"{self.beyond_floor} to {most} of them its own, which this run cannot tell more closely"
 
     @property
     def name(self) -> str:
@@ -191,6 +199,7 @@ class Candidate:
             "samples": self.samples,
             "missed": self.missed,
             "missed_beyond_floor": self.beyond_floor,
+            "missed_at_most_beyond_floor": max(0, self.missed - self.explained[0]),
             "median_us": None if math.isnan(self.time_us) else self.time_us,
             **{f"{each.name}_us": each.value for each in self.tail[:-1]},
         }

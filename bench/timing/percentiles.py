@@ -119,3 +119,21 @@ def rate_bound(events: int, samples: int) -> float:
     0.001
     """
     return float(binomtest(events, samples, alternative="less").proportion_ci(CONFIDENCE, method="exact").high)
+
+
+def rate_ratio(events: int, samples: int, others: int, other_samples: int) -> tuple[float, float]:
+    """95 % interval of the rate of ``events`` over that of ``others``, from the binomial distribution of one count
+    given the sum of both (Przyborowski and Wilenski, Biometrika 31 (1940) 313); (0, ∞) without any event.
+
+    Examples
+    --------
+    >>> [round(end, 2) for end in rate_ratio(60, 30_000, 30, 30_000)]
+    [1.27, 3.21]
+    >>> rate_ratio(0, 3_000, 0, 3_000)
+    (0.0, inf)
+    """
+    if not events + others:
+        return 0.0, math.inf
+    share = binomtest(events, events + others).proportion_ci(CONFIDENCE, method="exact")
+    low, high = (end / (1.0 - end) * other_samples / samples if end < 1.0 else math.inf for end in share)
+    return low, high

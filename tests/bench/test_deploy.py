@@ -195,7 +195,9 @@ SELDOM_LATE = np.where(np.isin(np.arange(3000), (10, 700, 2000)), 80.5, 0.5)
 def test_the_machine_explains_the_misses_of_its_floor_in_blocks_as_long_as_an_answer_and_at_most_a_hundredth_unseen(
     series: list[np.ndarray], answers: np.ndarray, explained: int
 ) -> None:
-    assert Floor(series).explained(answers, 125.0) == explained
+    fewest, most = Floor(series).explained(answers, 125.0)
+    assert most == explained
+    assert 0 <= fewest <= most
 
 
 def now_and_then(calls: int) -> np.ndarray:
@@ -206,6 +208,8 @@ def now_and_then(calls: int) -> np.ndarray:
 def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(tmp_path: Path) -> None:
     forgiven = decide(run_of(tmp_path / "busy", nothing(now_and_then), racer("daqp", us=now_and_then)), Rule()).chosen
     assert (forgiven.missed, forgiven.beyond_floor) == (750, 0)
+    own = 750 - math.floor(3000 * (1.0 - rate_bound(2250, 3000)))
+    assert forgiven.own_misses == f"0 to {own} of them its own, which this run cannot tell more closely"
     run = run_of(
         tmp_path,
         nothing(),
@@ -216,6 +220,7 @@ def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(tm
     assert strict.chosen.solver == "box_active_set"
     assert why(strict, "daqp").startswith("misses 750 of 3000 deadlines, ")
     assert why(strict, "daqp").endswith(" more than the machine itself explains")
+    assert strict.chosen.own_misses == "none of them its own"
     assert names_of(decide(run, Rule(misses=10**6)).runners_up) == ["daqp"]
 
 
@@ -304,6 +309,36 @@ def streamed(
         )
         for repeat in range(repeats)
     ]
+
+
+@pytest.mark.parametrize(("deadline_us", "own"), [(125.0, "none"), (20.0, "100")])
+def test_in_a_stream_the_machine_is_judged_by_the_deadline_of_the_rule_and_by_bouts(
+    tmp_path: Path, deadline_us: float, own: str
+) -> None:
+    bouts = np.where(np.arange(1500) % 15, 5.0, 30.0)
+
+    def with_bouts(solver: str, us: np.ndarray, setting: str) -> list[tuple[Row, np.ndarray]]:
+        return [(one, us) for one, _ in streamed(solver, 0.0, 0.0, setting, repeats=1)]
+
+    run = run_of(
+        tmp_path,
+        with_bouts("null", np.full(1500, 0.1), "{}"),
+        with_bouts("daqp", bouts, ladder_of("daqp")[0]),
+        race="stream",
+        schema=STREAM,
+        what="response",
+    )
+    found = decide(run, Rule(deadline_us=deadline_us, misses=10**6)).chosen
+    assert found.own_misses.split(" to ")[-1].startswith(own)
+    busy = run_of(
+        tmp_path / "busy",
+        with_bouts("null", bouts - 4.0, "{}"),
+        with_bouts("daqp", bouts, ladder_of("daqp")[0]),
+        race="stream",
+        schema=STREAM,
+        what="response",
+    )
+    assert decide(busy, Rule(deadline_us=20.0)).chosen.beyond_floor == 0
 
 
 def test_in_a_stream_the_loosest_setting_that_is_right_at_every_sample_is_the_candidate_of_a_solver(

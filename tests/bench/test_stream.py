@@ -25,7 +25,7 @@ from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.stream_problem import StreamProblem, make
 from bench.report.words import number
 from bench.store import Run
-from bench.timing.percentiles import QUANTILES, rate_bound
+from bench.timing.percentiles import QUANTILES
 from bench.timing.schedule import PERIOD_NS, Timeline
 from solvers import Lane, find
 from solvers.registry import Described, describe
@@ -317,33 +317,32 @@ def summary_of(rows: list[dict[str, Any]], **response: np.ndarray) -> pd.DataFra
     return stream_summary.summary(pd.DataFrame(rows), pd.DataFrame(times, columns=["task", "what", "ns"]))
 
 
-def test_misses_count_beyond_the_bound_of_the_machines_own() -> None:
+def test_a_solver_is_late_if_its_bouts_are_shown_to_be_more_frequent_than_the_machines_own() -> None:
     rows = [
-        paced_row("null", 30_000, 30, 30),
-        paced_row("as_the_machine", 30_000, 40, 40),
+        paced_row("null", 30_000, 200, 30),
+        paced_row("as_the_machine", 30_000, 900, 40),
         paced_row("worse", 30_000, 60, 60),
     ]
     table = summary_of(rows).set_index("solver")
-    bound = 30_000 * rate_bound(30, 30_000)
-    assert 40 < bound < 42
-    assert table.missed_beyond_floor.to_dict() == {"null": 0, "as_the_machine": 0, "worse": 60 - 41}
     assert table.status.to_dict() == {"null": "null", "as_the_machine": "ok", "worse": "late"}
     assert table.keeps_up.to_dict() == {"null": True, "as_the_machine": True, "worse": False}
+    sentences = {solver: stream_summary.bouts(line) for solver, line in table.iterrows()}
+    assert sentences["worse"] == "60 bouts of late answers, 1.27 to 3.21 times as often as the machine itself"
+    assert sentences["as_the_machine"].startswith("40 bouts of late answers, 0.81 to 2.2")
 
 
 @pytest.mark.parametrize(
-    ("samples", "missed", "stalls", "bound"),
+    ("bouts", "sentence"),
     [
-        (30_000, 30, 30, rate_bound(30, 30_000)),
-        (30_000, 30, 3, 10 * rate_bound(3, 30_000)),  # above that of single misses
-        (3_000, 0, 0, rate_bound(0, 3_000)),
+        (0, "no bouts of late answers"),
+        (3, "3 bouts of late answers, whether more often than the machine itself cannot be told"),
+        (10, "10 bouts of late answers, 2.24 to inf times as often as the machine itself"),
     ],
 )
-def test_the_bound_of_the_machines_misses_counts_stalls_by_their_length(
-    samples: int, missed: int, stalls: int, bound: float
-) -> None:
-    floor = pd.DataFrame([paced_row("null", samples, missed, stalls)])
-    assert stream_summary.floor_bound(floor) == pytest.approx(bound)
+def test_what_cannot_be_told_of_bouts_is_said(bouts: int, sentence: str) -> None:
+    table = summary_of([paced_row("null", 3_000, 0, 0), paced_row("daqp", 3_000, bouts, bouts)]).set_index("solver")
+    assert stream_summary.bouts(table.loc["daqp"]) == sentence
+    assert table.keeps_up["daqp"] == (bouts < 10)
 
 
 @pytest.mark.parametrize(("missed", "unfit"), [(50, False), (51, True)])

@@ -28,11 +28,11 @@ def definitions(settings: StreamSettings) -> tuple[str, ...]:
         "Sample k is due at t₀ + k · 125 µs, whatever happened before. A solver that is still busy then continues with "
         "the newest due sample and the data of the samples that it missed. Response time: from the due time of a "
         "sample to the end of the first solve that includes it. Service time: from the start to the end of update and "
-        "solve. A deadline is missed if the response time is above 125 µs.",
+        "solve. A deadline is missed if the response time is above 125 µs. A bout is a run of missed deadlines.",
         "P and q are updated before the due time if there is time, and never within the service time.",
-        "The floor is a solver that answers at once: the machine itself. Beyond the floor are misses above the upper "
-        "95 % bound of the floor's own, which bounds the rate of stalls (runs of late samples) and multiplies it by "
-        "the floor's misses per stall. The interval of a percentile marked ≈ floor overlaps that of the floor.",
+        "The floor is a solver that answers at once: the machine itself. Its bouts are what the machine does to every "
+        "solver, and a solver is late if the whole 95 % interval of the ratio of the rates of bouts, given their sum, "
+        "is above 1. The interval of a percentile marked ≈ floor overlaps that of the floor.",
         "Percentiles are order statistics with distribution-free 95 % intervals; a percentile that the sample does not "
         "support is refused with the number of samples it needs. The intervals assume independent samples; delays come "
         "in bursts, so the true intervals are wider.",
@@ -102,13 +102,13 @@ def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Fig
     tables = [
         _table(
             "Response time on the schedule, µs: due time to answer",
-            (*QUANTILE_NAMES, "max", "missed", "stalls", "beyond the floor", "status"),
+            (*QUANTILE_NAMES, "max", "missed", "bouts", "times the machine's", "status"),
             paced,
             lambda line: [
                 *_percentiles(line, "response"),
                 f"{line.missed}/{line.samples}",
                 str(line.stalls),
-                str(line.missed_beyond_floor),
+                "–" if line.is_floor else f"{number(line.bouts_ratio_low)} to {number(line.bouts_ratio_high)}",
                 line.status,
             ],
         ),
