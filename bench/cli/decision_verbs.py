@@ -1,17 +1,20 @@
 """Verbs for finished runs: ``compare`` them, ``deploy`` the best solver of one."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from bench.cli.options import refuse
+from bench.cli.options import Seed, refuse
 from bench.comparison import report as comparison_report
-from bench.comparison.compare import SMALLEST, compare_runs
+from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
+from bench.comparison.versions import compare_versions
 from bench.deploy.actuator_model import model_for
 from bench.deploy.decision import decide
 from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
+from bench.problems import make
 from bench.races.kind import open_run
 from bench.report.console import (
     AsJson,
@@ -33,6 +36,7 @@ MOST_REFUSED = 5
 
 
 def compare_verb(
+    context: typer.Context,
     runs: Annotated[
         list[Path],
         typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; each is compared with the first."),
@@ -48,15 +52,25 @@ def compare_verb(
         ),
     ] = "nothing",
     smallest: Annotated[float, typer.Option(help="Smallest ratio of times, above 1, that matters.")] = SMALLEST,
+    versions: Annotated[
+        bool,
+        typer.Option("--versions", help="Compare two Python files with a version of a solver each, timed in turns."),
+    ] = False,
+    problem_set: Annotated[str, typer.Option("--set", help="With --versions: the problem set.")] = "measured",
+    seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Compare runs: which solvers became faster, slower, more or less accurate.
+    """Compare runs: which solvers became faster, slower, more or less accurate; or two versions of one solver.
 
     Times of a solver lane differ only if the change exceeds the noise between the runs. Where a change that matters
     could have gone unseen, the comparison says so.
     """
     if not smallest > 1.0:
         raise typer.BadParameter(f"a change of times is a ratio above 1, and not {smallest:g}", param_hint="--smallest")
+    if versions:
+        refuse(context, ("out",), "is for runs; a comparison of versions prints its result")
+        raise typer.Exit(_compare_versions(runs, problem_set, seed, smallest, fail_on, as_json))
+    refuse(context, ("problem_set", "seed"), "needs --versions")
     if len(runs) < 2:
         raise typer.BadParameter("a comparison needs two runs or more", param_hint="RUN_A RUN_B")
     opened = [open_run(path) for path in runs]
@@ -80,6 +94,32 @@ def compare_verb(
     )
     if fail_on != "nothing" and (bad or any(comparison.cannot_tell for comparison in comparisons)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)
+
+
+def _compare_versions(
+    files: list[Path], problem_set: str, seed: int, smallest: float, fail_on: str, as_json: bool
+) -> int:
+    """Print the comparison of two versions; returns the exit status."""
+    if len(files) != 2:
+        raise typer.BadParameter("two versions are compared, A.py and B.py", param_hint="RUN_A RUN_B")
+    with progress_bar() as progress:
+        found = compare_versions(files, list(make(problem_set, seed).problems()), smallest, seed, progress)
+    a, b = files
+    verdicts = {
+        FASTER: f"{b} is faster than {a}",
+        SLOWER: f"{b} is slower than {a}",
+        SAME: f"{b} takes as long as {a}, within a ratio of {smallest:g}",
+    }
+    lines = [
+        f"{verdicts.get(found.finding, 'The times vary too much to tell')}: the ratio of their times is "
+        f"{found.ratio:.3f}, 95 % interval {found.low:.3f} to {found.high:.3f} ({found.us[1]:.3g} and "
+        f"{found.us[0]:.3g} µs).",
+        f"Largest error of a first answer: {b} {found.gap[1]:.1e}, {a} {found.gap[0]:.1e}.",
+    ]
+    print_result(asdict(found), lines, as_json)
+    if found.finding == SLOWER or (fail_on == "difference" and found.finding == FASTER):
+        return FAILED if fail_on != "nothing" else 0
+    return CANNOT_TELL if fail_on != "nothing" and found.finding not in verdicts else 0
 
 
 def deploy_verb(
