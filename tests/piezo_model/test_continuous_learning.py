@@ -41,9 +41,9 @@ def test_hours_at_rest_cause_no_wind_up() -> None:
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
 
 
-@pytest.mark.parametrize("noise", [0.01, 0.03])
-@pytest.mark.parametrize("falling", [False, True])
-def test_noise_of_the_sensor_biases_no_weight(noise: float, falling: bool) -> None:
+def learned_with_noise(noise: float, memory_s: float, falling: bool = False) -> tuple[SelfLearningCompensator, float]:
+    """A learner on an actuator of its own structure with a noisy sensor, as a share of the range, and the RMS error of
+    what it learned in units of the noise."""
     s = ModelStructure.equidistant(5, 3, (0.0, 100.0), (24.0, -2.0) if falling else (-2.0, 24.0), (), T, offset=True)
     weights = [0.05, 0.08, 0.04, 0.06, 0.05, 0.03, -0.02, 0.04, 1.12, -0.05, 0.06, 0.03, 0.02]
     truth, start = HysteresisCreepModel.from_weights(s, weights), OperatorState.settled_at(s, 0.0)
@@ -55,10 +55,24 @@ def test_noise_of_the_sensor_biases_no_weight(noise: float, falling: bool) -> No
         clean, state = truth.advance(x, state)
         return clean + noise * np.ptp(y) * random.normal(size=x.size)
 
-    learner = SelfLearningCompensator(s, mode="continuous", memory_s=5.0, state=start.copy(), follow_range=False)
+    learner = SelfLearningCompensator(s, mode="continuous", memory_s=memory_s, state=start.copy(), follow_range=False)
     learner.run(y.mean() + 0.97 * (y - y.mean()), measured)
     error = HysteresisCreepModel.from_weights(s, learner.learned_weights).simulate(x, start) - y
-    assert np.sqrt(np.mean(error**2)) < 3.0 * noise * np.ptp(y) * np.sqrt(s.d * T / (2.0 * 5.0))
+    return learner, float(np.sqrt(np.mean(error**2)) / (noise * np.ptp(y)))
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+@pytest.mark.parametrize("falling", [False, True])
+def test_noise_of_the_sensor_biases_no_weight(noise: float, falling: bool) -> None:
+    learner, error = learned_with_noise(noise, 5.0, falling)
+    assert error < 3.0 * np.sqrt(learner.structure.d * T / (2.0 * 5.0))
+
+
+@pytest.mark.parametrize("memory_s", [0.1, 0.3])
+def test_a_program_has_an_optimum_where_noise_is_most_of_it(memory_s: float) -> None:
+    learner, _ = learned_with_noise(0.03, memory_s)
+    assert learner.counts["hand_overs"] > 0
+    assert learner._memory["failures"] == 0
 
 
 def test_a_hand_over_drops_no_sample_and_the_log_has_the_first_one_only() -> None:
