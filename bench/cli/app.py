@@ -33,6 +33,7 @@ VERBS = {
     "validate": "model_verbs",
     "simulate": "model_verbs",
     "compensate": "stage_verbs",
+    "verify": "verify_verb",
     "compare": "decision_verbs",
     "deploy": "decision_verbs",
     "experiment": "experiment_verbs",

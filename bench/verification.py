@@ -1,0 +1,108 @@
+"""Whether the accuracy in a run follows from the answers that are stored in it, judged again in exact arithmetic.
+
+The certificates are replayed from the data of the problems; the first answer of each row, and the worst judged timed
+one on the data of its draw, have to give the stored cost gap and violation to the last bit. This shows that gaps follow
+from stored answers. It does not show who gave the answers, nor that statuses, iterations or times are true.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.derived.table import ONESHOT
+from bench.messages.progress import Progress, silent
+from bench.messages.verdict import Status
+from bench.problems.fresh import mixture
+from bench.problems.protocol import RaceProblem
+from bench.races.metrics import relative_gap
+from bench.store import Run, RunError
+from solvers.certificate import NotCertified, verify
+
+
+@dataclass(frozen=True)
+class Verified:
+    """How much of a run was judged again."""
+
+    rows: int
+    first: int
+    timed: int
+    """Numbers of rows, of their first answers, and of their timed answers."""
+    proofs: int
+    wrong: tuple[str, ...]
+    """A sentence for each row, or proof, that does not agree."""
+
+
+def verify_run(run: Run, progress: Progress = silent) -> Verified:
+    """Judge every stored answer of a one-shot or anytime race again; RunError for another run or a missing problem."""
+    if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
+        raise RunError(f"{run.path} is a {race} race, whose rows have no answers to judge")
+    rows = run.rows(ONESHOT)
+    problems: dict[tuple[str, str], RaceProblem] = {}
+    wrong: list[str] = []
+    first = timed = proofs = 0
+    for done, row in enumerate(rows.to_dict("records")):
+        name = (str(row["problem_set"]), str(row["problem"]))
+        if name not in problems:
+            progress(f"{name[0]}/{name[1]}", done, len(rows))
+            problems[name] = run.problem(*name)
+            proofs += len(problems[name].forms)
+            wrong += _wrong_proofs(problems[name])
+        first += len(row["answer"]) > 0
+        timed += row["timed_call"] >= 0
+        wrong += [
+            f"{row['solver']} ({row['lane']}) at {row['setting']} on {name[0]}/{name[1]}, {row['scaling']}, "
+            f"{row['timed']}: {why}"
+            for why in _wrong(problems[name], row)
+        ]
+    return Verified(len(rows), first, timed, proofs, tuple(wrong))
+
+
+def _wrong_proofs(problem: RaceProblem) -> Iterator[str]:
+    """What is wrong with the certificates of a problem."""
+    for scaling, form in problem.forms.items():
+        try:
+            verify(form.qp, form.certificate)
+        except (NotCertified, ValueError) as error:
+            yield f"{problem.set_name}/{problem.name}, {scaling}: {error}"
+
+
+def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
+    """What does not follow from the answers of a row."""
+    if row["digest"] != problem.digest:
+        yield "its digest is that of other data than the stored problem's"
+        return
+    form, answer = problem.forms.get(row["scaling"]), np.array(row["answer"], dtype=np.float64)
+    if form is None:
+        yield "the stored problem has no such scaling"
+        return
+    gaps = (math.nan, math.nan)
+    if row["status"] == Status.OK and answer.shape == form.qp.q.shape and np.isfinite(answer).all():
+        gaps = relative_gap(form, answer)
+    yield from _differences(("cost gap", "violation"), (row["cost_gap"], row["violation"]), gaps)
+    if row["timed_call"] < 0:
+        yield from _differences(("timed gap",), (row["timed_gap"],), (math.nan,))
+        return
+    shares, factors, answer = (
+        np.array(row[key], dtype=np.float64) for key in ("timed_shares", "timed_factors", "timed_answer")
+    )
+    if shares.size != 1 + len(form.windows) or factors.size not in (1, answer.size) or answer.shape != form.qp.q.shape:
+        yield "the draw of its timed answer does not fit the problem"
+        return
+    timed = (math.inf, math.inf)
+    if np.isfinite(answer).all():
+        try:
+            timed = relative_gap(mixture(form, shares, factors), answer)
+        except (NotCertified, ValueError) as error:
+            yield f"the data of its timed answer have no certified optimum ({error})"
+            return
+    stored = (row["timed_gap"], row["timed_violation"])
+    yield from _differences(("timed gap", "timed violation"), stored, (max(timed), timed[1]))
+
+
+def _differences(names: tuple[str, ...], stored: tuple[float, ...], found: tuple[float, ...]) -> Iterator[str]:
+    for name, old, new in zip(names, stored, found, strict=True):
+        if old != new and not (math.isnan(old) and math.isnan(new)):
+            yield f"its {name} is {old:.3g} in the run, and {new:.3g} from its answer"

@@ -1,0 +1,78 @@
+"""``piezobench verify`` refuses a run whose accuracies do not follow from its stored answers."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import CommandLine
+from conftest import Race
+
+
+def test_an_honest_run_agrees_in_every_row(piezobench: CommandLine, clean_race: Race) -> None:
+    said = piezobench("verify", clean_race.run.path).stdout
+    assert re.match(rf"{len(clean_race.rows)} rows agree: \d+ first and \d+ timed answers were judged again", said)
+    first, timed = map(int, re.findall(r"(\d+) first and (\d+) timed", said)[0])
+    assert min(first, timed) > 0.8 * len(clean_race.rows)
+
+
+def edited(column: str, value: Callable[[pd.Series], object]) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    """A change of one column in the row of an ordinary answer."""
+
+    def change(rows: pd.DataFrame) -> pd.DataFrame:
+        at = rows.index[(rows.solver == "osqp") & rows.is_default & (rows.timed == "hot")][0]
+        rows.at[at, column] = value(rows.loc[at])
+        return rows
+
+    return change
+
+
+def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
+    """The answers of the loosest and the tightest setting of a solver, exchanged."""
+    loose, *_, tight = rows.index[(rows.solver == "osqp") & (rows.scaling == "scaled") & (rows.timed == "hot")]
+    rows.at[loose, "answer"], rows.at[tight, "answer"] = rows.at[tight, "answer"], rows.at[loose, "answer"]
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (edited("cost_gap", lambda row: row.cost_gap / 2.0), "its cost gap is"),
+        (edited("violation", lambda row: row.violation + 1e-16), "its violation is"),
+        (edited("timed_gap", lambda row: 0.0), "its timed gap is 0 in the run"),
+        (edited("timed_gap", lambda row: np.nan), "its timed gap is nan in the run"),
+        (edited("timed_answer", lambda row: np.nextafter(row.timed_answer, 1.0)), "its timed"),
+        (edited("timed_shares", lambda row: np.roll(row.timed_shares, 1)), "its timed gap is"),
+        (edited("timed_shares", lambda row: row.timed_shares[:-1]), "the draw of its timed answer does not fit"),
+        (edited("digest", lambda row: "0" * 16), "its digest is that of other data"),
+        (edited("answer", lambda row: ()), "and nan from its answer"),
+        (with_answers_exchanged, "its cost gap is"),
+    ],
+)
+def test_a_run_whose_rows_were_edited_is_refused(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame], why: str
+) -> None:
+    run = clean_race.copied(tmp_path / "run", change)
+    assert why in piezobench("verify", run.path).refusal
+
+
+def test_a_problem_file_changed_in_one_bit_is_refused(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    run = clean_race.copied(tmp_path / "run")
+    (path,) = (run.path / "problems").glob("*.npz")
+    arrays = dict(np.load(path))
+    arrays["scaled/q"] = np.nextafter(arrays["scaled/q"], np.inf)
+    np.savez(path, **arrays)
+    assert "the certificate belongs to other data" in piezobench("verify", run.path).refusal
+
+
+def test_a_run_without_answers_or_problems_is_refused_in_one_sentence(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    run = clean_race.copied(tmp_path / "run")
+    for path in (run.path / "problems").glob("*.npz"):
+        path.unlink()
+    assert "is missing" in piezobench("verify", run.path).refusal
