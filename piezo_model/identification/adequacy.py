@@ -152,7 +152,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, solving:
     if refusal is None and not good and (not on_curve or curve > NOISY):
         refusal = _late(data, s, error > MUCH_BETTER * line, compared)
     if refusal is None and not good and not on_curve:
-        refusal = _mismatch(data, error, line, fit.cubic_percent / 100.0, compared)
+        refusal = _mismatch(data, error, line, fit, compared)
     on_curve = on_curve and refusal is None
     return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, is_one_way(data.thin_u))
 
@@ -166,7 +166,7 @@ class _Data:
         first = int(np.argmax(energy[WINDOW:] - energy[:-WINDOW])) if u.size > WINDOW else 0
         near = slice(first, first + WINDOW)
         self.v, self.thin_u, self.thin_v = v, u[thinned], v[thinned]
-        self.near_u, self.near_v, self.near_error = u[near], v[near], rms(own[near])
+        self.near_u, self.near_v, self.near_own = u[near], v[near], own[near]
 
     @property
     def is_valley(self) -> bool:
@@ -199,7 +199,7 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> str | No
     u, v = data.near_u, data.near_v
     leads = poor and sense(data.thin_u, data.thin_v) < REVERSED
     cubic = rms(residual(polynomials(2.0 * u - 1.0, 3), v))
-    far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(data.near_error, cubic)
+    far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(rms(data.near_own), cubic)
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
     if resonant < min(far_better, delayed):
         return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz: {compared}"
@@ -225,11 +225,12 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> str | No
     return None
 
 
-def _mismatch(data: _Data, error: float, line: float, cubic: float, compared: str) -> str | None:
+def _mismatch(data: _Data, error: float, line: float, fit: Fit, compared: str) -> str | None:
     """The reason against a model that errs as much as a line, a cubic, or a trend in time; None without one."""
-    no_better = error >= NO_BETTER * line
+    no_better, cubic = error >= NO_BETTER * line, fit.cubic_percent / 100.0
+    drifts = fit.rms_percent >= NO_BETTER * fit.line_percent  # with a drift that the model leaves out
     trend = rms(residual(polynomials(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
-    if no_better and trend < MUCH_BETTER * min(error, cubic):
+    if drifts and trend < MUCH_BETTER * min(error, cubic):
         return (
             f"the output drifts with time and does not follow the drive, which leaves {percent(100.0 * trend)} of the "
             f"range: {compared}"
@@ -241,7 +242,8 @@ def _mismatch(data: _Data, error: float, line: float, cubic: float, compared: st
             "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field: "
             f"{compared}, a cubic {percent(100.0 * cubic)}"
         )
-    if no_better or cubic < MUCH_BETTER * error:
+    left = correlation(data.near_own) > WHITE or line > NO_BETTER * float(data.v.std())  # more than the sensor's noise
+    if (no_better and left) or cubic < MUCH_BETTER * error:
         return f"the model class does not describe these data: {compared}, a cubic {percent(100.0 * cubic)}"
     return None
 

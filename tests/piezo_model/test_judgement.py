@@ -60,6 +60,17 @@ def test_errors_are_said_to_be_on_data_left_out_only_if_some_were(monkeypatch: p
     assert report["baseline"]["held_out"] == ("left out" in where)
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_loops_that_are_smaller_than_the_noise_of_the_sensor_give_a_model(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u = drive(rng, 20_000, form=3)
+    clean = loops(rng, u, 0.25)
+    model = identify(Recording.from_arrays(u, noisy(rng, clean, 0.05), SAMPLE_TIME))
+    assert model.report["fit"]["rms_percent"] > 0.85 * model.report["fit"]["line_percent"]
+    assert model.report["hysteresis"]
+    assert np.std(model.simulate(u) - clean) < 0.01 * np.ptp(clean)
+
+
 def test_a_forced_model_reports_the_reason_against_it_first() -> None:
     made, _ = UNDESCRIBABLE["white noise"]
     model = identify(recording(made, 0), force=True)
