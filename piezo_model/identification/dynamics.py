@@ -7,9 +7,10 @@
     judge    no mode against the best of the others, on held-out data
 
 A richer model is taken for a clear gain in the error alone. The dynamics are kept if the scan gains GAIN of the
-whitened squares; the error on held-out blocks of three periods falls significantly, by an F test with as many degrees
-of freedom as there are independent samples; the frequency is known to UNCERTAIN; and no bound holds a frequency or a
-damping.
+whitened squares; the squared error on held-out data falls, and so does the mean of its logarithm over blocks of three
+periods, by SIGNIFICANT standard errors with the correlation of the blocks; the frequency is known to UNCERTAIN; and no
+bound holds a frequency or a damping. They stay as they are in all that follows: beside creep of all rates they are
+less biased than beside that of the final model.
 """
 
 from __future__ import annotations
@@ -20,14 +21,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import IdentificationError, Solving, States, counted_from, spans
-from piezo_model.identification.forward import ForwardFit, fit_forward
+from piezo_model.identification.forward import EXACT, ForwardFit, fit_forward
 from piezo_model.identification.intervals import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.report import DynamicsFinding
 from piezo_model.identification.resonance import Peak, Spectra
@@ -44,8 +44,8 @@ GAIN = 0.02
 LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.25
 UNCERTAIN = 0.03
 """Largest standard error of a frequency, as a share of it."""
-CHANCE = 1e-3
-"""Largest probability of the gain on held-out data without a mode."""
+SIGNIFICANT = 4.0
+"""Smallest gain on held-out data, in its standard errors."""
 SAMPLES = 100_000
 """Samples from the start that decide."""
 DELAY, SHARE, LAG = 0.7, 0.05, 0.3
@@ -63,15 +63,13 @@ class Separated:
 
     static: Recording
     prepared: Prepared
-    parameters: Parameters | None = None
-    """The dynamics, and which of their parameters are unknowns of the final fit; None without dynamics."""
+    dynamics: Dynamics | None = None
     finding: DynamicsFinding | None = None
 
-    def found_in(self, fit: ForwardFit) -> DynamicsFinding | None:
-        """The finding with the parameters of the final fit."""
-        if self.finding is None or self.parameters is None:
-            return self.finding
-        return _finding(fit, self.parameters, self.finding.held_out_percent, self.finding.gain, "")
+    @property
+    def parameters(self) -> Parameters | None:
+        """The dynamics as known ones of a fit."""
+        return None if self.dynamics is None else Parameters(self.dynamics, self.static.sample_time)
 
 
 def separate(
@@ -91,7 +89,7 @@ def separate(
         prepared = prepare(_through_inverse(recording, choice))
         trials = Trials.of(recording, prepared, solving)
         known = trials.fit(Parameters(choice, T))
-        return Separated(trials.static(recording, known), prepared, known.parameters)
+        return Separated(trials.static(recording, known), prepared, choice)
     head = recording.head(SAMPLES)
     peak = Spectra(head).peak() if choice == "estimate" and Spectra.can_be_of(head) else None
     if peak is None or not _is_plausible(peak):
@@ -104,7 +102,7 @@ def separate(
     finding = trials.judge(none, best, peak.gain)
     if not finding.kept:
         return Separated(recording, prepare(recording), finding=finding)
-    return Separated(trials.static(recording, best), prepared, best.at_optimum, finding)
+    return Separated(trials.static(recording, best), prepared, best.at_optimum.start, finding)
 
 
 def _is_plausible(peak: Peak) -> bool:
@@ -202,8 +200,10 @@ class Trials:
         g, T, count = best.at_optimum.start, self.recording.sample_time, int(np.count_nonzero(self.counted))
         block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
         before, after = (self._held_out(each, block) for each in (none, best))
-        independent = count / max(autocorrelation_time(each.fit.errors) for each in (none, best))
-        chance = float(f_distribution.sf(before / max(after, 1e-300), independent, independent))
+        smallest = EXACT * max(float(before.sum()), EXACT)
+        gains = np.log((before + smallest) / (after + smallest))
+        deviation = float(gains.std()) * math.sqrt(autocorrelation_time([gains]) / gains.size)
+        falls = gains.mean() > SIGNIFICANT * deviation and before.sum() > after.sum()
         modes = len(g.frequencies_Hz)
         reason = ""
         if not np.all(best.fit.free[self.structure.d :][: 2 * modes]):
@@ -212,19 +212,19 @@ class Trials:
             reason = "it is no lightly damped mode within the sampling rate"
         elif np.max(_deviations(best.fit, best.parameters)[:modes]) > UNCERTAIN:
             reason = "its frequency is uncertain"
-        elif chance > CHANCE:
+        elif not falls:
             reason = "the error on held-out data does not fall"
-        without, behind = (50.0 * math.sqrt(squares / count) for squares in (before, after))
+        without, behind = (50.0 * math.sqrt(squares.sum() / count) for squares in (before, after))
         return _finding(best.fit, best.parameters, (without, behind), gain, reason)
 
-    def _held_out(self, fitted: Fitted, block: int) -> float:
-        """Sum of squares on blocks that fits of the others have not used."""
-        even = np.arange(self.recording.length) // block % 2 == 0
-        squares = 0.0
-        for inside in (even & self.counted, ~even & self.counted):
-            error = self.fit(fitted.at_optimum, fitted, inside, FOLD_STEPS).fit.error
-            squares += float(np.sum(error[self.counted & ~inside] ** 2))
-        return squares
+    def _held_out(self, fitted: Fitted, block: int) -> Vector:
+        """Sum of squares on each block, for fits that have not used it and its like."""
+        number = np.arange(self.recording.length) // block
+        squares = np.zeros(self.recording.length)
+        for inside in (number % 2 == 0, number % 2 == 1):
+            error = self.fit(fitted.at_optimum, fitted, inside & self.counted, FOLD_STEPS).fit.error
+            squares += np.where(self.counted & ~inside, error**2, 0.0)
+        return np.bincount(number, squares).astype(np.float64)
 
     def static(self, recording: Recording, fitted: Fitted) -> Recording:
         """The recording, of which the trials may be the head, with the output that the stage would have without

@@ -358,7 +358,7 @@ def _reported(
         excitation=problem.excitation_report(),
         certificate=None if straight else prove(problem, final.optimal),
         lag=lag,
-        dynamics=fitting.separated.found_in(fit),
+        dynamics=fitting.separated.finding,
         offset=offset(problem, solving, final.optimal) if s.offset else None,
         start=prepared.starts[0],
         parts=[

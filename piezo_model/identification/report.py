@@ -220,7 +220,7 @@ class DynamicsFinding:
 
     def sentences(self) -> Iterator[str]:
         """What a user should know."""
-        if not self.kept and self.gain < NOTABLE:
+        if not self.kept and (self.gain < NOTABLE or self.held_out_percent[1] > self.held_out_percent[0]):
             return
         if not self.kept:
             yield (

@@ -100,7 +100,7 @@ def test_no_resonance_is_found_where_there_is_none(kind: str, drive: str, noise_
 
 
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
-    recording = made("relay_preisach", "triangle", [(400.0, 0.2, 1.0)], 0.05)
+    recording = made("relay_preisach", "triangle", [(400.0, 0.24, 1.0)], 0.05)
     model = identify(recording, force=True)
     assert model.dynamics is None
     assert any("record steps of 20 ms to determine it" in sentence for sentence in model.report["findings"])
