@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from piezo_model.plants.actuator import Actuator
+from piezo_model.plants.flexure import Flexure
 from piezo_model.plants.protocol import Plant
 from piezo_model.plants.sensor import Sensor
 
-__all__ = ["Actuator", "Plant", "Sensor", "get", "names", "options_of"]
+__all__ = ["Actuator", "Flexure", "Plant", "Sensor", "get", "names", "options_of"]
 
 
 def _classes() -> dict[str, type[Actuator]]:
