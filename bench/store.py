@@ -85,6 +85,7 @@ class Machine(TypedDict):
     core: str
     """Instruction set and compiler of our C core."""
     versions: dict[str, str]
+    environment: NotRequired[dict[str, str]]
     load_at_start: list[float]
     warnings: list[str]
 

@@ -34,6 +34,8 @@ VERBS = {
     "simulate": "model_verbs",
     "compensate": "stage_verbs",
     "verify": "verify_verb",
+    "combine": "history_verbs",
+    "history": "history_verbs",
     "compare": "decision_verbs",
     "deploy": "decision_verbs",
     "experiment": "experiment_verbs",

@@ -139,6 +139,7 @@ def environment(run: Run) -> list[tuple[str, str]]:
         for name, text in (
             ("machine", f"{machine['processor']}, {machine['cores']} cores, {machine['system']}"),
             ("Python", f"{machine['python']}; " + ", ".join(f"{name} {v}" for name, v in machine["versions"].items())),
+            ("commit", machine.get("environment", {}).get("commit", "")),
             ("settings", chosen),
             ("solvers", field),
             ("absent", absent),

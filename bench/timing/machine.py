@@ -7,16 +7,20 @@ of the race: time that a hypervisor gave to others, throttled cores, and load by
 import importlib.metadata
 import os
 import platform
+import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_info
+
 from solvers.core import bindings
 
 INSTRUCTION_SETS = {"v2": "SSE4.2", "v3": "AVX2", "v4": "AVX-512"}
 """Instruction sets of the levels of x86-64."""
+CPU = Path("/sys/devices/system/cpu")
 PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 
@@ -29,9 +33,43 @@ def describe() -> dict[str, Any]:
         "python": platform.python_version(),
         "core": core(),
         "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
+        "environment": environment(),
         "load_at_start": list(os.getloadavg()),
         "warnings": warnings(),
     }
+
+
+def environment() -> dict[str, str]:
+    """What a later run is compared by: the commit of this program's checkout, all installed packages, the libraries of
+    linear algebra, and the settings of the processor; "" for what is not known."""
+    settings = {
+        "governor": CPU / "cpu0/cpufreq/scaling_governor",
+        "smt": CPU / "smt/control",
+        "turbo": CPU / "intel_pstate/no_turbo",
+        "boost": CPU / "cpufreq/boost",
+    }
+    installed = {str(each.metadata["Name"]): each.version for each in importlib.metadata.distributions()}
+    return {
+        "commit": commit(),
+        "packages": ", ".join(f"{name}=={version}" for name, version in sorted(installed.items())),
+        "blas": ", ".join(
+            f"{each['internal_api']} {each['version']} {each.get('architecture', '')}".strip()
+            for each in threadpool_info()
+        ),
+        **{name: path.read_text().strip() if path.is_file() else "" for name, path in settings.items()},
+    }
+
+
+def commit() -> str:
+    """The commit of the checkout that this program runs from, with + if a file differs from it; "" without one."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return ""
+    try:
+        words = ["git", "-C", str(root), "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+"]
+        return subprocess.run(words, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):  # without git, or in a checkout of another user
+        return ""
 
 
 def name(described: Mapping[str, Any]) -> str:
@@ -76,7 +114,7 @@ def processor() -> str:
 def warnings() -> list[str]:
     """Sentences about conditions that make times on this machine less certain."""
     sentences = []
-    governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+    governor = CPU / "cpu0/cpufreq/scaling_governor"
     if governor.is_file() and governor.read_text().strip() != "performance":
         sentences.append(f"The frequency governor is {governor.read_text().strip()!r}, so the clock rate varies.")
     elif not governor.is_file():
@@ -115,10 +153,7 @@ def counters() -> dict[str, float]:
                 busy = ticks - stolen - times[3] - times[4]
             elif name == "ctxt":
                 switches = int(numbers[0])
-    throttled = sum(
-        int(path.read_text())
-        for path in Path("/sys/devices/system/cpu").glob("cpu[0-9]*/thermal_throttle/core_throttle_count")
-    )
+    throttled = sum(int(path.read_text()) for path in CPU.glob("cpu[0-9]*/thermal_throttle/core_throttle_count"))
     return {
         "seconds": time.monotonic(),
         "stolen": stolen,

@@ -1,0 +1,87 @@
+"""Verbs for several runs: ``combine`` puts them side by side, ``history`` follows a solver through them."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.comparison.combination import Combination, report
+from bench.comparison.compare import SMALLEST
+from bench.comparison.history import history, regressions
+from bench.races.kind import open_run
+from bench.report.console import AsJson, console, print_json, print_report, print_table
+from bench.report.words import number
+from bench.report.writing import write_report
+
+FAILED = 3
+"""Exit status of a history with a regression."""
+
+
+def combine_verb(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of one-shot races.")],
+    out: Annotated[Path, typer.Option(help="Folder for the report, which must be new.")],
+    as_json: AsJson = False,
+) -> None:
+    """Put runs of several machines, instruction sets or versions side by side, on the problems that all of them have.
+
+    Runs have the same problems if they are of the same sets and seed, or if one raced those of another by
+    'race --folder RUN/problems'.
+    """
+    if len(runs) < 2:
+        raise typer.BadParameter("two runs or more are combined", param_hint="RUN_A RUN_B")
+    if out.exists():
+        raise typer.BadParameter(f"{out} already exists; name a new folder", param_hint="--out")
+    found = report(Combination.of([open_run(path) for path in runs]))
+    out.mkdir(parents=True)
+    page = write_report(found, out, "combined").with_suffix(".html")
+    print_report(found, found.document, as_json, list(found.notes), ["", f"Page: {page}"])
+
+
+def history_verb(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [...]", help="Folders of runs, oldest first.")],
+    solver: Annotated[str, typer.Option(help="Name of the solver.")],
+    most_iterations: Annotated[
+        float, typer.Option(min=1.0, help=f"Exit with status {FAILED} if iterations grow by more than this ratio.")
+    ] = 1.05,
+    most_time: Annotated[
+        float, typer.Option(min=1.0, help=f"Exit with status {FAILED} if times grow by more than this ratio.")
+    ] = 1.25,
+    as_json: AsJson = False,
+) -> None:
+    """Follow a solver from run to run: iterations exactly, times by the rule of 'compare', each against the first run.
+
+    --json prints the newest run as a list of names, units and values, smaller being better, as actions for continuous
+    benchmarking read.
+    """
+    if len(runs) < 2:
+        raise typer.BadParameter("a history has two runs or more", param_hint="RUN_A RUN_B")
+    entries = history([open_run(path) for path in runs], solver, SMALLEST)
+    worse = regressions(entries, most_iterations, most_time)
+    if as_json:
+        print_json(
+            [
+                {
+                    "name": f"{solver} ({entry.lane}) {what}",
+                    "unit": "ratio",
+                    "value": value,
+                    "extra": str(asdict(entry)),
+                }
+                for entry in entries
+                if entry.run == entries[-1].run
+                for what, value in (("iterations", entry.iterations_ratio), ("time", entry.time_ratio))
+            ]
+        )
+    else:
+        headings = ("run", "commit", "version", "lane", "iterations", "ratio", "time ratio", "interval", "times")
+        print_table(headings, [_cells(asdict(entry)) for entry in entries], left=4)
+        for sentence in worse:
+            console.print(sentence)
+    if worse:
+        raise typer.Exit(FAILED)
+
+
+def _cells(entry: dict[str, object]) -> list[str]:
+    texts = [number(value) if isinstance(value, float) else str(value) or "–" for value in entry.values()]
+    *first, low, high, finding = texts
+    return [*first, f"{low} to {high}", finding]

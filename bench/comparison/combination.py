@@ -1,0 +1,172 @@
+"""Runs of several machines, instruction sets and versions side by side, on the problems that all of them have.
+
+Problems are the same if their digests are, whatever they are called. Accuracy does not depend on the machine: an answer
+counts for its solver, version and setting. Times are those of each run. A ratio to the solver that does nothing, or to
+an anchor, compares machines better than microseconds do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from bench.derived.accuracy import worst
+from bench.derived.measurements import FLOOR, Measurements
+from bench.messages.verdict import Tier
+from bench.report.plot import Axis, Mark, Plot
+from bench.report.report import Figure, Report, Table
+from bench.report.words import OURS_NOTE, gap, marked, number
+from bench.store import Run, RunError
+from bench.timing import machine
+
+ANCHORS = ("box_active_set (direct)", "daqp (direct)")
+"""Solver lanes to whose times others are compared beside the floor."""
+SHORT = ("solver", "lane", "version", "run", "right", "µs", "over nothing")
+KEY = ["solver", "lane", "version", "run"]
+
+
+@dataclass(frozen=True)
+class Combination:
+    """The rows of several runs at the tier high, or at the defaults of a lane that does not reach it."""
+
+    runs: tuple[Run, ...]
+    rows: pd.DataFrame
+    """One row per task and run: the columns of the races, with ``run``, ``version``, ``floor_us``."""
+    unmatched: dict[str, list[str]]
+    """Problems by run that another run does not have."""
+
+    @classmethod
+    def of(cls, runs: Sequence[Run]) -> "Combination":
+        """Combine finished one-shot races; RunError if two have one name, or they have no problem in common."""
+        names = [run.path.name for run in runs]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise RunError(f"two runs are called {twice[0]}; rename a folder")
+        for run in runs:
+            if (race := run.settings.get("race", "oneshot")) != "oneshot":
+                raise RunError(f"{run.path} is a {race} race, and only one-shot races can be combined")
+        parts = [_rows(run) for run in runs]
+        common = set.intersection(*(set(part.digest) for part in parts))
+        if not common:
+            raise RunError("the runs have no problem in common; 'race --folder RUN/problems' races those of a run")
+        unmatched = {
+            name: sorted((part.problem_set + "/" + part.problem)[~part.digest.isin(common)].unique())
+            for name, part in zip(names, parts, strict=True)
+        }
+        rows = pd.concat([part[part.digest.isin(common)] for part in parts], ignore_index=True)
+        return cls(tuple(runs), rows, {name: missing for name, missing in unmatched.items() if missing})
+
+    @property
+    def problems(self) -> int:
+        """Number of problems that all runs have."""
+        return int(self.rows.digest.nunique())
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """One row per KEY: the right answers over all problems, the worst gap of the solver's version over all runs,
+        median time, and its ratios to the floor and the anchors, medians over the problems."""
+        rows = self.rows[self.rows.solver != FLOOR]
+        lane = rows.solver + " (" + rows.lane + ")"
+        for anchor in ANCHORS:
+            us = rows[lane == anchor].set_index(["run", "digest"]).answer_us
+            pairs = pd.MultiIndex.from_frame(rows[["run", "digest"]])
+            rows = rows.assign(**{anchor: rows.answer_us.to_numpy() / us.reindex(pairs).to_numpy()})
+        found = rows.groupby(KEY).agg(
+            right=("right", "sum"),
+            problems=("right", "size"),
+            answer_us=("answer_us", "median"),
+            iterations=("iterations", "sum"),
+            over_floor=("over_floor", "median"),
+            **{anchor: (anchor, "median") for anchor in ANCHORS},
+        )
+        pooled = rows.groupby(KEY[:3]).cost_gap.agg(worst).rename("worst_cost_gap")
+        return found.reset_index().merge(pooled, on=KEY[:3]).sort_values(KEY, ignore_index=True)
+
+
+def _rows(run: Run) -> pd.DataFrame:
+    """The scaled or only rows of a run from cold starts, one setting for each solver lane, with versions and floor."""
+    found = Measurements.of(run)
+    rows = found.tiers[(found.tiers.scaling == found.scaling) & (found.tiers.start == "cold")]
+    high = rows[rows.tier == Tier.HIGH]
+    lanes = [rows.solver, rows.lane]
+    without = ~pd.MultiIndex.from_arrays(lanes).isin(pd.MultiIndex.from_frame(high[["solver", "lane"]]))
+    rows = pd.concat([high, rows[without & (rows.tier == Tier.DEFAULT)]])
+    floor = (
+        found.rows[(found.rows.solver == FLOOR) & (found.rows.scaling == found.scaling)].set_index("digest").answer_us
+    )
+    versions = run.settings.get("field", {})
+    return rows.assign(
+        run=run.path.name,
+        version=[versions.get(f"{s} ({lane})", "") for s, lane in zip(rows.solver, rows.lane, strict=True)],
+        over_floor=rows.answer_us / rows.digest.map(floor.groupby(level=0).median()),
+    )
+
+
+def report(combination: Combination) -> Report:
+    """The combination as a report."""
+    table = combination.table
+    headings = (
+        "solver",
+        "lane",
+        "version",
+        "run",
+        "right",
+        "worst gap",
+        "µs",
+        "over nothing",
+        *(f"over {a}" for a in ANCHORS),
+    )
+    rows = [
+        [
+            marked(line["solver"]),
+            line["lane"],
+            line["version"].partition(",")[0],
+            line["run"],
+            f"{line['right']}/{line['problems']}",
+            gap(line["worst_cost_gap"]),
+            *(number(line[name]) for name in ("answer_us", "over_floor", *ANCHORS)),
+        ]
+        for line in table.to_dict("records")
+    ]
+    machines = [(run.path.name, machine.name(run.settings["machine"])) for run in combination.runs]
+    missing = [
+        f"Only in {name}, and not counted: {', '.join(problems)}." for name, problems in combination.unmatched.items()
+    ]
+    labels = table.solver + " (" + table.lane + ") " + table.version
+    figure = Figure(
+        "side_by_side",
+        "Times side by side",
+        "Median time of an answer over that of the solver that does nothing, by run.",
+        table.assign(name=labels)[np.isfinite(table.over_floor)],
+        [
+            Plot(
+                Axis("over_floor", "time over that of doing nothing", log=True),
+                Axis("name"),
+                (Mark("point", "run", size=60.0),),
+                ("name", "run"),
+            )
+        ],
+    )
+    count = combination.problems
+    return Report(
+        [
+            f"{len(combination.runs)} runs on {count} common problem{'s' * (count != 1)}: {table.solver.nunique()} "
+            f"solvers in {len(table[['solver', 'lane']].drop_duplicates())} lanes."
+        ],
+        Table("Solvers side by side", headings, rows, 4, ("lane", "version", "run")),
+        summary=table,
+        figures=[figure],
+        notes=missing,
+        definitions=(
+            "right: answers within 1e-9, at the setting chosen for it in each run, else at the defaults.",
+            "worst gap: over all runs with this version, since accuracy does not depend on the machine.",
+            "over nothing, over a solver: medians over the problems of the ratio of times in the same run.",
+            OURS_NOTE,
+        ),
+        environment=machines,
+        terminal=Table(
+            "Solvers side by side", SHORT, [[*row[:5], row[6], row[7]] for row in rows], 4, note="Times in µs."
+        ),
+        title="Runs side by side: " + ", ".join(run.path.name for run in combination.runs),
+    )
