@@ -52,7 +52,7 @@ def test_the_run_fails_if_nothing_may_be_skipped(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_tests_of_the_paper_need_the_library_and_pytest_alone() -> None:
-    absent = {"hypothesis", "pandas", "pyarrow", "quadprog", "selenium", "typer"}
+    absent = {"hypothesis", "pandas", "quadprog", "selenium", "typer"}
     program = "import pytest; sys.exit(pytest.main(['-q', '-p', 'no:cacheprovider', 'tests/paper']))"
     done = subprocess.run(
         [sys.executable, "-c", REFUSE.format(absent=absent) + program],

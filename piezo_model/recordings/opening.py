@@ -29,12 +29,8 @@ PREFIX = {"p": 1e-12, **PREFIXES}
 
 def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
     """Open a table of any known format; see :func:`piezo_model.recordings.formats.open_table`."""
-    try:
-        from piezo_model.recordings import formats  # needs pyarrow
-    except ModuleNotFoundError as error:
-        raise RecordingError(
-            f"{path}: reading a file needs the package {error.name}: install piezobench[bench]"
-        ) from None
+    from piezo_model.recordings import formats  # imports pyarrow
+
     return formats.open_table(path, options)
 
 

@@ -53,11 +53,13 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str 
         raise RecordingError(
             f"{path}: unknown suffix {path.suffix!r}; a table is written as {' or '.join(WRITTEN_SUFFIXES)}"
         )
-    pa = _arrow(path)
-    table = pa.table(_checked(path, columns))
+    import pyarrow  # only here, since a program without files need not load it
+    import pyarrow.parquet
+
+    table = pyarrow.table(_checked(path, columns))
     if remark:
         table = table.replace_schema_metadata({"remark": remark})
-    write = _write_csv if path.suffix.lower() == ".csv" else pa.parquet.write_table
+    write = _write_csv if path.suffix.lower() == ".csv" else pyarrow.parquet.write_table
     try:
         with replacing(os.path.realpath(path)) as temporary, temporary.open("wb") as file:  # a link stays a link
             write(table, file)
@@ -81,18 +83,6 @@ def _checked(path: Path, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[
         if bad.size:
             raise RecordingError(f"{label} {values[bad[0]]} in data row {bad[0] + 1}, where a finite number is needed")
     return arrays
-
-
-def _arrow(path: Path) -> Any:
-    try:
-        import pyarrow
-        import pyarrow.csv
-        import pyarrow.parquet
-    except ModuleNotFoundError as error:
-        raise RecordingError(
-            f"{path}: writing a table needs the package {error.name}: install piezobench[bench]"
-        ) from None
-    return pyarrow
 
 
 def _write_csv(table: Any, file: BinaryIO) -> None:
