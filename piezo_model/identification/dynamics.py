@@ -7,8 +7,9 @@
     judge    no mode against the best of the others, on held-out data
 
 A richer model is taken for a clear gain in the error alone. The dynamics are kept if the scan gains GAIN of the
-whitened squares; the squared error on held-out data falls, and so does the mean of its logarithm over blocks of three
-periods, by SIGNIFICANT standard errors with the correlation of the blocks; the frequency is known to UNCERTAIN; and no
+whitened squares; the squared error on held-out blocks of three periods falls, by an F test with as many degrees of
+freedom as there are independent samples (a drive that rings at some time) or in the mean of its logarithm over the
+blocks (one that rings faintly all the time); the frequency is known to UNCERTAIN; and no
 bound holds a frequency or a damping. They stay as they are in all that follows: beside creep of all rates they are
 less biased than beside that of the final model.
 """
@@ -21,6 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
@@ -44,6 +46,8 @@ GAIN = 0.02
 LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.25
 UNCERTAIN = 0.03
 """Largest standard error of a frequency, as a share of it."""
+CHANCE = 1e-3
+"""Largest probability of the gain on held-out data without a mode."""
 SIGNIFICANT = 4.0
 """Smallest gain on held-out data, in its standard errors."""
 SAMPLES = 100_000
@@ -203,7 +207,9 @@ class Trials:
         smallest = EXACT * max(float(before.sum()), EXACT)
         gains = np.log((before + smallest) / (after + smallest))
         deviation = float(gains.std()) * math.sqrt(autocorrelation_time([gains]) / gains.size)
-        falls = gains.mean() > SIGNIFICANT * deviation and before.sum() > after.sum()
+        independent = count / max(autocorrelation_time(each.fit.errors) for each in (none, best))
+        chance = f_distribution.sf(before.sum() / max(after.sum(), 1e-300), independent, independent)
+        falls = before.sum() > after.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
         modes = len(g.frequencies_Hz)
         reason = ""
         if not np.all(best.fit.free[self.structure.d :][: 2 * modes]):

@@ -32,7 +32,8 @@ SEGMENT, SHORTEST = 8192, 1024
 FIRST_BIN, LAST = 16, 0.42
 """Bin of the lowest frequency of the scan, and the highest frequency used as a share of the sampling rate."""
 RATIO, DAMPINGS = 1.012, (0.004, 0.015, 0.05)
-"""Ratio of consecutive frequencies of the scan, and its damping ratios."""
+"""Smallest ratio of consecutive frequencies of the scan, which grows with the width of the mode, and its damping
+ratios."""
 DAMPING_ENDS, MARGIN = (1e-4, 0.7), 1.1
 RIDGE, FLOOR = 1e-9, 1e-12
 MEDIANS = 120
@@ -75,17 +76,22 @@ class Spectra:
         residual = self._residual(S, p)
         whitening = _octave_median(self.f, residual)[:, None, None]
         S = S / whitening
-        self._S = np.ascontiguousarray(S[:, :p, :p]).reshape(-1, p * p)
-        self._cross, self._total = np.ascontiguousarray(S[:, :p, p]), float(np.sum(S[:, p, p].real))
+        self._set(S, p)
+        self._total = float(np.sum(S[:, p, p].real))
 
     @staticmethod
     def can_be_of(recording: Recording) -> bool:
         """Whether a recording is long enough."""
         return _segment(recording) >= SHORTEST
 
+    def _set(self, S: Matrix, p: int) -> None:
+        """Set the spectra of the p inputs with each other, real over imaginary part, and with the output."""
+        inputs = S[:, :p, :p].reshape(-1, p * p)
+        self._S, self._cross = np.vstack([inputs.real, -inputs.imag]), np.ascontiguousarray(S[:, :p, p])
+
     def _residual(self, S: Matrix, p: int) -> Vector:
         """Squares that the static part with two taps leaves at each frequency."""
-        self._S, self._cross = np.ascontiguousarray(S[:, :p, :p]).reshape(-1, p * p), np.ascontiguousarray(S[:, :p, p])
+        self._set(S, p)
         shapes = np.array([np.ones_like(self._q), self._q])
         c, _ = self._explained(shapes)
         left = np.vstack([-(c.reshape(2, p).T @ shapes), np.ones(self.f.size)])
@@ -96,7 +102,8 @@ class Spectra:
         """Coefficients of least squares of the shapes (m, F) times the p inputs, and the squares that they explain."""
         m, p = len(shapes), self._cross.shape[1]
         weights = (shapes.conj()[:, None] * shapes).reshape(m * m, -1)
-        P = (weights @ self._S).real.reshape(m, m, p, p).transpose(0, 2, 1, 3).reshape(m * p, m * p)
+        real = np.hstack([weights.real, weights.imag]) @ self._S  # half the work of the complex product
+        P = real.reshape(m, m, p, p).transpose(0, 2, 1, 3).reshape(m * p, m * p)
         q = (shapes.conj() @ self._cross).real.reshape(m * p)
         scale = 1.0 / np.sqrt(np.diag(P) + 1e-300)
         c = scale * np.linalg.solve(P * np.outer(scale, scale) + RIDGE * np.eye(m * p), q * scale)
@@ -114,9 +121,12 @@ class Spectra:
     def peak(self, known: Sequence[Mode] = ()) -> Peak:
         """The mode that explains the most beside the known ones."""
         ends = self.lowest, HIGHEST / self.sample_time
-        grid = np.exp(np.arange(np.log(ends[0]), np.log(ends[1]), np.log(RATIO)))
-        dampings = DAMPINGS[1:2] if known else DAMPINGS
-        first = min((self.left([*known, (f, zeta)]), f, zeta) for f in grid.tolist() for zeta in dampings)
+        tried = [
+            (f, zeta)
+            for zeta in (DAMPINGS[1:2] if known else DAMPINGS)
+            for f in np.exp(np.arange(np.log(ends[0]), np.log(ends[1]), max(np.log(RATIO), zeta))).tolist()
+        ]
+        first = min((self.left([*known, mode]), *mode) for mode in tried)
 
         def mode(at: Vector) -> Mode:
             return float(np.clip(np.exp(at[0]), *ends)), float(np.clip(np.exp(at[1]), *DAMPING_ENDS))
