@@ -2,6 +2,7 @@
 
 import os
 import shlex
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
@@ -204,6 +205,10 @@ def race_verb(
     scheduler: Scheduler = "",
     out: Annotated[Path, typer.Option(help="Folder that holds the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(help="Name of the run; date and time by default.")] = None,
+    into: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a finished one-shot race, to which the solvers are added on the same problems."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Race solvers and compare their accuracy and speed.
@@ -256,12 +261,30 @@ def race_verb(
     )
     pool = Workers(workers, backend, scheduler)
     race.check(pool)
-    run = race.start(out, made, name)
+    run = race.start(out, made, name) if into is None else _reopened(context, into, values)
     try:
         _finish(run, pool, as_json)
     except (RaceError, ProblemSetError):
         run.discard()
         raise
+
+
+def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> Run:
+    """A finished run, to which the solvers of this call are added on the same problems."""
+    given = [parameter.name for parameter in context.command.params if parameter.name and parameter.name not in ADDING]
+    refuse(context, given, "is for a new race; --into adds solvers to one on the same problems")
+    if not values.get("solvers") and not values.get("solver_files"):
+        raise typer.BadParameter("needs --solver: the solvers to add", param_hint="--into")
+    run = open_run(path)
+    kind, names = kind_of(run), ("solvers", "solver_files", "lanes", "problems", "effort", "repeats", "time_limit_s")
+    changed: Any = {"solvers": (), "solver_files": (), "limit": 0, "named_only": True}
+    changed |= {name: values[name] for name in names if values.get(name)}
+    kind.add(run, replace(settings_of(run, kind.settings), **changed))
+    return run
+
+
+ADDING = {"into", "solver", "lane", "problem", "budget", "time_limit", "repeats", "workers", "backend", "as_json"}
+"""Options that go with --into."""
 
 
 def resume_verb(

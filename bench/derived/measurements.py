@@ -17,7 +17,7 @@ its calls on all the problems in question.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -30,7 +30,7 @@ from bench.derived.accuracy import applies, measured, right, supported
 from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.messages.verdict import Status, Tier
-from bench.store import Run
+from bench.store import Run, Session
 from bench.timing.clock import answers_us
 from bench.timing.schedule import PERIOD_US
 
@@ -54,7 +54,7 @@ class Measurements:
     @classmethod
     def of(cls, run: Run) -> Self:
         """Read those of a one-shot race."""
-        return cls(run.rows(ONESHOT), run.times())
+        return cls(newest(run.rows(ONESHOT), run.sessions), run.times())
 
     @cached_property
     def host(self) -> str:
@@ -140,6 +140,20 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
     return rows.assign(
         right=is_right, status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED))
     )
+
+
+def newest(rows: pd.DataFrame, sessions: Sequence[Session] = ()) -> pd.DataFrame:
+    """The rows of each solver lane in the last session in which it was raced, not only timed again as an anchor or as
+    the floor."""
+    anchors = {
+        (number, anchor["solver"], anchor["lane"])
+        for number, session in enumerate(sessions, 1)
+        for anchor in session["anchors"]
+    }
+    keys = zip(rows.session, rows.solver, rows.lane, strict=True)
+    again = np.array([key in anchors or (key[0] > 0 and key[1] == FLOOR) for key in keys], dtype=bool)
+    rows = rows[~again]
+    return rows[rows.session == rows.groupby(["solver", "lane"]).session.transform("max")]
 
 
 def merged(rows: pd.DataFrame) -> pd.DataFrame:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
+import pandas as pd
+
 from bench.messages.progress import Progress
 from bench.messages.task import Outcome, Request, Row, Task
 from bench.processes import engine, sentinel
@@ -208,13 +210,18 @@ def drive(race: Race[Any], workers: Workers) -> None:
 def note_conditions(race: Race[Any], workers: Workers) -> None:
     """Save the condition of the machine during the race, with warnings about less certain times."""
     run, notes = race.run, race.run.all_notes()
-    samples = sentinel.table(notes)
+    samples, before = sentinel.table(notes), run.settings.get("conditions") if run.session else None
+    if before is not None:
+        samples = pd.concat([run.sentinel_samples(), samples]).drop_duplicates("at_s", ignore_index=True)
     with replacing(run.path / "sentinel.parquet") as temporary:
         samples.to_parquet(temporary, index=False)
     run.note(
         conditions={
             "sentinel_drift": sentinel.drift(samples),
-            "parts": [{name: value for name, value in note.items() if name != "sentinel"} for note in notes],
+            "parts": [
+                *(before["parts"] if before else ()),
+                *({name: value for name, value in note.items() if name != "sentinel"} for note in notes),
+            ],
             "warnings": [*sentinel.sentences(samples), *machine.disturbances(notes, workers.count), *race.warnings],
         }
     )

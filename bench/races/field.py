@@ -32,7 +32,8 @@ def chosen(
     selected = [
         entry
         for entry in known
-        if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)
+        if entry.lane in settings.lanes
+        and (entry.name in settings.solvers if settings.solvers or settings.named_only else True)
     ]
     warm_up(selected, preload)
     taken = {(entry.name, entry.lane) for entry in known}
@@ -74,13 +75,15 @@ def field_of(run: Run, pool: SolverPool) -> list[Described]:
     lane."""
     described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
     field = [solver for solver in described if not solver.absent]
+    before = run.settings
+    absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
     run.note(
-        field={f"{solver.name} ({solver.lane})": solver.version for solver in field},
-        absent={f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent},
+        field=before.get("field", {}) | {f"{solver.name} ({solver.lane})": solver.version for solver in field},
+        absent=before.get("absent", {}) | absent,
     )
     present = {solver.name for solver in field}
     for solver in described:
-        if solver.name in run.settings["settings"]["solvers"] and solver.name not in present:
+        if solver.name in run.settings_in_force["solvers"] and solver.name not in present:
             raise RaceError(f"the selected solver {solver.name} is absent: {solver.absent}")
     if not field:
         raise RaceError(f"no selected solver runs here; {described[0].name}: {described[0].absent}")

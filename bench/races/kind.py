@@ -4,7 +4,7 @@ The folder is the registry: each ``kind.py`` in a folder beside this file define
 settings and report.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -19,7 +19,7 @@ from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings, settings_of
 from bench.report.report import Report
 from bench.report.writing import write_report
-from bench.store import Run, RunError, Schema
+from bench.store import Anchor, Run, RunError, Schema
 from bench.timing import machine
 
 DEFAULT = "oneshot"
@@ -41,6 +41,8 @@ class Kind:
     """Its requests to solvers, and the rows made of their answers."""
     report: Callable[[Run], Report]
     """Makes the :class:`bench.report.report.Report` of a finished run."""
+    anchors: Callable[[Run], Sequence[Anchor]] | None = None
+    """What is timed again when solvers are added to a finished run; None if none can be added."""
 
     @property
     def schema(self) -> Schema:
@@ -59,6 +61,17 @@ class Kind:
         return Run.create(
             results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name
         )
+
+    def add(self, run: Run, settings: RaceSettings) -> None:
+        """Begin to add solvers to a finished run; RaceError if that cannot be done."""
+        if self.anchors is None or not run.is_finished(self.schema):
+            raise RaceError(
+                f"{run.path}: solvers are added to a one-shot race, and this is a {self.name} race"
+                if self.anchors is None
+                else f"{run.path}: the race is not finished, so resume it first"
+            )
+        self.race.entries(settings)
+        run.reopen(settings.to_dict(), self.anchors(run))
 
     def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:
         """Do the tasks that are not done yet, and gather the tables."""

@@ -44,7 +44,7 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
     for set_name in settings.problem_sets:
         names = run.settings.get("problems", {}).get(set_name, ())
         if names and all(run.problem_path(set_name, name).is_file() for name in names):
-            for i, name in enumerate(names):
+            for i, name in enumerate(raced(settings, set_name, names)):
                 progress(f"{set_name}/{name}", i + 1, len(names))
                 yield run.problem(set_name, name)
         else:

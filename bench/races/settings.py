@@ -36,6 +36,8 @@ class RaceSettings:
     problem_sets: tuple[str, ...] = ("paper",)
     solvers: tuple[str, ...] = ()
     """Names to race; empty for all."""
+    named_only: bool = False
+    """Whether no solver takes part but those of ``solvers`` and of files, even if ``solvers`` is empty."""
     lanes: tuple[Lane, ...] = LANES
     scalings: tuple[Scaling, ...] = SCALINGS
     limit: Annotated[int, Meta(ge=0, le=MOST)] = 0
@@ -96,6 +98,6 @@ Settings = TypeVar("Settings", bound=RaceSettings)
 def settings_of(run: Run, kind: type[Settings]) -> Settings:
     """The settings of a run."""
     try:
-        return convert(run.settings["settings"], kind)
+        return convert(run.settings_in_force, kind)
     except ValueError as error:
         raise RunError(f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}") from None

@@ -3,7 +3,7 @@
 The parent knows the processor time of the child's process, and that of the null solver for the same blocks. Their
 difference is what the calls cost, whatever the child reports and wherever in a block it does its work, and the time of
 an answer counts as no less than two thirds of its mean. Messages cost some hundreds of microseconds a block, which
-differ by some tens between two processes, so that less than UNSEEN_NS remains unseen.
+differ between two processes, so that less than UNSEEN_NS remains unseen.
 """
 
 import math
@@ -21,7 +21,7 @@ from bench.races.oneshot.worker import Block, BlockOutcome, End, OneShot
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from solvers.arrays import Matrix
 
-UNSEEN_NS = 100_000
+UNSEEN_NS = 250_000
 """Processor time of a block by which two processes may differ that do the same."""
 TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""

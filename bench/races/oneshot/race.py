@@ -12,7 +12,9 @@ from dataclasses import replace
 
 from bench.derived.table import ONESHOT
 from bench.messages import user_cache
-from bench.messages.task import NO_SETTING, Task
+from bench.messages.progress import Progress
+from bench.messages.task import NO_SETTING, Setting, Task
+from bench.problems.protocol import RaceProblem
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.driver import Part, Race
@@ -20,6 +22,9 @@ from bench.races.oneshot.first_pass import FirstPass
 from bench.races.oneshot.second_pass import second_pass
 from bench.races.oneshot.settings import OneshotSettings, tasks_of
 from bench.races.run_problems import problems_of, save_certificates
+from bench.store import Run
+from piezo_model.identification_problem import Scaling
+from solvers import Lane, find
 from solvers.registry import Described
 
 FEWEST_JUDGED, JUDGED = 3, 24
@@ -33,6 +38,14 @@ class OneshotRace(Race[OneshotSettings]):
     preload = ("bench.races.oneshot.worker",)
     floor = spreads = True
 
+    def __init__(self, run: Run, settings: OneshotSettings, progress: Progress) -> None:
+        super().__init__(run, settings, progress)
+        self.anchors = run.sessions[-1]["anchors"] if run.session else []
+        self.added = {*self.entrants}
+        for anchor in self.anchors:
+            entry = find(anchor["solver"], anchor["lane"])
+            self.entrants[entry.name, entry.lane] = entry
+
     @property
     def child(self) -> ChildSettings:
         """Hide the certificates from the solvers."""
@@ -44,11 +57,12 @@ class OneshotRace(Race[OneshotSettings]):
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """The first pass and the second; each part begins with the null solver."""
-        settings, floor = self.settings, null_solver.ENTRY
+        settings, floor, session = self.settings, null_solver.ENTRY, self.run.session
+        added = [solver for solver in field if (solver.name, solver.lane) in self.added]
         first = [
             FirstPass(
                 self.run.path.resolve(),
-                f"{problem.set_name}--{problem.name}--{scaling}--{repeat}",
+                f"{problem.set_name}--{problem.name}--{scaling}--{session}-{repeat}",
                 (
                     Task(
                         problem.set_name,
@@ -58,9 +72,11 @@ class OneshotRace(Race[OneshotSettings]):
                         floor.lane,
                         NO_SETTING,
                         repeat=repeat,
+                        session=session,
                         d=problem.d,
                     ),
-                    *tasks_of(settings, field, problem, scaling, repeat),
+                    *self.anchor_tasks(problem, scaling, repeat),
+                    *tasks_of(settings, added, problem, scaling, repeat, session),
                 ),
                 repeat,
                 settings,
@@ -74,6 +90,21 @@ class OneshotRace(Race[OneshotSettings]):
         ]
         yield first
         yield [*second_pass(self.run, settings, field, first)]
+
+    def anchor_tasks(self, problem: RaceProblem, scaling: Scaling, repeat: int) -> Iterator[Task]:
+        """The anchors again, in the first scaling."""
+        for anchor in self.anchors if scaling == self.settings.scalings[0] else ():
+            yield Task(
+                problem.set_name,
+                problem.name,
+                scaling,
+                anchor["solver"],
+                Lane(anchor["lane"]),
+                Setting(anchor["setting"]),
+                repeat=repeat,
+                session=self.run.session,
+                d=problem.d,
+            )
 
     def finish(self) -> None:
         """Save the certificates, which solvers must not see."""

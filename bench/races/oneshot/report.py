@@ -15,6 +15,7 @@ from bench.derived.ranking import ranking, short_table, yardstick
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.derived.wrapper_share import wrapper_share
 from bench.races.oneshot.figures import figures
+from bench.races.oneshot.sessions import drift as drift_of
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.settings import settings_of
 from bench.report.report import Report, Table
@@ -111,6 +112,7 @@ def report(run: Run) -> Report:
             *below_rounding(costs),
             *notes(measurements, summary),
             *_unrepeatable(measurements),
+            *drift_of(run, measurements),
             *_hosts(measurements),
             *_models(run),
             *_reproduction(run, files),

@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from bench.derived.accuracy import supported
-from bench.derived.measurements import at_tiers
+from bench.derived.measurements import at_tiers, newest
+from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import tier_settings
 from bench.messages.task import Row, Task
 from bench.messages.verdict import Status, Tier
@@ -133,29 +134,36 @@ def interleave(
 def second_pass(
     run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[FirstPass]
 ) -> Iterator[SecondPass]:
-    """The parts of the second pass, planned from the cold hot rows, all of which are there."""
-    rows = pd.DataFrame(run.rows_so_far())
+    """The parts of the second pass, planned from the cold hot rows, all of which are there.
+
+    A solver that is added to a finished run is not interleaved, since among others it meets other caches.
+    """
+    rows, session = pd.DataFrame(run.rows_so_far()), run.session
+    if session:
+        rows = pd.concat([newest(run.rows(ONESHOT)), rows], ignore_index=True)
     rows = rows[(rows.timed == "hot") & (rows.start == "cold")]
     calls = math.ceil(CANDIDATE_CALLS / max(1, len({part.problem.name for part in first}) * settings.repeats))
     plan = {
         (line["scaling"], line["solver"], line["lane"], line["setting"]): line
         for line in planned(rows, calls).to_dict("records")
     }
-    answered = rows[(rows.status == Status.OK) | (rows.solver == NULL)]
+    answered = rows[(rows.session == session) & ((rows.status == Status.OK) | (rows.solver == NULL))]
+    anchors = {(anchor["solver"], anchor["lane"]) for anchor in run.sessions[-1]["anchors"]} if session else set()
     tasks = {*zip(answered.task, answered.repeat, strict=True)}
     warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
     for part in first:
         more: list[Task] = []
         for task in part.tasks:
             line = plan.get((task.scaling, task.solver, str(task.lane), task.setting.text))
-            if line is None or (task.subject, task.repeat) not in tasks:
+            is_anchor = (task.solver, str(task.lane)) in anchors or (session > 0 and task.solver == NULL)
+            if line is None or is_anchor or (task.subject, task.repeat) not in tasks:
                 continue
             starts = [task]
             if "warm" in part.form.starts and (task.solver, task.lane) in warm_startable:
                 starts.append(replace(task, start="warm"))
             more += [replace(task, timed="long")] if line["longer"] else []
             more += starts[1:]
-            if line["interleaved"] and settings.rounds:
+            if line["interleaved"] and settings.rounds and not session:
                 more += [replace(each, timed="interleaved") for each in starts]
         yield SecondPass(
             part.run,

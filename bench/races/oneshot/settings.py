@@ -48,6 +48,7 @@ def tasks_of(
     problem: RaceProblem,
     scaling: Scaling,
     repeat: int = 0,
+    session: int = 0,
 ) -> Iterator[Task]:
     """The tasks of a problem in one scaling; those of a solver lane follow each other, from loose to tight,
     then by iteration limit; the paper's method also begins at the straight line, as its compensator does."""
@@ -77,6 +78,7 @@ def tasks_of(
                 more,
                 repeat,
                 start,
+                session=session,
                 d=problem.d,
             )
 

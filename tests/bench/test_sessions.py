@@ -1,0 +1,67 @@
+"""Solvers are added to a finished run, and one of them again after a change."""
+
+from pathlib import Path
+
+import faulty_solvers
+import pytest
+from command_line import CommandLine
+from conftest import Race, race_of
+
+from bench.derived.measurements import Measurements
+from bench.derived.table import ONESHOT
+from bench.store import Run
+
+WORDS = ("--limit", 2, "--set", "measured", "--scaling", "scaled", "--rounds", 4, "--lane", "direct")
+
+
+@pytest.fixture(scope="module")
+def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    return race_of(
+        piezobench, tmp_path_factory.mktemp("into"), "run", *WORDS, "--solver", "daqp", "--solver", "quadprog"
+    )
+
+
+def added(piezobench: CommandLine, race: Race, *words: object) -> Run:
+    call = piezobench("race", "--into", race.run.path, *words)
+    assert call.status == 0, call.stderr
+    return Run.open(race.run.path)
+
+
+def test_an_added_solver_has_rows_of_its_session_and_those_of_the_others_stay(
+    piezobench: CommandLine, race: Race, tmp_path: Path
+) -> None:
+    file = faulty_solvers.written(tmp_path, "mine", "solution(self, answer)", "pass")
+    run = added(piezobench, race, "--solver", file, "--lane", "direct")
+    rows = run.rows(ONESHOT)
+    before = rows[rows.session == 0].reset_index(drop=True)
+    assert before.drop(columns=["answer"]).equals(race.rows.drop(columns=["answer"]))
+    new = rows[rows.session == 1]
+    assert set(new.solver) == {"mine", "daqp", "quadprog", "null"}
+    assert "interleaved" not in set(new.timed)
+    assert set(new.digest) == set(before.digest)
+    found = Measurements.of(run)
+    assert set(found.every[found.every.session == 1].solver) == {"mine"}
+    assert set(found.every[found.every.session == 0].solver) == {"daqp", "quadprog", "null"}
+    report = (run.path / "report.md").read_text()
+    assert "mine (direct) joined later; beside them, what was timed again took this many times" in report
+    assert "mine" in (run.path / "summary.csv").read_text()
+
+    # changed, and added once more on one problem: the last session counts
+    problem = before.problem.iloc[0]
+    again = added(piezobench, race, "--solver", file, "--problem", problem)
+    found = Measurements.of(again)
+    mine = found.every[found.every.solver == "mine"]
+    assert set(mine.session) == {2}
+    assert set(mine.problem) == {problem}
+
+
+def test_what_cannot_be_added_is_refused_and_the_run_stays(piezobench: CommandLine, race: Race, tmp_path: Path) -> None:
+    before = {path.name for path in race.run.path.iterdir()}
+    for words, sentence in (
+        ((), "needs --solver: the solvers to add"),
+        (("--solver", "nobody"), "there is no solver 'nobody'"),
+        (("--solver", "daqp", "--limit", 3), "is for a new race; --into adds solvers to one on the same problems"),
+        (("--solver", "daqp", "--problem", "nowhere"), "there is no problem 'nowhere'"),
+    ):
+        assert sentence in piezobench("race", "--into", race.run.path, *words).refusal
+    assert {path.name for path in race.run.path.iterdir()} == before
