@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
@@ -32,7 +32,7 @@ from bench.problems import ProblemSetError
 from bench.processes.engine import Backend, Workers
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild
-from bench.races.kind import DEFAULT, kind_of, kinds, open_run
+from bench.races.kind import DEFAULT, Kind, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
 from bench.races.settings import settings_of
 from bench.report.console import (
@@ -47,6 +47,7 @@ from bench.report.console import (
 from bench.report.report import Report
 from bench.store import Run, RunError
 from bench.timing import machine
+from piezo_model.json_file import decoded
 from solvers import Lane, entries
 from solvers.registry import OURS
 
@@ -63,7 +64,7 @@ SETTING_OF = {
     "problem": "problems",
     "scaling": "scalings",
     "tier": "tiers",
-    "settings": "settings_run",
+    "settings": "settings_run or given",
     "limit": "limit",
     "budget": "effort",
     "repeats": "repeats",
@@ -71,8 +72,8 @@ SETTING_OF = {
         ("recording", "time", "input", "output", "folder", "test_set", "work", *READING_OPTIONS), "set_options"
     ),
 }
-"""Setting of a race that an option sets, for options that only some kinds of race use; an option that a kind declares
-itself has the name of its setting."""
+"""Setting, or settings, of a race that an option sets, for options that only some kinds of race use; an option that a
+kind declares itself has the name of its setting."""
 
 
 class Scale(StrEnum):
@@ -115,8 +116,9 @@ def refuse_unused(context: typer.Context, kind: str) -> None:
     """Refuse an option for a setting that this kind of race does not have, or has fixed."""
     adjustable = {name: {field.name for field in fields(each.settings) if field.init} for name, each in kinds().items()}
     for option, setting in {**SETTING_OF, **{name: name for name in own_options()}}.items():
-        if setting not in adjustable[kind]:
-            users = [name for name, settings in adjustable.items() if setting in settings]
+        wanted = {*setting.split(" or ")}
+        if not wanted & adjustable[kind]:
+            users = [name for name, settings in adjustable.items() if wanted & settings]
             refuse(context, [option], f"is for the race {' or '.join(users)}; the race {kind} does not use it")
 
 
@@ -159,10 +161,11 @@ def race_verb(
         ),
     ] = None,
     settings: Annotated[
-        Path | None,
+        list[str] | None,
         typer.Option(
             help="For a stream or a loop: the run of a one-shot race from which the solvers' settings are taken; the "
-            "reference run by default."
+            "reference run by default. For a one-shot race SOLVER='{\"eps_abs\": 1e-6}', repeatable: settings of a "
+            "solver to measure beside its defaults, in place of its ladder."
         ),
     ] = None,
     scaling: Annotated[
@@ -245,7 +248,7 @@ def race_verb(
         "seed": seed,
         "time_limit_s": time_limit,
         "memory_mb": memory,
-        "settings_run": settings and str(settings.resolve()),
+        **_settings(settings or [], race),
         "effort": replace(race.settings().effort, budget_s=budget),
         "repeats": repeats,
         "set_options": set_options,
@@ -269,6 +272,22 @@ def race_verb(
         raise
 
 
+def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
+    """The run that ``--settings`` names, or the settings that it gives by solver."""
+    if "given" not in {field.name for field in fields(race.settings)}:
+        if len(texts) > 1:
+            raise typer.BadParameter("names one run", param_hint="--settings")
+        return {"settings_run": str(Path(texts[0]).resolve()) if texts else None}
+    given = dict(text.partition("=")[::2] for text in texts)
+    for solver, text in given.items():
+        try:
+            decoded(text, dict[str, Any])
+        except ValueError as error:
+            why = f"{solver}: must be SOLVER={{...}} with settings in JSON: {error}"
+            raise typer.BadParameter(why, param_hint="--settings") from None
+    return {"given": given}
+
+
 def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> Run:
     """A finished run, to which the solvers of this call are added on the same problems."""
     given = [parameter.name for parameter in context.command.params if parameter.name and parameter.name not in ADDING]
@@ -276,14 +295,29 @@ def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> 
     if not values.get("solvers") and not values.get("solver_files"):
         raise typer.BadParameter("needs --solver: the solvers to add", param_hint="--into")
     run = open_run(path)
-    kind, names = kind_of(run), ("solvers", "solver_files", "lanes", "problems", "effort", "repeats", "time_limit_s")
-    changed: Any = {"solvers": (), "solver_files": (), "limit": 0, "named_only": True}
+    kind, names = (
+        kind_of(run),
+        ("solvers", "solver_files", "lanes", "problems", "effort", "repeats", "time_limit_s", "given"),
+    )
+    changed: Any = {"solvers": (), "solver_files": (), "limit": 0, "given": {}, "named_only": True}
     changed |= {name: values[name] for name in names if values.get(name)}
     kind.add(run, replace(settings_of(run, kind.settings), **changed))
     return run
 
 
-ADDING = {"into", "solver", "lane", "problem", "budget", "time_limit", "repeats", "workers", "backend", "as_json"}
+ADDING = {
+    "into",
+    "solver",
+    "lane",
+    "problem",
+    "settings",
+    "budget",
+    "time_limit",
+    "repeats",
+    "workers",
+    "backend",
+    "as_json",
+}
 """Options that go with --into."""
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from bench.messages.verdict import Tier
+from piezo_model.json_file import decoded
 from solvers.arrays import Vector
 from solvers.protocol import Lane, Nanoseconds, Solver, Unsupported, setting_text
 from solvers.registry import Described
@@ -49,6 +50,8 @@ class Setting:
     """Position in the ladder, from loose to tight."""
     is_default: bool = True
     """Whether these are the solver's defaults."""
+    given: str = ""
+    """Settings that the user gave for a solver, as JSON; they are taken as they are, for every problem."""
     rung_text: str = ""
     """The setting to which an iteration limit is added; the limit itself is in `Task.more`."""
 
@@ -120,6 +123,8 @@ class Task:
 
     def settings_for(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The solver's settings for a problem whose constant is c."""
+        if self.setting.given:
+            return {**decoded(self.setting.given, dict[str, Any]), **self.more}
         return {**cls.at(self.setting.rung_text or self.setting.text, c), **self.more}
 
 

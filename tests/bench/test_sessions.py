@@ -1,5 +1,6 @@
 """Solvers are added to a finished run, and one of them again after a change."""
 
+import json
 from pathlib import Path
 
 import faulty_solvers
@@ -65,3 +66,28 @@ def test_what_cannot_be_added_is_refused_and_the_run_stays(piezobench: CommandLi
     ):
         assert sentence in piezobench("race", "--into", race.run.path, *words).refusal
     assert {path.name for path in race.run.path.iterdir()} == before
+
+
+def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    given = """osqp={"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 100000}"""
+    words = (*WORDS, "--solver", "osqp", "--solver", "daqp", "--settings", given)
+    race = race_of(piezobench, tmp_path, "run", *words)
+    rows = race.hot[race.hot.solver == "osqp"]
+    assert {*zip(rows.rung, rows.is_default, strict=True)} == {(-1, True), (0, False)}
+    assert [json.loads(text) for text in rows[rows.rung == 0].settings] == [json.loads(given[5:])] * 3
+    assert (rows.status == "ok").all()
+    assert race.hot[race.hot.solver == "daqp"].setting.nunique() == 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [("osqp=1e-6", "osqp: must be SOLVER={...} with settings in JSON"), ("clarabel={}", "which does not race")],
+)
+def test_given_settings_that_are_none_are_refused(
+    piezobench: CommandLine, tmp_path: Path, settings: str, sentence: str
+) -> None:
+    call = piezobench("race", *WORDS, "--solver", "osqp", "--settings", settings, "--out", tmp_path)
+    assert sentence in call.refusal
+    assert not [*tmp_path.iterdir()]

@@ -13,6 +13,7 @@ from dataclasses import replace
 from bench.derived.table import ONESHOT
 from bench.messages import user_cache
 from bench.messages.progress import Progress
+from bench.messages.race_error import RaceError
 from bench.messages.task import NO_SETTING, Setting, Task
 from bench.problems.protocol import RaceProblem
 from bench.processes.worker import ChildSettings
@@ -25,7 +26,7 @@ from bench.races.run_problems import problems_of, save_certificates
 from bench.store import Run
 from piezo_model.identification_problem import Scaling
 from solvers import Lane, find
-from solvers.registry import Described
+from solvers.registry import Described, Entry
 
 FEWEST_JUDGED, JUDGED = 3, 24
 """Number of timed answers of a task that are judged at least, and of a setting over all problems."""
@@ -37,6 +38,14 @@ class OneshotRace(Race[OneshotSettings]):
     schema = ONESHOT
     preload = ("bench.races.oneshot.worker",)
     floor = spreads = True
+
+    @classmethod
+    def entries(cls, settings: OneshotSettings) -> Sequence[Entry]:
+        """The selected solvers; RaceError if settings are given for one that does not race."""
+        selected = super().entries(settings)
+        for name in settings.given.keys() - {entry.name for entry in selected}:
+            raise RaceError(f"settings are given for {name!r}, which does not race")
+        return selected
 
     def __init__(self, run: Run, settings: OneshotSettings, progress: Progress) -> None:
         super().__init__(run, settings, progress)

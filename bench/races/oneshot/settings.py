@@ -6,13 +6,16 @@ one for a cost gap nearest to 1e-8.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from bench.messages.task import PAPER, Setting, Start, Task, limited, settings_of
 from bench.problems.protocol import RaceProblem
 from bench.races.chosen_settings import default_setting
 from bench.races.settings import RaceSettings, option
 from piezo_model.identification_problem import Scaling
+from piezo_model.json_file import decoded
+from solvers.protocol import setting_text
 from solvers.registry import FAMILIES, Described
 
 EXPONENT = 8.0
@@ -30,6 +33,8 @@ class OneshotSettings(RaceSettings):
     """Rounds of interleaved solves, one update and solve of each solver a round; 0 for none."""
     keep_misses: int = option(5, "Solver lanes whose worst miss of 1e-9 is kept as a file.", least=0)
     """Most solver lanes of which a missed answer is saved with its program."""
+    given: dict[str, str] = field(default_factory=dict)
+    """Settings of the user's for solvers by name, as JSON, which are measured in place of the ladder."""
     iteration_limits: tuple[int, ...] = ()
     """Ascending iteration limits at which solvers that have one are measured in addition."""
 
@@ -44,7 +49,7 @@ class AnytimeSettings(OneshotSettings):
 
 def tasks_of(
     settings: OneshotSettings,
-    field: Sequence[Described],
+    solvers: Sequence[Described],
     problem: RaceProblem,
     scaling: Scaling,
     repeat: int = 0,
@@ -53,8 +58,10 @@ def tasks_of(
     """The tasks of a problem in one scaling; those of a solver lane follow each other, from loose to tight,
     then by iteration limit; the paper's method also begins at the straight line, as its compensator does."""
     first = scaling == settings.scalings[0]
-    for solver in field:
-        measured = first_pass_settings(solver) if first else [default_setting(solver)]
+    for solver in solvers:
+        measured = (
+            first_pass_settings(solver, settings.given.get(solver.name, "")) if first else [default_setting(solver)]
+        )
         planned: list[tuple[Setting, dict[str, int]]] = [(setting, {}) for setting in measured]
         if solver.iteration_setting and first:
             rungs = {setting.text for setting in settings_of(solver)}
@@ -83,8 +90,11 @@ def tasks_of(
             )
 
 
-def first_pass_settings(solver: Described) -> Sequence[Setting]:
-    """The settings of a solver that are measured in the first scaling."""
+def first_pass_settings(solver: Described, given: str = "") -> Sequence[Setting]:
+    """The settings of a solver that are measured in the first scaling: the default and ``given``, or the ladder."""
+    if given:
+        text = setting_text({**solver.defaults, **decoded(given, dict[str, Any])})
+        return [default_setting(solver), Setting(text, 0, is_default=False, given=given)]
     every = settings_of(solver)
     if solver.lane not in FAMILIES or not solver.exponents:
         return every
