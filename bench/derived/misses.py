@@ -51,7 +51,7 @@ def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str,
         with suppress(RunError, NotCertified):  # a miss without its problem is still in the table
             form = first = run.problem(row["problem_set"], row["problem"]).forms[row["scaling"]]
             x = row["answer"]
-            if row["timed_gap"] > max(row["cost_gap"], row["violation"]):
+            if row["judged"] and row["timed_gap"] > max(row["cost_gap"], row["violation"]):
                 form, x = mixture(first, row["timed_shares"], row["timed_factors"]), row["timed_answer"]
             optimum = np.array(form.certificate.x)
             yield (

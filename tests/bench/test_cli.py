@@ -181,8 +181,8 @@ OF_PROBLEMS = {
     "repeats",
 }
 READS = {
-    "oneshot": OF_PROBLEMS | {"rounds"},
-    "anytime": OF_PROBLEMS | {"rounds"},
+    "oneshot": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
+    "anytime": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
     "stream": {"tier", "settings", "repeats", "samples"},
     "loop": {"tier", "settings", "repeats"},
     "batch": {"limit", "budget", "largest", "turns"},
@@ -190,6 +190,7 @@ READS = {
 """Options of each kind of race, besides those of every kind."""
 VALUES = {
     "set": "paper",
+    "problem": "nowhere",
     "recording": "stage.csv",
     "time": "time_s",
     "sheet": "one",
@@ -198,10 +199,11 @@ VALUES = {
     "work": 1e6,
     "scaling": "raw",
     "tier": "high",
-    "settings": "run",
+    "settings": "nobody={}",
     "budget": 0.005,
     "repeats": 1,
     "rounds": 0,
+    "keep-misses": 0,
     "samples": 100,
     "largest": 4,
     "turns": 1,

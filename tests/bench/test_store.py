@@ -182,7 +182,7 @@ def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race,
     shutil.copytree(clean_race.run.path, tmp_path / "finished")
     Run(tmp_path / "finished").discard()
     assert (tmp_path / "finished" / "rows.parquet").is_file()
-    new = Run.create(tmp_path, {}, "new")
+    new = Run.create(tmp_path, SETTINGS, "new")
     (new.path / "tasks" / "one.npz").touch()
     new.discard()
     assert new.path.is_dir()
