@@ -13,9 +13,9 @@ from typing import Annotated, Any, ClassVar, Literal, NotRequired, Self, TypedDi
 
 import msgspec
 import numpy as np
-import qpsolvers
 from qpsolvers import Problem
 
+import solvers
 from bench.problem_files.npz import opened, packed, packed_program, unpacked, unpacked_program
 from bench.problem_files.program import ProblemFileError, doubles
 from bench.timing.schedule import PERIOD_US
@@ -243,9 +243,12 @@ def _windows(data: Any, prefix: str) -> tuple[Window, ...]:
 
 def starting_point(qp: Problem) -> Vector:
     """An approximate answer (d,) from which a proof starts, or zeros."""
-    dense = qp.G is None and qp.A is None and isinstance(qp.P, np.ndarray)
-    start = qpsolvers.solve_problem(qp, solver="daqp").x if dense else None
-    return np.zeros(qp.q.size) if start is None else start
+    if qp.G is not None or qp.A is not None or not isinstance(qp.P, np.ndarray):
+        return np.zeros(qp.q.size)
+    solver = solvers.get("box_active_set")
+    solver.setup(qp)
+    start = np.array(solver.solve())
+    return start if np.isfinite(start).all() else np.zeros(qp.q.size)
 
 
 def certified(
