@@ -17,6 +17,7 @@ import pandas as pd
 from bench.derived import ranking, summary
 from bench.derived.accuracy import worst
 from bench.derived.measurements import Measurements, at_tiers
+from bench.derived.verdict import KNOWN
 from bench.messages.task import PAPER
 from bench.messages.verdict import Status, Tier
 from bench.report.plot import BEST, LEAST_GAP, together
@@ -24,8 +25,6 @@ from bench.report.words import MARK, duration, marked
 from solvers.registry import OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
-KNOWN = ("osqp", "clarabel", "proxsuite", "piqp", "highspy", "scs", "qpalm", "daqp", "quadprog", "cvxopt")
-"""Libraries that people know first, which the picture of work and precision names beside OUR_BEST and the paper's."""
 OUR_BEST = "box_active_set"
 MOST_GAP = 1e3
 """Largest cost gap on a plot; larger ones are drawn at this value."""

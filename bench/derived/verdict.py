@@ -28,12 +28,16 @@ GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
 """The first of these tiers that any solver lane reaches is the one of the verdict."""
 LANE_NAMES = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python", Lane.CODEGEN: "generated"}
 """Lanes of the verdict and their names in it."""
+KNOWN = ("osqp", "clarabel", "proxsuite", "piqp", "highspy", "scs", "qpalm", "daqp", "quadprog", "cvxopt")
+"""Libraries that people know first."""
+FEWEST_KNOWN = 3
+"""Least number of them for a sentence."""
 MOST_DRIFT = 0.1
 """Largest drift without a reservation."""
 
 
 def verdict(measurements: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
-    """At most four sentences; ``core`` is instruction set and compiler, ``drift`` the relative drift of the machine."""
+    """At most five sentences; ``core`` is instruction set and compiler, ``drift`` the relative drift of the machine."""
     lines = ranking(measurements)
     sentences = [
         *_winners(measurements, [line for line in lines if line.name != PACE], core, drift),
@@ -74,6 +78,20 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
     machine = f" ({core}; drift {100.0 * drift:.0f} %)" if core else ""
     reached = f"{solver_lanes(len(reach), len(judged), 'reach')} {TIER_NAMES[at]} on {problems}"
     yield f"{reached}{chosen}{more}{fewer}{machine}."
+    yield from _known(judged, at)
+
+
+def _known(lines: Sequence[Line], at: Tier) -> Iterator[str]:
+    """Which of the libraries that people know first reach a tier by their own interface, and how far the others are."""
+    best: dict[str, int] = {}
+    for line in lines:
+        if line.solver in KNOWN and line.lane in LANE_NAMES:
+            best[line.solver] = max(best.get(line.solver, 0), line.results[at].right)
+    reach = [solver for solver in best if any(line.solver == solver and line.results[at].reached for line in lines)]
+    all_of_them = [f"{joined(reach)} {'reaches' if len(reach) == 1 else 'reach'} it on all problems"] if reach else []
+    short = [f"{solver} on {count}" for solver, count in best.items() if solver not in reach]
+    if len(best) >= FEWEST_KNOWN:
+        yield f"Of the libraries that people know first, {joined([*all_of_them, *short])}."
 
 
 def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:

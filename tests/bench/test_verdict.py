@@ -163,3 +163,16 @@ def test_a_wrapper_that_has_other_defaults_than_the_library_is_named_with_what_d
         "The default settings of daqp in the lane cvxpy differ from those in the lane direct: eps "
         "1e-05; direct: eps 1e-06."
     ]
+
+
+def test_a_sentence_says_which_of_the_known_libraries_reach_the_tier_and_how_far_the_others_get() -> None:
+    rows = [
+        *ladder(RIGHT, solver="daqp"),
+        *ladder(RIGHT, solver="osqp"),
+        *ladder({**RIGHT, "p1": [1e-5]}, solver="scs"),
+        *ladder({"p1": [1e-5], "p2": [1e-5], "p3": [1e-5]}, solver="scs", lane="cvxpy"),
+    ]
+    assert "Of the libraries that people know first, daqp and osqp reach it on all problems and scs on 2." in verdict(
+        measured(rows)
+    )
+    assert not any("people know first" in sentence for sentence in verdict(measured(rows[:6])))
