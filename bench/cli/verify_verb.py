@@ -21,7 +21,7 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
         found = verify_run(open_run(run), progress)
     if found.wrong:
         more = f", and {len(found.wrong) - 1} more" if len(found.wrong) > 1 else ""
-        raise RunError(f"{run}: does not agree with its answers: {found.wrong[0]}{more}")
+        raise RunError(f"{run} does not agree with its answers: {found.wrong[0]}{more}")
     lines = [
         f"{found.rows} rows agree: {found.first} first and {found.timed} timed answers were judged again against "
         f"{found.proofs} replayed proofs, and give the stored gaps to the last bit."

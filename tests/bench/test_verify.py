@@ -55,7 +55,9 @@ def test_a_run_whose_rows_were_edited_is_refused(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame], why: str
 ) -> None:
     run = clean_race.copied(tmp_path / "run", change)
-    assert why in piezobench("verify", run.path).refusal
+    refusal = piezobench("verify", run.path).refusal
+    assert f"{run.path} does not agree with its answers: " in refusal
+    assert why in refusal
 
 
 def test_a_problem_file_changed_in_one_bit_is_refused(
