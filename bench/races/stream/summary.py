@@ -200,7 +200,7 @@ def bouts(line: pd.Series) -> str:
     '1 bout of late answers, whether more often than the machine itself cannot be told'
     """
     low, high = line.bouts_ratio_low, line.bouts_ratio_high
-    count = f"{line.stalls} bout{'' if line.stalls == 1 else 's'} of late answers"
+    count = f"{line.stalls:.0f} bout{'' if line.stalls == 1 else 's'} of late answers"
     if not line.stalls:
         return f"no {count[2:]}"
     if low <= 1.0 and high > TOLD:
