@@ -15,7 +15,10 @@ from command_line import CommandLine
 from bench.cli.app import command_line
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
-from bench.report.words import number
+from bench.derived.ranking import ranking
+from bench.derived.verdict import KNOWN
+from bench.messages.verdict import Tier
+from bench.report.words import joined, number, rounded
 from bench.store import Run
 from solvers import Lane
 
@@ -114,3 +117,19 @@ def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
     assert f"on one core with {run.settings['machine']['core'].partition(',')[0]}:" in README.read_text(
         encoding="utf-8"
     )
+
+
+def test_the_answer_above_the_picture_is_that_of_the_reference_run() -> None:
+    found, text = Measurements.of(Run.open(ROOT / "results" / "reference")), " ".join(README.read_text("utf-8").split())
+    lines = {(line.solver, line.lane): line.results[Tier.HIGH] for line in ranking(found) if Tier.HIGH in line.results}
+    direct = {solver: result for (solver, lane), result in lines.items() if lane == Lane.DIRECT and solver in KNOWN}
+    by_time = sorted((result.us, solver) for solver, result in direct.items() if result.reached)
+    assert joined(f"{solver} {rounded(us, 0.05)} µs" for us, solver in by_time) in text
+    assert {solver: result.right for solver, result in direct.items() if not result.reached} == {
+        "clarabel": 17,
+        "piqp": 17,
+    }
+    assert f"{rounded(lines['box_active_set', Lane.DIRECT].us, 0.05)} µs from Python and 0.73 µs compiled" in text
+    verdict = " ".join((ROOT / "results/reference/report.md").read_text("utf-8").split())
+    for words in ("1e-9 on 5 of 18 problems", "begun at the straight line, 1e-9 on 10", "on 6 of 18 problems, smaller"):
+        assert words in verdict
