@@ -102,7 +102,9 @@ def separate(
     prepared = prepare(_through_inverse(recording, begin))
     trials = Trials.of(head, prepared, solving)
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
-    best = trials.best(Parameters(begin, T, free=True))
+    best = trials.best(none, Parameters(begin, T, free=True))
+    if best is None:
+        return Separated(recording, prepare(recording))
     finding = trials.judge(none, best, peak.gain)
     if not finding.kept:
         return Separated(recording, prepare(recording), finding=finding)
@@ -177,18 +179,22 @@ class Trials:
             fit_forward(self.recording, counted, s, states, v, solving, steps=steps, parameters=parameters),
         )
 
-    def best(self, one: Parameters) -> Fitted:
-        """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode."""
+    def best(self, none: Fitted, one: Parameters) -> Fitted | None:
+        """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode;
+        None if one gains nothing over no mode."""
 
         def better(best: Fitted, parameters: Parameters) -> Fitted:
             other = self.fit(parameters, best)
-            inside = bool(np.all(other.fit.free[self.structure.d :]))
+            assert other.fit.dynamics is not None  # it was made with parameters
+            inside = parameters.inside(other.fit.dynamics, other.fit.free[self.structure.d :])
             unknowns = parameters.vector.size - best.parameters.vector.size
             return other if inside and best.fit.improved_by(other.fit, unknowns) else best
 
         best = self.fit(one)
         g = best.at_optimum.start
         best = better(best, replace(one, start=replace(g, gains=(1.0 - SHARE,)), residual=True))
+        if not none.fit.improved_by(best.fit, best.parameters.vector.size - none.parameters.vector.size):
+            return None
         mode = g.frequencies_Hz[0], g.damping[0]
         second = Spectra(self.recording).peak([mode])
         if _is_plausible(second) and abs(math.log(second.frequency_Hz / mode[0])) > APART:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_model.dynamics import Dynamics
-from solvers.arrays import Vector
+from solvers.arrays import Mask, Vector
 
 FREQUENCY_RATIO, DAMPING_RATIO = 1.02, 1.5
 LONGEST = 20.0
@@ -23,6 +23,8 @@ SHORTEST_LAG = 0.02
 SMALLEST_GAIN = 0.01
 STEP = 1e-5
 """Change of a parameter for its derivative."""
+ROUNDING = 1e-9
+"""Distance of a sum of gains from 1 that is none."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,15 @@ class Parameters:
         if self.with_lag:
             low[-1] = SHORTEST_LAG
         return low, high
+
+    def inside(self, found: Dynamics, free: Mask) -> bool:
+        """Whether no bound of the search holds a parameter, of which some are ``free`` (k,). Stages without residual
+        compliance or delay exist, so a sum of the gains of 1 and a delay of 0 are no such bounds."""
+        modes, inside = len(found.frequencies_Hz), free.copy()
+        if self.residual:
+            inside[2 * modes] |= sum(found.gains) > 1.0 - ROUNDING
+        inside[modes * (3 if self.residual else 2)] |= found.delay_s == 0.0
+        return bool(np.all(inside))
 
     def at(self, theta: Vector) -> Dynamics:
         """The dynamics of θ (k,)."""
