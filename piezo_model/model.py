@@ -239,22 +239,24 @@ class HysteresisCreepModel(Immutable):
 
     @property
     def static(self) -> HysteresisCreepModel:
-        """The model without dynamics."""
-        return self if self.dynamics is None else replace(self, dynamics=None)
+        """The model without dynamics, with a warning if it has some."""
+        if self.dynamics is None:
+            return self
+        return replace(self, dynamics=None, report={**self.report, "left_out": f"the stage has {self.dynamics}"})
 
-    def require_static(self, what: str) -> None:
-        """Raise ModelError if the model has dynamics, which ``what`` would leave out."""
+    def require_static(
+        self, what: str, instead: str = "use its static part, model.static, or identify it with dynamics ignored"
+    ) -> None:
+        """Raise ModelError if the model has dynamics, which ``what`` would leave out, with what to do ``instead``."""
         if self.dynamics is not None:
-            raise ModelError(
-                f"{what} knows hysteresis and creep alone, and the model has {self.dynamics}; use its static part, "
-                "model.static, or identify it with dynamics ignored"
-            )
+            raise ModelError(f"{what} knows hysteresis and creep alone, and the model has {self.dynamics}; {instead}")
 
     @property
     def warning(self) -> str:
-        """The reason against a forced model, in one sentence; "" for any other model."""
-        refusal = self.report.get("refusal")
-        return "" if refusal is None else " ".join(f"The model was forced although {refusal}.".split())
+        """What speaks against a forced model, or one without the dynamics of the stage; "" for any other model."""
+        reasons = {"was forced": self.report.get("refusal"), "is without dynamics": self.report.get("left_out")}
+        sentences = (f"The model {how} although {why}." for how, why in reasons.items() if why is not None)
+        return " ".join(" ".join(sentences).split())
 
     def at(self, sample_time: float) -> HysteresisCreepModel:
         """The same model at another sampling period in s, which a controller or a signal may have.

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from bench.cli.options import Seed, refuse
+from bench.cli.options import NoDynamics, Seed, refuse, static_of
 from bench.comparison import report as comparison_report
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.comparison.versions import compare_versions
@@ -156,6 +156,7 @@ def deploy_verb(
         ),
     ] = None,
     simulated: Annotated[bool, typer.Option("--simulated", help="Allow the model of a simulated actuator.")] = False,
+    no_dynamics: NoDynamics = False,
     as_json: AsJson = False,
 ) -> None:
     """Choose the solver for a controller, and say why.
@@ -164,16 +165,18 @@ def deploy_verb(
     has the smallest p99.9 (99.9 % of its answers take at most this time). The model comes from --model, or from
     identifying the recording of the race. SelfLearningCompensator.load starts from the written file.
     """
-    if model is not None:
+    given = None
+    if model is None:
+        refuse(context, ("no_dynamics",), "is for a model that --model gives; those of a run are static")
+    else:
         refuse(context, ("problem", "simulated"), "selects a model of the run, and --model gives another")
+        given = static_of(HysteresisCreepModel.load(model), model, no_dynamics, "a self-learning compensator")
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target, others=filter(None, [model]))
     with progress_bar() as progress:
         progress("judging the model", 0, 2)
-        actuator = model_for(
-            opened, None if model is None else HysteresisCreepModel.load(model), problem, simulated, source=str(model)
-        )
+        actuator = model_for(opened, given, problem, simulated, source=str(model))
         progress("weighing the solvers", 1, 2)
         period_us = 1e6 * actuator.model.structure.sample_time
         lanes = tuple(lane or (Lane.KERNEL, Lane.DIRECT))

@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from bench.cli.options import Rate, RateLimit, XStart
+from bench.cli.options import NoDynamics, Rate, RateLimit, XStart, static_of
 from bench.export.realtime import real_time
 from bench.export.settings import EXACT_SOLVER, SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
@@ -68,6 +68,7 @@ def export_c_verb(
     x_start: XStart = None,
     rate: Rate = None,
     integral_gain: IntegralGain = 0.0,
+    no_dynamics: NoDynamics = False,
     name: Annotated[str, typer.Option(help="Prefix of the names of files, functions and types.")] = "piezo",
 ) -> None:
     """Write the compensator as C99 for a controller."""
@@ -82,6 +83,7 @@ def export_c_verb(
         part,
         solver,
         mode,
+        no_dynamics,
         precision=precision,
         name=name,
         rate_limit=rate_limit,
@@ -108,12 +110,13 @@ def export_fmu_verb(
     x_start: XStart = None,
     rate: Rate = None,
     integral_gain: IntegralGain = 0.0,
+    no_dynamics: NoDynamics = False,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
     from bench.export.fmu import write_fmu
 
     drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
-    loaded, settings = _opened(model, low, high, rate, "compensator", None, None, **drive)
+    loaded, settings = _opened(model, low, high, rate, "compensator", None, None, no_dynamics, **drive)
     if out.suffix != ".fmu":
         raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
     if out.exists():
@@ -136,13 +139,14 @@ def realtime_verb(
         int, typer.Option(min=0, max=99, help="Priority under SCHED_FIFO; 0 for the default scheduler.")
     ] = 80,
     core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last free one by default.")] = None,
+    no_dynamics: NoDynamics = False,
     out: Annotated[Path | None, typer.Option(help="JSON file to write histograms and figures to.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
     if out is not None:
         check_writable(out, others=[model])
-    loaded, settings = _opened(model, None, None, None, part, solver, mode, precision=precision)
+    loaded, settings = _opened(model, None, None, None, part, solver, mode, no_dynamics, precision=precision)
     result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
@@ -182,11 +186,13 @@ def _opened(
     part: Part | None,
     solver: LoopSolver | None,
     mode: Mode | None,
+    no_dynamics: bool = False,
     **options: Any,
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and export settings from a file of identify, by default of the compensator alone, or of deploy, by default
     of what was deployed; learning is continuous by default."""
     model, deployed = open_model(path)
+    model = static_of(model, path, no_dynamics, "the exported C")
     part = part or ("learning" if deployed else "compensator")
     if part != "learning" and (solver or mode):
         raise typer.BadParameter(

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.options import NoDynamics, static_of
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.recorder import check
 from bench.live.reference import ReferenceError, constant, of_file, sine, staircase
@@ -52,6 +53,7 @@ def live_verb(
     integral_gain: Annotated[
         float, typer.Option(min=0.0, help="Gain of the integral action beside the compensation, 1/s.")
     ] = 0.0,
+    no_dynamics: NoDynamics = False,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE.parquet", help="File for the recording, which identify can read.")
     ] = None,
@@ -88,12 +90,14 @@ def live_verb(
         )
     stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
     declared = Declared.of(stage.make(), str(stage))
-    first = first_model(model, declared, 1.0 / rate)
+    first = first_model(model, declared, 1.0 / rate, dynamics=not no_dynamics)
     if learn != "off":
-        first.require_static("a self-learning compensator")
-    elif first.dynamics is not None:
+        first = static_of(first, model, no_dynamics, "a self-learning compensator")
+    if first.dynamics is not None:
         lag = quantity(first.dynamics.lag_s(1.0 / rate), "s", 3)
         console.print(f"The output lags the reference by {lag}, since the dynamics of the stage are inverted.")
+    if first.warning:
+        console.print(first.warning)
     (low, high), sample_time, unit = sorted(declared.y_range), 1.0 / rate, declared.output_unit
     centre = 0.5 * (low + high)
     if reference is not None:

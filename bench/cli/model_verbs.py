@@ -24,7 +24,9 @@ from bench.fleet.storage import absolute
 from bench.fleet.works import Validating
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, print_result
+from piezo_model import checks
 from piezo_model.deployment import open_model
+from piezo_model.model import ModelError
 from piezo_model.recordings import read_reference, write_table
 from piezo_model.units import quantity
 
@@ -97,7 +99,9 @@ def simulate_verb(
     check_writable(out, others=[drive, model])
     loaded, _ = open_model(model)
     read = read_reference(drive, time=time, column=input, role="input", **reading)
-    given, loaded = read.suited(loaded.structure.input_unit, "input"), loaded.at(read.sample_time)
+    given = read.suited(loaded.structure.input_unit, "input")
+    with checks.refusing(ModelError, f"{model} with {drive}: "):
+        loaded = loaded.at(read.sample_time)
     s = loaded.structure
     state, began = loaded.initial_state(start), start or ("rest" if loaded.start is None else "recording")
     y = loaded.simulate(given.values, state)

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.fleet.storage import model_of
 from bench.messages.progress import Progress, silent
-from piezo_model import Compensator, HysteresisCreepModel, Recording, identify
+from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify
 from piezo_model.deployment import open_model
 from piezo_model.identification.direction import check_direction
 from piezo_model.identification.dynamics import DynamicsChoice
@@ -171,7 +171,9 @@ class Compensating(WithModel):
         for a preview; UnitError if the reference is in a unit that cannot be converted to the model's.
         """
         (model, deployed), read = open_model(further[0]), read_reference(recording, **self.opening)
-        model, reference = model.at(read.sample_time), read.suited(model.structure.output_unit)
+        reference = read.suited(model.structure.output_unit)
+        with checks.refusing(ModelError, f"{further[0]} with {recording}: "):
+            model = model.at(read.sample_time)
         s = model.structure
         lowest, highest = deployed.x_limits if deployed else s.x_range
         limits = (lowest if self.low is None else self.low, highest if self.high is None else self.high)

@@ -6,8 +6,9 @@ from typing import Literal
 
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.reference import Reference
-from piezo_model import HysteresisCreepModel, ModelStructure
+from piezo_model import HysteresisCreepModel, ModelStructure, checks
 from piezo_model.deployment import open_model
+from piezo_model.model import ModelError
 
 Learn = Literal["continuous", "cyclic", "off"]
 N, M = 5, 3
@@ -37,11 +38,13 @@ class Task:
         return self.declared.timeout_s + 1.0 / self.rate
 
 
-def first_model(file: Path | None, declared: Declared, sample_time: float) -> HysteresisCreepModel:
-    """The model in a file of ``identify`` or ``deploy``, in the units of the stage and at this sampling time; without a
-    file, the straight line through the ranges.
+def first_model(
+    file: Path | None, declared: Declared, sample_time: float, *, dynamics: bool = True
+) -> HysteresisCreepModel:
+    """The model in a file of ``identify`` or ``deploy``, or its static part without ``dynamics``, in the units of the
+    stage and at this sampling time; without a file, the straight line through the ranges.
 
-    UnitError if its units measure something else.
+    UnitError if its units measure something else; ModelError if the sampling time is too long for its dynamics.
     """
     if file is None:
         structure = ModelStructure.equidistant(
@@ -55,5 +58,7 @@ def first_model(file: Path | None, declared: Declared, sample_time: float) -> Hy
             output_unit=declared.output_unit,
         )
         return HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    model = open_model(file)[0].at(sample_time)
+    model = open_model(file)[0]
+    with checks.refusing(ModelError, f"{file}: "):
+        model = (model if dynamics else model.static).at(sample_time)
     return replace(model, structure=model.structure.in_units(declared.input_unit, declared.output_unit, str(file)))

@@ -7,7 +7,8 @@
     drift         a polynomial in time errs far less
     outlier       one output is far from all others
 
-A refusal is one sentence that names the explanation. Data on a curve with noise are not refused: they have no
+A refusal is one sentence that names the explanation; a resonance is no reason for one if dynamics are ignored on
+purpose. Data on a curve with noise are not refused: they have no
 hysteresis, and if the fit is no better than the line, the line is the model, since noise in the output biases the slope
 of (6) and not that of the line.
 
@@ -86,6 +87,8 @@ class Adequacy:
     """Whether a line is as good as the model."""
     refusal: str | None
     """The reason against the model, one sentence without its full stop."""
+    left_out: str | None
+    """The resonance that the output has, in place of a refusal, if dynamics are ignored; a sentence likewise."""
     one_way: bool
     """Whether the data are nearly a single branch."""
 
@@ -131,7 +134,9 @@ def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int
     )
 
 
-def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, solving: Solving, fit: Fit) -> Adequacy:
+def check_adequacy(
+    recording: Recording, fitted: ForwardFit, skip: int, solving: Solving, fit: Fit, *, dynamics_ignored: bool = False
+) -> Adequacy:
     """Compare a fit with a line, a cubic and other explanations of the recording."""
     s = fitted.structure
     # with many samples and few weights, the error of the fit is near that on held-out data
@@ -148,13 +153,15 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, solving:
     on_curve = scattered and hidden and curve < 1.2 * error + EXACT and line < 0.8 * float(data.v.std())
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
     good = error < GOOD and error < MUCH_BETTER * line
-    refusal = outlier(recording, counted, s.output_unit)
+    refusal, left_out = outlier(recording, counted, s.output_unit), None
     if refusal is None and not good and (not on_curve or curve > NOISY):
-        refusal = _late(data, s, error > MUCH_BETTER * line, compared)
-    if refusal is None and not good and not on_curve:
+        refusal, resonant = _late(data, s, error > MUCH_BETTER * line, compared)
+        if resonant and dynamics_ignored:
+            refusal, left_out = None, refusal
+    if refusal is None and left_out is None and not good and not on_curve:
         refusal = _mismatch(data, error, line, fit, compared)
-    on_curve = on_curve and refusal is None
-    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, is_one_way(data.thin_u))
+    on_curve = on_curve and refusal is None and left_out is None
+    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, left_out, is_one_way(data.thin_u))
 
 
 class _Data:
@@ -193,18 +200,23 @@ def is_undersampled(u: Vector) -> bool:
     return roughness(u) > ROUGH
 
 
-def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> str | None:
-    """The reason against a model that a resonance, a delay, a lack of samples or the sense of the loops gives; None
-    without one."""
+def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[str | None, bool]:
+    """The reason against a model that a resonance, a delay, a lack of samples or the sense of the loops gives, None
+    without one, and whether it is a resonance."""
     u, v = data.near_u, data.near_v
     leads = poor and sense(data.thin_u, data.thin_v) < REVERSED
     cubic = rms(residual(polynomials(2.0 * u - 1.0, 3), v))
     far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(rms(data.near_own), cubic)
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
     if resonant < min(far_better, delayed):
-        return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz: {compared}"
+        return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz: {compared}", True
     if delayed < far_better:
-        return f"the output is the drive with a delay of {quantity(delay * s.sample_time, 's', 3)}: {compared}"
+        return f"the output is the drive with a delay of {quantity(delay * s.sample_time, 's', 3)}: {compared}", False
+    return _misread(u, v, s, poor, leads, compared), False
+
+
+def _misread(u: Vector, v: Vector, s: ModelStructure, poor: bool, leads: bool, compared: str) -> str | None:
+    """The reason against a model that a lack of samples or the sense of the loops gives; None without one."""
     if poor and is_undersampled(u):
         period = 2.0 * math.pi / math.acos(max(1.0 - roughness(u), -1.0))
         return (

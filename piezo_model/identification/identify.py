@@ -331,7 +331,8 @@ class Fitting:
         found = fit_of(recording, s, recording.y - s.y_centre - s.y_scale * fit.y_model, skip, self.span)
         if final.drift is not None:
             recording = replace(recording, y=recording.y - s.y_scale * (final.drift.signals @ fit.further))
-        return check_adequacy(recording, fit, skip, self.solving, found), found
+        ignored = self.options.dynamics == "ignore"
+        return check_adequacy(recording, fit, skip, self.solving, found, dynamics_ignored=ignored), found
 
 
 def _reported(
@@ -354,6 +355,7 @@ def _reported(
         baseline=verdict.baseline,
         hysteresis=verdict.hysteresis,
         refusal=verdict.refusal,
+        left_out=verdict.left_out,
         one_way=verdict.one_way,
         excitation=problem.excitation_report(),
         certificate=None if straight else prove(problem, final.optimal),

@@ -244,7 +244,8 @@ class DynamicsFinding:
 class FitReport:
     """The ``report`` that is stored with an identified model.
 
-    ``refusal`` is the reason against a forced model; ``start`` says how the states before the first sample were found,
+    ``refusal`` is the reason against a forced model, and ``left_out`` what the output has of ignored dynamics;
+    ``start`` says how the states before the first sample were found,
     and ``parts`` has those before the others;
     ``passes`` and ``programs`` count the passes of the operators over the samples and the quadratic programs solved.
     """
@@ -255,6 +256,7 @@ class FitReport:
     baseline: Baseline
     hysteresis: bool
     refusal: str | None
+    left_out: str | None
     one_way: bool
     excitation: ExcitationReport
     certificate: Certificate | None
@@ -291,6 +293,8 @@ class FitReport:
         fit = self.fit
         if self.refusal is not None:
             yield 1e3, f"The model was forced although {self.refusal}."
+        if self.left_out is not None:
+            yield 1e3, f"The model is without dynamics although {self.left_out}."
         if s.negative_gain:
             yield 200.0, "The output falls as the input rises; model, inverse and compensator have that sign."
         if not self.hysteresis:

@@ -2,6 +2,7 @@
 cannot compensate it."""
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,14 @@ import pytest
 from command_line import CommandLine
 
 from piezo_model import Dynamics, HysteresisCreepModel, ModelStructure, OperatorState
+from piezo_model.deployment import Deployment
 from piezo_model.recordings import write_table
 from piezo_model.units import quantity
 
 T = 1e-4
 DYNAMICS = Dynamics((400.0,), (0.02,), (1.0,), 1.5 * T)
+REFERENCE_RUN = Path(__file__).parent.parent.parent / "results" / "reference"
+LEFT_OUT = "The model is without dynamics although the stage has a resonance at"
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +35,9 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     odd = 400.0 / 9.0  # a triangle has odd harmonics alone, here one on the resonance
     triangle = np.minimum(3.0 + 12.0 * np.abs(2.0 * ((odd * t) % 1.0) - 1.0), 150.0 * t)
     write_table(folder / "scan.csv", {"time_s": t, "reference_um": triangle})
+    write_table(folder / "slow.csv", {"time_s": 10.0 * t, "reference_um": triangle, "voltage_V": x})
     words = ("--n", 3, "--m", 1, "--rates", "none")
-    for options in ((), ("--dynamics", "ignore", "--force")):
+    for options in ((), ("--dynamics", "ignore")):
         call = piezobench("identify", "stage.csv", "--out", f"{len(options)}.json", *words, *options, folder=folder)
         assert call.status == 0, call.stderr
     return folder
@@ -42,7 +47,7 @@ def test_the_model_has_the_resonance_and_without_it_has_a_large_error(desk: Path
     dynamics = HysteresisCreepModel.load(desk / "0.json").dynamics
     assert dynamics is not None
     assert dynamics.frequencies_Hz[0] == pytest.approx(400.0, rel=1e-3)
-    ignored = HysteresisCreepModel.load(desk / "3.json")
+    ignored = HysteresisCreepModel.load(desk / "2.json")
     assert ignored.dynamics is None
     assert ignored.report["fit"]["rms_percent"] > 5.0
 
@@ -66,18 +71,54 @@ def test_a_scan_is_compensated_after_a_declared_lag_without_lag_or_not_at_all(
     assert f"The output lags the reference by {quantity(lag, 's', 3)}, after which" in call.stdout
 
 
+def test_the_static_part_is_exported_with_a_warning_in_what_is_written(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    for verb, target in (("export-c", "c"), ("export-fmu", "stage.fmu")):
+        call = piezobench(verb, desk / "0.json", target, "--no-dynamics", folder=tmp_path)
+        assert call.status == 0, call.stderr
+        assert LEFT_OUT in " ".join(call.stderr.split())
+    assert LEFT_OUT in (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
+    with zipfile.ZipFile(tmp_path / "stage.fmu") as archive:
+        assert LEFT_OUT in archive.read("modelDescription.xml").decode()
+
+
+def test_the_static_part_is_deployed_and_learns_with_a_warning(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "c.json"
+    deploy = ("deploy", REFERENCE_RUN, "--model", desk / "0.json", "--no-dynamics", "--deadline", 1e6, "--out", out)
+    live = ("live", desk / "0.json", "--no-dynamics", "--simulate", "relay_preisach", "--seconds", 0.2, "--no-page")
+    for words in (deploy, live):
+        call = piezobench(*words)
+        assert call.status == 0, call.stderr
+        assert LEFT_OUT in " ".join(call.stdout.split())
+    assert LEFT_OUT in Deployment.load(out).model.warning
+
+
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
         (
-            ("compensate", "3.json", "scan.csv", "--out", "x.csv", "--preview"),
+            ("compensate", "2.json", "scan.csv", "--out", "x.csv", "--preview"),
             "the model has no dynamics, so --preview",
         ),
         (("compensate", "0.json", "scan.csv", "--out", "x.csv", "--preview", "--no-dynamics"), "inverts the dynamics"),
-        (("export-c", "0.json", "c"), "the exported C knows hysteresis and creep alone, and the model has a"),
+        (
+            ("compensate", "0.json", "slow.csv", "--out", "x.csv"),
+            "0.json with slow.csv: the resonance at 400 Hz is above 35 % of the sampling rate, 1000 Hz",
+        ),
+        (
+            ("simulate", "0.json", "slow.csv", "--out", "x.csv"),
+            "0.json with slow.csv: the resonance at 400 Hz is above 35 % of the sampling rate, 1000 Hz",
+        ),
+        (("export-c", "0.json", "c"), "0.json: the exported C knows hysteresis and creep alone, and the model has a"),
+        (("export-fmu", "0.json", "x.fmu"), "--no-dynamics takes its static part"),
+        (("realtime", "0.json"), "--no-dynamics takes its static part"),
+        (("deploy", REFERENCE_RUN, "--model", "0.json", "--out", "x.json"), "--no-dynamics takes its static part"),
         (
             ("live", "0.json", "--simulate", "relay_preisach", "--seconds", 1, "--no-page", "--rate", 10_000),
-            "a self-learning compensator knows hysteresis and creep alone",
+            "0.json: a self-learning compensator knows hysteresis and creep alone",
         ),
         (
             ("identify", "stage.csv", "--out", "x.json", "--dynamics", "guess"),

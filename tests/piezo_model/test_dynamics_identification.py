@@ -89,6 +89,16 @@ def test_a_second_mode_or_residual_compliance_is_found(modes: list[tuple[float, 
         assert found == pytest.approx((f, zeta, gain), rel=0.05)
 
 
+def test_two_modes_without_residual_compliance_are_found() -> None:
+    modes = [(300.0, 0.01, 0.8), (900.0, 0.02, 0.2)]
+    g = identify(made("maxwell_slip", "steps", modes)).dynamics
+    assert g is not None
+    assert g.frequencies_Hz == pytest.approx((300.0, 900.0), rel=2e-3)
+    assert g.damping == pytest.approx((0.01, 0.02), rel=0.1)
+    assert g.gains == pytest.approx((0.8, 0.2), rel=0.05)
+    assert g.delay_s == pytest.approx(DELAY_S, abs=0.1 * T)
+
+
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("noise_um", [0.002, 0.02, 0.2])
 @pytest.mark.parametrize("drive", DRIVES)
@@ -106,13 +116,11 @@ def test_a_faint_resonance_is_named_with_what_to_record() -> None:
     assert any("record steps of 20 ms to determine it" in sentence for sentence in model.report["findings"])
 
 
-def test_known_dynamics_stay_as_they_are_and_ignored_ones_are_a_reason_to_refuse() -> None:
+def test_known_dynamics_stay_as_they_are_and_impossible_ones_are_refused() -> None:
     recording, known = made("maxwell_slip", "steps", MODE), Dynamics((501.0,), (0.011,), (1.0,), 1.3 * T)
     model = identify(recording, n=5, m=3, dynamics=known)
     assert model.dynamics == known
     assert model.report["lag"] is None
-    with pytest.raises(IdentificationError, match="resonance at"):
-        identify(recording, dynamics="ignore")
     with pytest.raises(IdentificationError, match="the resonance at 5000 Hz is above 35 % of the sampling rate"):
         identify(recording, dynamics=Dynamics((5000.0,), (0.01,), (1.0,), 0.0))
     with pytest.raises(IdentificationError, match="dynamics must be one of estimate, ignore, not 'guess'"):
