@@ -38,10 +38,16 @@ class Checked:
     """NaN without an answer."""
     why: str = ""
     """What the solver said, if it has no answer."""
+    is_supported: bool = True
+    """Whether the solver takes such a program at all."""
 
     def is_within(self, level: float) -> bool:
         """Whether it is said to be solved, and is as near."""
         return self.claims and self.error <= level
+
+    def is_missed(self, level: float) -> bool:
+        """Whether the solver takes the program, and has no such answer."""
+        return self.is_supported and not self.is_within(level)
 
     def verdict(self) -> str:
         """What is wrong with it, in a few words."""
@@ -62,8 +68,9 @@ def checked(entry: Entry, finest: bool, problems: Sequence[RaceProblem], progres
         for done, problem in enumerate(problems):
             progress(f"{entry.name} {problem.name}", done, len(problems))
             form = problem.forms["raw"]
+            supported = True
             try:
-                claims, x, why = child.call(LIMIT_S, solved, entry, finest, form.unit, form.qp)
+                supported, claims, x, why = child.call(LIMIT_S, solved, entry, finest, form.unit, form.qp)
             except LateError:
                 claims, x, why = False, None, f"no answer within {LIMIT_S:g} s"
             except LostError as loss:
@@ -73,12 +80,12 @@ def checked(entry: Entry, finest: bool, problems: Sequence[RaceProblem], progres
             elif claims:
                 found.append(Checked(problem.name, claims, math.inf, "called solved, without a finite answer (d,)"))
             else:
-                found.append(Checked(problem.name, claims, math.nan, why))
+                found.append(Checked(problem.name, claims, math.nan, why, supported))
     return found
 
 
-def solved(entry: Entry, finest: bool, unit: float, qp: Problem) -> tuple[bool, Vector | None, str]:
-    """Whether a solver claims to have solved a program, its answer, and what it said otherwise."""
+def solved(entry: Entry, finest: bool, unit: float, qp: Problem) -> tuple[bool, bool, Vector | None, str]:
+    """Whether a solver takes a program, whether it claims to have solved it, its answer, and what it said otherwise."""
     cls = entry.load()
     try:
         solver = cls(**(cls.ladder(unit)[-1] if finest else {}))
@@ -86,10 +93,10 @@ def solved(entry: Entry, finest: bool, unit: float, qp: Problem) -> tuple[bool, 
         x = solver.solve()
         solution = solver.solution()
     except Unsupported as error:
-        return False, None, f"unsupported: {error}"
+        return False, False, None, str(error)
     except Exception as error:  # a library may raise anything, which is its answer
-        return False, None, f"{type(error).__name__}: {error}"
-    return bool(solution.found), np.array(x), str(solution.extras.get("status", ""))
+        return True, False, None, f"{type(error).__name__}: {error}"
+    return True, bool(solution.found), np.array(x), str(solution.extras.get("status", ""))
 
 
 def worst(found: Sequence[Checked], count: int) -> list[Checked]:
@@ -103,6 +110,7 @@ def row(found: Sequence[Checked]) -> dict[str, Any]:
     claimed = [each for each in found if each.claims]
     return counts | {
         "worse, called solved": sum(not each.is_within(LEVELS[-1]) for each in claimed),
-        "not solved, and said so": len(found) - len(claimed),
+        "not solved, and said so": sum(each.is_supported and not each.claims for each in found),
+        "unsupported": sum(not each.is_supported for each in found),
         "worst called solved": max((each.error for each in claimed), default=math.nan),
     }

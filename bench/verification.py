@@ -18,6 +18,7 @@ from bench.messages.verdict import Status
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import relative_gap
+from bench.report.words import settings_label
 from bench.store import Run, RunError
 from solvers.certificate import NotCertified, verify
 
@@ -53,8 +54,8 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
         first += len(row["answer"]) > 0
         timed += row["timed_call"] >= 0
         wrong += [
-            f"{row['solver']} ({row['lane']}) at {row['setting']} on {name[0]}/{name[1]}, {row['scaling']}, "
-            f"{row['timed']}: {why}"
+            f"{row['solver']} ({row['lane']}), {settings_label(row['setting']) or 'defaults'}, on {name[0]}/{name[1]}, "
+            f"{row['scaling']}, {row['timed']}: {why}"
             for why in _wrong(problems[name], row)
         ]
     return Verified(len(rows), first, timed, proofs, tuple(wrong))

@@ -100,14 +100,16 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
                 (entry.name, setting, *(f"{n:.1e}" if isinstance(n, float) else str(n) for n in counted.values()))
             )
             results.append({"solver": entry.name, "setting": setting, **counted, "answers": list(map(asdict, answers))})
-            right |= all(each.is_within(tolerance) for each in answers)
+            missed = [each for each in answers if each.is_missed(tolerance)]
+            right |= not missed and any(each.is_supported for each in answers)
         if not right:
             wrong += 1
-            missed = [each for each in answers if not each.is_within(tolerance)]
             ends = [f"{each.problem} ({each.verdict()})" for each in worst(missed, WORST)]
             lines.append(
                 f"{entry.name}, {setting}: not right within {tolerance:g} on {len(missed)} of {len(answers)}, such as "
                 f"{'; '.join(ends)}."
+                if missed
+                else f"{entry.name}: takes none of these programs."
             )
     if as_json:
         print_json({"problems": len(problems), "solvers": results})

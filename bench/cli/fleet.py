@@ -84,6 +84,7 @@ def process(
     document = {"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records"), "not_of_this_run": others}
     print_report(report(title, table, what, others=others), document, as_json, below)
     if len(refused):
+        are = "is" if len(refused) == 1 else "are"
         raise RecordingError(
-            f"{len(refused)} of {len(table)} recordings are refused; the table {out}/fleet.csv says why"
+            f"{len(refused)} of {len(table)} recordings {are} refused; the table {out}/fleet.csv says why"
         )

@@ -53,7 +53,7 @@ class Decision:
             finer = least.tail[self.by - 1]
             found.append(
                 f"Decided by the {name}, the finest percentile that all who qualify support: {finer.name} "
-                f"{finer.reason}, and {least.name} has {least.samples}."
+                f"{finer.reason} for {least.name}."
             )
         found += [f"Runner-up: {each.name}, {name} {number(each.time(self.by))} µs." for each in self.runners_up[:3]]
         count = len(self.refused)

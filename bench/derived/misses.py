@@ -23,11 +23,12 @@ COLUMNS = ["solver", "lane", "problem_set", "problem", "settings", "status"]
 FIGURES = ["cost_gap", "timed_gap", "violation", "answer_us"]
 
 
-def misses(measurements: Measurements) -> pd.DataFrame:
+def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     """COLUMNS, FIGURES and ``task``, one row for each solver lane and problem that it misses; lanes with the fewest
     misses first.
 
-    A lane that is right on no problem is left out: its problems do not differ. Settings are {} where a solver crashed.
+    A lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings are {}
+    where a solver crashed.
     """
     rows = measurements.field
     rows = rows[(rows.start == "cold") & (rows.scaling == measurements.scaling)]
@@ -35,7 +36,7 @@ def misses(measurements: Measurements) -> pd.DataFrame:
     judged = judged[judged.tier == Tier.HIGH].astype({"right": bool})
     missed = judged.assign(count=~judged.right, some=judged.right)
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
-    missed = missed.assign(**counts)[~judged.right & (counts.some > 0)]
+    missed = missed.assign(**counts)[~judged.right & (hopeless | (counts.some > 0))]
     order = ["count", "solver", "lane", "problem"]
     return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)[[*COLUMNS, *FIGURES, "task"]]
 
@@ -43,7 +44,7 @@ def misses(measurements: Measurements) -> pd.DataFrame:
 def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
     """The worst missed answers of at most ``most`` solver lanes, those with the fewest misses first, with names for
     their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
-    missed = misses(measurements)
+    missed = misses(measurements, hopeless=True)
     worst = missed.assign(gap=missed[["cost_gap", "timed_gap"]].max(axis=1)).sort_values("gap", ascending=False)
     for line in worst.drop_duplicates(["solver", "lane"]).sort_index().head(most).to_dict("records"):
         rows = measurements.every[measurements.every.task == line["task"]]

@@ -88,11 +88,11 @@ def percentile(sample: ArrayLike, q: float) -> Percentile:
     >>> percentile(np.arange(1, 1001), 0.99)
     Percentile(q=0.99, value=990.0, low=983.0, high=997.0, reason='')
     >>> percentile(np.arange(1000), 0.999).reason
-    'needs 2995 samples'
+    'needs 2995 samples and has 1000'
     """
     ordered = np.sort(np.asarray(sample, dtype=np.float64))
     if ordered.size < needed(q):
-        return Percentile(q, reason=f"needs {needed(q)} samples")
+        return Percentile(q, reason=f"needs {needed(q)} samples and has {ordered.size}")
     low, high = ranks(ordered.size, q)
     rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
     return Percentile(q, float(ordered[rank - 1]), float(ordered[low - 1]), float(ordered[high - 1]))

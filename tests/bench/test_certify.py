@@ -298,3 +298,15 @@ def test_the_published_set_holds_every_program_in_every_format_with_a_certificat
     for name in names[::10]:
         np.savez(tmp_path / "p.npz", **{field: arrays[f"{name}/{field}"] for field in ("P", "q", "lb", "ub")})
         main(str(tmp_path / f"set/{name}.json"), str(tmp_path / "p.npz"))
+
+
+def test_programs_that_a_solver_does_not_take_are_counted_apart_and_are_not_wrong(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    only_one = "        if problem.q.size > 1:\n            raise Unsupported('one variable only')\n"
+    keeps = "        self.problem = problem\n"
+    refusing = SOLVER.replace(keeps, only_one + keeps).replace("Lane, Solver\n", "Lane, Solver, Unsupported\n")
+    (tmp_path / "clipped.py").write_text(refusing)
+    said = piezobench("certify", "--set", "boxes", "--solver", tmp_path / "clipped.py", "--json")
+    (found,) = json.loads(said.stdout)["solvers"]
+    assert (said.status, found["unsupported"]) == (0, 200 - found["within 1e-09"])

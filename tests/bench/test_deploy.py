@@ -170,8 +170,8 @@ def test_the_finest_percentile_that_all_candidates_support_decides_and_few_calls
     assert f"; {name} of an answer 1 µs on the machine of the run (" in decision.sentences()[1]
     needed = {0: "", 1: "p99.9 needs 2995 samples", 2: "p99 needs 299 samples"}[by]
     sentence = (
-        f"Decided by the {name}, the finest percentile that all who qualify support: {needed}, and "
-        f"{decision.chosen.name} has {fewest}."
+        f"Decided by the {name}, the finest percentile that all who qualify support: {needed} and has {fewest} "
+        f"for {decision.chosen.name}."
     )
     assert (sentence in decision.sentences()) == (by > 0)
 

@@ -67,7 +67,7 @@ def test_a_bad_file_affects_only_its_own_row(
 ) -> None:
     out, call = serial
     assert call.refusal == (
-        f"piezobench identify: 1 of {COUNT + 1} recordings are refused; the table {out}/fleet.csv says why"
+        f"piezobench identify: 1 of {COUNT + 1} recordings is refused; the table {out}/fleet.csv says why"
     )
     assert f"{COUNT} of {COUNT + 1} recordings gave a model." in call.stdout
     table = table_in(out)
@@ -257,7 +257,7 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     stranger = tmp_path / "stranger.csv"
     stranger.write_bytes(recordings[0].read_bytes())
     call = piezobench("validate", models, *chosen, stranger, "--out-dir", tmp_path / "judged")
-    assert "1 of 3 recordings are refused" in call.refusal
+    assert "1 of 3 recordings is refused" in call.refusal
     own = "Judged on the recording that the model was fitted to, which says little about others: 2."
     assert own in " ".join(call.stdout.split())
     call = piezobench("validate", models / "stage0.json", recordings[1], "--out-dir", tmp_path / "others")

@@ -19,7 +19,12 @@ def test_a_sample_whose_range_covers_the_percentile_is_enough_and_one_value_less
     N = needed(q)
     assert q**N + (1 - q) ** N <= 0.05 < q ** (N - 1) + (1 - q) ** (N - 1)
     refused, given = percentile(np.arange(N - 1), q), percentile(np.arange(N), q)
-    assert (refused.value, refused.low, refused.high, refused.reason) == (None, None, None, f"needs {N} samples")
+    assert (refused.value, refused.low, refused.high, refused.reason) == (
+        None,
+        None,
+        None,
+        f"needs {N} samples and has {N - 1}",
+    )
     assert given.value is not None
     assert given.reason == ""
 
