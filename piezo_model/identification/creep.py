@@ -59,6 +59,8 @@ SHORTEST_HOLD, STEADY = 100, 1e-3
 """Fewest samples of a hold, and largest range of the drive in it, as a share of its whole range."""
 HELD_SHARE = 0.1
 """Smallest share of held samples at which they are judged alone."""
+NEGLIGIBLE = 0.005
+"""Upper limit of creep, as a share of the movement in a decade of time, below which the recording shows none."""
 MARGIN = 2.0
 """Standard errors by which the weight of a model may differ from its estimate here."""
 
@@ -99,6 +101,9 @@ class Determined:
     """Whether the drive tells a drift from hysteresis."""
     share: float
     chi_square: float
+    absent: bool
+    """Whether the held samples exclude more than negligible creep; beside those that move, a hysteresis that is no
+    function of plays may hide it."""
     independent: float
     """Number of independent samples in what is left of the output."""
 
@@ -146,12 +151,13 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Sol
     whole = _judged(null, signals, states, decays, rates, edges)
     hold = holds(recording)[at]
     held = hold >= 0
-    if whole.creep is None and np.count_nonzero(held) > HELD_SHARE * at.size:
-        levels = (hold[held, None] == np.unique(hold[held])).astype(np.float64)
-        resting = _judged(levels, signals[held], states[held], decays[held], rates, edges[:0])
-        if resting.creep is not None:
-            return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
-    return whole
+    if whole.creep is not None or np.count_nonzero(held) <= HELD_SHARE * at.size:
+        return replace(whole, absent=False)
+    levels = (hold[held, None] == np.unique(hold[held])).astype(np.float64)
+    resting = _judged(levels, signals[held], states[held], decays[held], rates, edges[:0])
+    if resting.creep is None:
+        return replace(whole, absent=resting.absent)
+    return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
 
 
 def holds(recording: Recording) -> NDArray[np.int64]:
@@ -201,6 +207,9 @@ def _judged(
         return max(min(independent_samples(np.split(error, edges)), freedom), 3.0)
 
     share, chi_square = _gain(error, drifting, creeping, independent)
+    unlimited = [(column, math.inf) for column, _ in creeping]
+    absent = driven and bool(creeping)
+    absent = absent and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].highest < NEGLIGIBLE
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
         creeping = []
     explained, significance = _gain(error, creeping, drifting, independent)
@@ -214,6 +223,7 @@ def _judged(
         known >= DRIFT_INFORMATION,
         share,
         chi_square,
+        absent,
         independent_samples(np.split(left_over, edges)),
     )
 

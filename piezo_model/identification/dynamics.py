@@ -226,7 +226,8 @@ class Trials:
             reason = "its frequency is uncertain"
         elif not falls:
             reason = "the error on held-out data does not fall"
-        without, behind = (50.0 * math.sqrt(squares.sum() / count) for squares in (before, after))
+        scale = 100.0 * abs(self.structure.y_scale) / float(np.ptp(self.recording.y[self.counted]))
+        without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
         return _finding(best.fit, best.parameters, (without, behind), gain, reason)
 
     def _held_out(self, fitted: Fitted, block: int) -> Vector:

@@ -198,9 +198,9 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     progress("creep", 1, 4)
     determined = determine(static, counted_from(recording, prepared.skip), prepared.fit, solving)
     progress("orders", 2, 4)
-    selection, near = _chosen(static, prepared, determined, options, solving)
-    progress("fit", 3, 4)
     fitting = Fitting(recording, separated, determined, options, solving)
+    selection, near = fitting.chosen()
+    progress("fit", 3, 4)
     final, lag = fitting.final(near)
     verdict, found = fitting.judged(final)
     if verdict.refusal is not None and not options.force:
@@ -215,25 +215,6 @@ class Near:
     structure: ModelStructure
     states: Sequence[OperatorState]
     v: Vector
-
-
-def _chosen(
-    recording: Recording, prepared: Prepared, determined: Determined, options: Options, solving: Solving
-) -> tuple[Selection | None, Near]:
-    """The choice of the orders, and where the final fit begins."""
-    fit, s = prepared.fit, prepared.structure
-    rates = s.creep_rates
-    if options.chooses_creep and determined.creep is not None:
-        rates = determined.rates
-    if options.structure is not None or (rates == s.creep_rates and None not in (options.n, options.m)):
-        return None, Near(s, fit.states, fit.v)
-    ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
-    ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
-    counted = counted_from(recording, prepared.skip)
-    selection = select(recording, counted, fit, determined, rates, solving, ns, ms)
-    best = selection.chosen
-    states = [state_on(s, state, best.structure) for state in fit.states]
-    return selection if None in (options.n, options.m) else None, Near(best.structure, states, best.v)
 
 
 @dataclass(frozen=True)
@@ -270,12 +251,32 @@ class Fitting:
         low, high = y_range(self.recording, self.prepared.skip)
         return high - low
 
+    def chosen(self) -> tuple[Selection | None, Near]:
+        """The choice of the orders, and where the final fit begins."""
+        prepared, options, determined = self.prepared, self.options, self.determined
+        fit, s = prepared.fit, prepared.structure
+        rates = s.creep_rates
+        if options.chooses_creep and determined.creep is not None:
+            rates = determined.rates
+        if options.structure is not None or (rates == s.creep_rates and None not in (options.n, options.m)):
+            return None, Near(s, fit.states, fit.v)
+        ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
+        ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
+        recording, static = self.separated.static, self.separated.parameters is None
+        counted = counted_from(recording, prepared.skip)
+        selection = select(recording, counted, fit, determined, rates, self.solving, self.span, ns, ms, static)
+        best = selection.chosen
+        states = [state_on(s, state, best.structure) for state in fit.states]
+        return selection if None in (options.n, options.m) else None, Near(best.structure, states, best.v)
+
     def final(self, near: Near) -> tuple[Final, Lag | None]:
         """The final fit, and the lag of the sensor, which is removed if that is wanted."""
         final, remove = self._fitted(self.recording, near), self.options.lag == "remove"
         if self.options.lag == "ignore" or self.separated.parameters is not None:  # which hold the delay
             return final, None
-        lag = estimate_lag(self.recording, final.fit, self.prepared.skip, final.drift, self.solving, remove=remove)
+        lag = estimate_lag(
+            self.recording, final.fit, self.prepared.skip, final.drift, self.solving, self.span, remove=remove
+        )
         if lag is not None and lag.removed:
             near = Near(near.structure, final.fit.states, final.fit.v)
             final = self._fitted(without_lag(self.recording, lag.samples), near)
@@ -374,6 +375,7 @@ def _reported(
             determined.rates,
             determined.share,
             determined.chi_square,
+            determined.absent,
         ),
         drift=None if final.drift is None else _drift(final, determined, fitting.span),
         intervals=intervals(fit) if known else None,

@@ -13,7 +13,8 @@ from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity, shown
 
 UNDETERMINED = "Creep is not determined by this recording; hold a step for a minute."
-ABSENT = "The recording shows no creep beside its hysteresis, although its drive would."
+INDISTINCT = "Creep cannot be distinguished from hysteresis in this recording; hold a step for a minute."
+ABSENT = "The recording shows no creep, although its drive would show it."
 
 FINDINGS = 4
 """Largest number of findings after the headline; the page has all of them."""
@@ -71,7 +72,7 @@ class Fit:
         """The errors in one sentence."""
         total = self.samples + self.skipped + self.missing
         every = f" of {total}" if total > self.samples else ""
-        without = f", as {self.missing} have no output" if self.missing else ""
+        without = f" ({self.missing} not counted)" if self.missing else ""
         return (
             f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
             f"model{where and ' ' + where}: RMS error of the output as a share of its full range, "
@@ -135,6 +136,12 @@ class Offset:
         """Whether the constant lowers the error by more than two per cent of itself."""
         return self.error_percent < 0.98 * self.error_without_offset_percent
 
+    def sentence(self, unit: str) -> str:
+        """The constant in words, and what it is good for if that shows."""
+        without, behind = percent(self.error_without_offset_percent), percent(self.error_percent)
+        gain = f"; without it the RMS error of the drive is {without} instead of {behind}" if without != behind else ""
+        return f"Constant term b = {quantity(self.value, unit, 3)}, input-referred{gain}."
+
 
 @dataclass(frozen=True)
 class CreepFinding:
@@ -147,14 +154,20 @@ class CreepFinding:
     """Rates in 1/s that the drive can determine beside any hysteresis."""
     share: float
     chi_square: float
+    absent: bool
+    """Whether more than negligible creep is excluded."""
+
+    @property
+    def clear(self) -> bool:
+        """Whether the recording tells creep from hysteresis."""
+        return self.determined or self.absent
 
     def sentence(self, rates: Sequence[float]) -> str:
         """What a user of a model with these rates should know; "" if nothing."""
         if self.determined:
             return "" if rates else "The recording holds creep, which the model leaves out."
-        if rates:
-            return f"The creep of the given rates is a guess. {ABSENT if self.rates else UNDETERMINED}"
-        return (ABSENT if self.rates else UNDETERMINED) * self.chosen
+        why = UNDETERMINED if not self.rates else ABSENT if self.absent else INDISTINCT
+        return f"The creep of the given rates is a guess. {why}" if rates else why * self.chosen
 
 
 @dataclass(frozen=True)
@@ -167,11 +180,14 @@ class Drive:
     highest_Hz: float
     """Highest frequency at which the output follows the drive; 0 without one."""
 
-    def sentence(self) -> str:
-        """The same in words."""
-        effects = {"hysteresis": self.hysteresis, "creep": self.creep, "a drift of the sensor": self.drift}
+    def sentence(self, creep: bool) -> str:
+        """The same in words, with creep if the recording tells it from hysteresis; otherwise that has a sentence of its
+        own (`CreepFinding`)."""
+        drift = "a drift of the sensor" if creep else "a drift"  # which may be creep
+        effects = {"hysteresis": self.hysteresis, "creep": creep, drift: self.drift}
         can, cannot = ([name for name, shown in effects.items() if shown is which] for which in (True, False))
         determined = f"This drive determines {_listed(can, 'and') or 'none of hysteresis, creep and drift'}"
+        cannot = [name for name in cannot if name != "creep"]
         but = f", but not {_listed(cannot, 'or')}" if can and cannot else ""
         dynamics = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
         return f"{determined}{but}; it shows {dynamics}."
@@ -229,10 +245,9 @@ class DynamicsFinding:
             )
             return
         for f, zeta, between in zip(self.frequencies_Hz, self.damping, self.intervals["frequencies_Hz"], strict=True):
-            yield (
-                f"A resonance at {quantity(f, 'Hz', 5)} ({between[0]:.5g} to {between[1]:.5g} Hz) with a damping of "
-                f"{100.0 * zeta:.3g} %."
-            )
+            low, high = (f"{end:.5g}" for end in between)
+            within = f" ({low} to {high} Hz)" if low != high else ""
+            yield f"A resonance at {quantity(f, 'Hz', 5)}{within} with a damping of {100.0 * zeta:.3g} %."
         without, behind = self.held_out_percent
         yield (
             f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; with "
@@ -281,12 +296,16 @@ class FitReport:
         return {
             **asdict(self),
             "headline": headline,
-            "drive": {**asdict(self.drive), "sentence": self.drive.sentence()},
+            "drive": {**asdict(self.drive), "sentence": self._drive_sentence},
             "creep": {**asdict(self.creep), "sentence": self.creep.sentence(structure.creep_rates)},
             "findings": findings[:FINDINGS],
             "advice": list(self._advice()),
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(structure)],
         }
+
+    @property
+    def _drive_sentence(self) -> str:
+        return self.drive.sentence(self.drive.creep and self.creep.clear)
 
     def _findings(self, s: ModelStructure) -> Iterator[tuple[float, str]]:
         """The important sentences, each with the error that its cause adds or would add, per cent of the range."""
@@ -301,7 +320,8 @@ class FitReport:
             yield (
                 150.0,
                 "No hysteresis: the data lie on a single curve, which a line describes to "
-                f"{percent(fit.line_percent)} and a cubic to {percent(fit.cubic_percent)}.",
+                f"{percent(fit.line_percent)}, a cubic to {percent(fit.cubic_percent)} and this model to "
+                f"{percent(fit.rms_percent)}.",
             )
         if fit.skipped:
             transient = fit.skipped_max_percent > FAR_MORE * fit.max_percent
@@ -322,15 +342,16 @@ class FitReport:
         if sentence := self.creep.sentence(s.creep_rates):
             yield 85.0, sentence
         if self.drift is not None:
+            who, why = ("sensor", "") if self.creep.clear else ("output", ", as by creep or a drift of the sensor")
             yield (
                 fit.rms_percent - self.drift.rms_percent + 1.0,
-                f"The sensor drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s, which is no part of the "
-                f"model; without the drift, the RMS error is {percent(self.drift.rms_percent)} of the range.",
+                f"The {who} drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s{why}; this is no part of the "
+                f"model, and without it the RMS error is {percent(self.drift.rms_percent)} of the range.",
             )
         if self.offset is not None and self.offset.pays:
             yield (
                 self.offset.error_without_offset_percent - self.offset.error_percent,
-                _offset_sentence(self.offset, s.input_unit),
+                self.offset.sentence(s.input_unit),
             )
         if self.dynamics is not None:
             without, behind = self.dynamics.held_out_percent
@@ -341,11 +362,11 @@ class FitReport:
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
-        yield self.drive.sentence()
+        yield self._drive_sentence
         if self.start in STARTS:
             yield STARTS[self.start]
         if self.offset is not None and not self.offset.pays:
-            yield _offset_sentence(self.offset, s.input_unit)
+            yield self.offset.sentence(s.input_unit)
         if self.lag is not None and not self.lag.pays:
             yield "The sensor shows no lag that is worth removing."
         if self.creep.determined and self.creep.chosen:
@@ -408,13 +429,6 @@ class FitReport:
             )
         elif self.lag is not None and self.lag.pays:
             yield "Remove the lag of the sensor with the option --lag remove."
-
-
-def _offset_sentence(offset: Offset, unit: str) -> str:
-    return (
-        f"Constant term b = {quantity(offset.value, unit, 3)}, input-referred; without it the RMS error of the drive "
-        f"is {percent(offset.error_without_offset_percent)} instead of {percent(offset.error_percent)}."
-    )
 
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:

@@ -57,7 +57,7 @@ class Candidate:
     v: Vector = field(repr=False)
     """Weights (d,) in slope coordinates."""
     error_percent: float
-    """RMS error of the output to first order, per cent of its range."""
+    """RMS error of the output to first order, per cent of its full range."""
     bic: float
 
     @property
@@ -74,6 +74,8 @@ class Selection:
     """All candidates, the best first."""
 
     candidates: tuple[Candidate, ...]
+    static: bool
+    """Whether the output is that of a static stage, and not one through the inverse of dynamics."""
 
     @property
     def chosen(self) -> Candidate:
@@ -84,10 +86,12 @@ class Selection:
     def sentence(self) -> str:
         """The choice in words."""
         best = min(self.candidates, key=lambda candidate: candidate.error_percent)
+        error, smallest = (f"{candidate.error_percent:.3g} %" for candidate in (self.chosen, best))
+        beside = "" if smallest == error else f"; the smallest error is the {smallest} of {best}"
+        inverse = "" if self.static else " These are errors behind the inverse of the dynamics, which amplifies noise."
         return (
-            f"Of {len(self.candidates)} pairs of orders, {self.chosen} has the smallest information criterion: an RMS "
-            f"error of the output of about {self.chosen.error_percent:.3g} % of its range, with {best} "
-            f"{best.error_percent:.3g} %."
+            f"Of {len(self.candidates)} pairs of orders, {self.chosen} has the smallest information criterion, with an "
+            f"RMS error of the output of about {error} of its range{beside}.{inverse}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -127,10 +131,13 @@ def select(
     determined: Determined,
     rates: Sequence[float],
     solving: Solving,
+    span: float,
     ns: Sequence[int] = HYSTERESIS_ORDERS,
     ms: Sequence[int] = SUPERPOSITION_ORDERS,
+    static: bool = True,
 ) -> Selection:
-    """Choose the orders among ``ns`` and ``ms``, for given creep rates, in the neighbourhood of a fit.
+    """Choose the orders among ``ns`` and ``ms``, for given creep rates, in the neighbourhood of a fit; ``span`` is the
+    output's full range.
 
     Candidates with too few samples for their weights are left out, except the first.
     """
@@ -146,8 +153,8 @@ def select(
     noise = noise_floor(recording, counted, fit.error)
     independent = max(fit.independent, determined.independent, np.count_nonzero(counted) * fit.cost / noise)
     slope = float(np.mean(fit.v[fit.structure.slices[1]]))
-    candidates = [_candidate(s, union, gram, moved, determined, slope, independent, solving) for s in orders]
-    return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
+    candidates = [_candidate(s, union, gram, moved, determined, slope, independent, solving, span) for s in orders]
+    return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)), static)
 
 
 def _gram(
@@ -200,6 +207,7 @@ def _candidate(
     slope: float,
     independent: float,
     solving: Solving,
+    span: float,
 ) -> Candidate:
     """The fit of one structure from the Gram matrix; a drift is fitted beside it."""
     names = {name: i for i, name in enumerate(_labels(union))}
@@ -224,7 +232,7 @@ def _candidate(
     cost = max(float(z @ P @ z + 2.0 * q @ z + c), np.finfo(float).tiny)
     unknowns = np.count_nonzero(z[: s.d] > low[: s.d])
     bic = independent * math.log(cost) + unknowns * math.log(independent)
-    return Candidate(s, z[: s.d], 50.0 * math.sqrt(cost), bic)
+    return Candidate(s, z[: s.d], 100.0 * abs(s.y_scale) * math.sqrt(cost) / span, bic)
 
 
 def _labels(s: ModelStructure) -> list[tuple[str, float]]:

@@ -14,9 +14,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from piezo_model.identification.error_model import IdentificationError, Solving, counted_from, spans
-from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
+from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
+from piezo_model.identification.intervals import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.report import Lag
 from piezo_model.identification.start import moving_from
 from piezo_model.recordings import Recording
@@ -33,6 +35,8 @@ RESOLUTION = 0.01
 """Resolution of the lag in samples."""
 SMALLEST = 0.1
 """Smallest lag in samples that is worth removing."""
+CHANCE = 1e-3
+"""Largest probability of the gain without a lag."""
 ROUNDS, STEPS = 8, 2
 """Most advances of the output, and steps of the fit after each."""
 
@@ -79,9 +83,19 @@ def without_lag(recording: Recording, lag: float) -> Recording:
 
 
 def estimate_lag(
-    recording: Recording, fit: ForwardFit, skip: int, drift: Columns | None, solving: Solving, *, remove: bool
+    recording: Recording,
+    fit: ForwardFit,
+    skip: int,
+    drift: Columns | None,
+    solving: Solving,
+    span: float,
+    *,
+    remove: bool,
 ) -> Lag | None:
     """Return the delay of the output with the smallest error of the output, over the same samples for all delays.
+
+    Errors are shares of ``span``. The removal pays if the variance of the error falls by an F test, and the lag exceeds
+    its interval.
 
     None if the recording is too short, or the drive moves at its ends alone.
     """
@@ -105,19 +119,29 @@ def estimate_lag(
         advanced = without_lag(head, lag)
         return fit_forward(advanced, counted, fit.structure, states, near.v, solving, steps=STEPS, further=further)
 
-    found = lagging = fitted(0.0, fit, search=False)
+    found = searched = lagging = fitted(0.0, fit, search=False)
     lag = 0.0
     for _ in range(ROUNDS):
-        found = fitted(lag, found, search=True)
+        found = searched = fitted(lag, found, search=True)
         change = float(found.further[0])
         lag += change
         if abs(change) < RESOLUTION:
             break
     lag = 0.0 if lag < RESOLUTION else lag
     found = fitted(lag, found, search=False)
-    with_lag, without = (50.0 * math.sqrt(each.cost) for each in (lagging, found))
-    pays = lag > SMALLEST and lagging.improved_by(found, 1)
+    scale = 100.0 * abs(fit.structure.y_scale) / span
+    with_lag, without = (scale * math.sqrt(each.cost) for each in (lagging, found))
+    independent = lagging.independent
+    chance = f_distribution.sf(lagging.cost / max(found.cost, EXACT), independent, independent)
+    pays = bool(lag > max(SMALLEST, DEVIATIONS * _deviation(searched)) and chance < CHANCE)
     return Lag(lag, remove and lag > 0.0, with_lag, without, longest - lag <= RESOLUTION, pays)
+
+
+def _deviation(fit: ForwardFit) -> float:
+    """Standard error of the weight of the first further column."""
+    samples, time = sum(error.size for error in fit.errors), autocorrelation_time(fit.errors)
+    at = fit.structure.d
+    return math.sqrt(fit.cost * time / samples * float(inverse_over(fit.P, fit.free)[at, at]))
 
 
 def _rise(y: Vector) -> Vector:

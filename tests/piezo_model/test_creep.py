@@ -5,9 +5,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter, sawtooth
 
-from piezo_model import HysteresisCreepModel, Recording, identify
-from piezo_model.identification.report import ABSENT, UNDETERMINED
+from piezo_model import HysteresisCreepModel, Recording, identify, plants
+from piezo_model.identification.report import ABSENT, INDISTINCT, UNDETERMINED
 from piezo_model.operators import play
+from piezo_model.signals import multi_sine
 
 Vector = NDArray[np.float64]
 SAMPLE_TIME = 0.01
@@ -134,15 +135,54 @@ def test_given_rates_are_used_and_said_to_be_a_guess_where_the_recording_determi
     assert identify(recorded(u, stage(u)), n=3, m=1).structure.creep_rates == ()
 
 
-def test_a_drift_of_the_sensor_is_named_and_no_part_of_the_model() -> None:
+def of_a_creeping_plant(name: str, drive: Vector) -> Recording:
+    """At 1 kHz, from rest, with a noise of 0.02 µm."""
+    y = plants.get(name, sample_time=1e-3).run(drive)
+    return Recording.from_arrays(drive, y + np.random.default_rng(5).normal(0.0, 0.02, y.size), 1e-3)
+
+
+@pytest.mark.parametrize("name", ["duhem", "maxwell_slip"])
+def test_settling_creep_of_one_frequency_is_not_called_a_drift_of_the_sensor(name: str) -> None:
+    model = identify(of_a_creeping_plant(name, 75.0 * (1.0 + sawtooth(2 * np.pi * np.arange(8000) * 1e-3, 0.5))))
+    assert UNDETERMINED in model.report["findings"]
+    assert not any("The sensor drifts" in sentence for sentence in model.report["sentences"])
+    assert "a drift of the sensor" not in model.report["drive"]["sentence"]
+
+
+@pytest.mark.parametrize(("name", "seed"), [("relay_preisach", 2), ("bouc_wen", 1), ("maxwell_slip", 3)])
+def test_creep_that_the_hysteresis_hides_is_not_said_to_be_absent(name: str, seed: int) -> None:
+    u = multi_sine(duration_s=6.0, sample_time=1e-3, low=0.0, high=150.0, highest_Hz=10.0, seed=seed)
+    model = identify(of_a_creeping_plant(name, u))
+    assert model.report["creep"]["rates"]
+    assert INDISTINCT in model.report["findings"]
+    assert "creep" not in model.report["drive"]["sentence"]
+
+
+def test_that_creep_is_not_determined_is_said_once() -> None:
+    u = FAST["a triangle"]
+    report = identify(recorded(u, stage(u))).report
+    assert UNDETERMINED in report["sentences"]
+    assert "creep" not in report["drive"]["sentence"]
+    assert not report["drive"]["creep"]
+
+
+def test_a_drift_beside_one_frequency_is_named_but_may_be_creep_and_no_part_of_the_model() -> None:
     u = FAST["a triangle"]
     model = identify(recorded(u, stage(u) - 0.15 * TIME))
     found = model.report["drift"]
     assert model.structure.creep_rates == ()
     assert found["per_s"] == pytest.approx(-0.15, abs=3.0 * found["se"] + 1e-3)
     assert found["rms_percent"] < 0.15 < model.report["fit"]["rms_percent"]
-    assert any(sentence.startswith("The sensor drifts by -0.15 µm/s") for sentence in model.report["findings"])
+    named = "The output drifts by -0.15 µm/s, as by creep or a drift of the sensor; this is no part of the model"
+    assert any(sentence.startswith(named) for sentence in model.report["findings"])
     assert worst(model, SLOW) < 0.4
+
+
+def test_a_drift_beside_creep_that_is_determined_is_called_one_of_the_sensor() -> None:
+    u = np.concatenate([triangle(TIME / 2), SLOW])
+    model = identify(recorded(u, stage(u, creep=0.03) - 0.15 * SAMPLE_TIME * np.arange(u.size)))
+    assert model.structure.creep_rates
+    assert any(sentence.startswith("The sensor drifts by -0.15 µm/s;") for sentence in model.report["findings"])
 
 
 def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_states_that_it_has_then() -> None:

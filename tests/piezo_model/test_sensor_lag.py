@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from scipy.signal import sawtooth
 
-from piezo_model import Recording, identify
+from piezo_model import Recording, identify, plants
 from piezo_model.identification.sensor_lag import HALF_WIDTH, shift_output
 
 
@@ -17,6 +18,36 @@ def test_a_lag_of_the_sensor_is_found_to_a_hundredth_of_a_sample(lag: float) -> 
     found = identify(recording, n=2, m=1, creep_rates=(), force=True).report["lag"]
     assert found["samples"] == pytest.approx(lag, abs=0.01)
     assert found["error_without_lag_percent"] < 0.01 * found["error_percent"]
+
+
+def of_a_stage(name: str, x: np.ndarray, lag: float = 0.0, noise_um: float = 0.02) -> Recording:
+    y = plants.get(name, sample_time=1e-3).run(x)
+    y = np.interp(np.arange(y.size) - lag, np.arange(y.size), y)
+    return Recording.from_arrays(x, y + np.random.default_rng(4).normal(0.0, noise_um, y.size), 1e-3)
+
+
+T = np.arange(6000) * 1e-3
+TONES = 75.0 + 25.0 * sum(np.sin(2 * np.pi * f * T + f) for f in (0.7, 1.9, 4.3))
+TRIANGLE = 75.0 * (1.0 + sawtooth(2 * np.pi * T, 0.5))
+
+
+@pytest.mark.parametrize("name", ["relay_preisach", "maxwell_slip"])
+@pytest.mark.parametrize("x", [TONES, TRIANGLE])
+def test_a_stage_without_a_lag_is_not_said_to_have_one(name: str, x: np.ndarray) -> None:
+    report = identify(of_a_stage(name, x)).report
+    assert not report["lag"]["pays"]
+    assert not any(
+        "lags by" in sentence or "--lag" in sentence for sentence in [*report["findings"], *report["advice"]]
+    )
+
+
+@pytest.mark.parametrize("lag", [1.0, 3.0])
+def test_a_lag_in_noise_is_named_with_errors_that_are_shares_of_the_full_range(lag: float) -> None:
+    report = identify(of_a_stage("maxwell_slip", TONES, lag)).report
+    assert report["lag"]["pays"]
+    assert report["lag"]["samples"] == pytest.approx(lag, abs=0.3)  # creep lags, too
+    assert report["lag"]["error_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.03)
+    assert report["selection"]["table"][0]["error_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.1)
 
 
 @pytest.mark.parametrize("lag", [0.25, 0.5, 1.9, -0.4, -3.75, 10.01, 40.5, 0.0, 7.0])

@@ -1,0 +1,28 @@
+"""Sentences about an identification have the digits that make a difference."""
+
+from piezo_model.identification.report import DynamicsFinding, Offset
+
+
+def resonance(low: float, high: float) -> str:
+    """Sentence about a mode whose frequency has this interval."""
+    kept = DynamicsFinding(
+        True,
+        (0.5 * (low + high),),
+        (0.02,),
+        1e-3,
+        {"frequencies_Hz": [[low, high]], "damping": [[0.01, 0.03]], "delay_s": [[0.0, 2e-3]]},
+        (9.0, 0.3),
+        "",
+        0.5,
+    )
+    return next(kept.sentences())
+
+
+def test_the_interval_of_a_frequency_has_enough_digits_or_is_left_out() -> None:
+    assert "at 120 Hz (119.99 to 120.01 Hz) with" in resonance(119.99, 120.01)
+    assert "at 120 Hz with" in resonance(119.9999, 120.0001)
+
+
+def test_an_offset_is_said_to_lower_the_error_only_if_the_figures_differ() -> None:
+    assert "is 0.9 % instead of 0.2 %" in Offset(1.0, 0.2, 0.9).sentence("V")
+    assert Offset(1.0, 0.2101, 0.2102).sentence("V") == "Constant term b = 1 V, input-referred."
