@@ -1,7 +1,8 @@
 """Whether a model of hysteresis and creep is adequate for a recording, by few means.
 
-    line, cubic   the model errs as much as a line, or twice as much as a cubic: the model class does not fit
+    line, cubic   the model errs nearly as much as a line, or twice as much as a cubic: the model class does not fit
     loop sense    the output leads the drive: columns are swapped, or the drive is above a resonance
+    other way     a model of the drive by the output errs far less: columns are swapped
     resonance     v = b(z) / (1 − 2ρ cos φ z⁻¹ + ρ² z⁻²) u errs far less than model and cubic
     delay         a cubic in the drive some samples ago errs far less
     drift         a polynomial in time errs far less
@@ -26,6 +27,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from piezo_model.identification.direction import is_one_way, swapped
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving, counted_from
 from piezo_model.identification.forward import ForwardFit, fit_forward
@@ -47,10 +49,15 @@ WINDOW = 12_000
 """Samples, consecutive or spread over the recording, to which other explanations are fitted."""
 KNOTS = 24
 """Knots of a piecewise linear curve."""
+SMOOTH = 9
+"""Degree of the polynomials of a smooth curve."""
 MUCH_BETTER = 0.5
 """Largest ratio of another explanation's error to the model's that counts as better."""
+HARDLY_BETTER = 0.7
+"""Smallest ratio of the model's error to the line's at which the model class does not fit unless the error is noise:
+half of the line's squares are left."""
 NO_BETTER = 0.9
-"""Smallest ratio of the model's error to the line's at which it is no better."""
+"""Smallest ratio of another explanation's error to the line's at which it is no better."""
 GOOD = 1e-3
 """Error, as a share of the range, below which a model needs no alternative if it also halves that of a line."""
 EXACT = 1e-5
@@ -73,8 +80,6 @@ DAMPING = (0.003, 0.7)
 """Range of a resonance's damping ratio."""
 OUTLYING = 10.0
 """Smallest ratio of an outlier's distance from the median to that of any other sample."""
-ONE_WAY = 0.9
-"""Smallest share of the drive's travel in one direction that counts as a single branch."""
 
 
 @dataclass(frozen=True)
@@ -147,18 +152,22 @@ def check_adequacy(
     own = (y - s.y_centre - s.y_scale * fitted.y_model[counted]) / fit.span
     data = _Data(0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span, own)
     error, line = baseline.model_percent / 100.0, baseline.line_percent / 100.0
-    curve = rms(residual(hats(data.thin_u), data.thin_v))
-    scattered = curve < EXACT or correlation(residual(hats(data.near_u), data.near_v)) < WHITE
+    curve = rms(residual(curves(data.thin_u), data.thin_v))
+    scattered = curve < EXACT or correlation(residual(curves(data.near_u), data.near_v)) < WHITE
     hidden = curve < EXACT or error > LOOPS * curve  # loops much smaller than the noise still lower the error
     on_curve = scattered and hidden and curve < 1.2 * error + EXACT and line < 0.8 * float(data.v.std())
     compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
-    good = error < GOOD and error < MUCH_BETTER * line
+    poor = error > MUCH_BETTER * line
+    good = error < GOOD and not poor
     refusal, left_out = outlier(recording, counted, s.output_unit), None
     if refusal is None and not good and (not on_curve or curve > NOISY):
-        refusal, resonant = _late(data, s, error > MUCH_BETTER * line, compared)
+        refusal, resonant = _late(data, s, poor, compared)
         if resonant and dynamics_ignored:
             refusal, left_out = None, refusal
-    if refusal is None and left_out is None and not good and not on_curve:
+    unexplained = left_out is None and not on_curve
+    if refusal is None and unexplained and poor and (clause := swapped(recording, skip, 100.0 * error)):
+        refusal = f"{clause}: {compared}"
+    if refusal is None and unexplained and not good:
         refusal = _mismatch(data, error, line, fit, compared)
     on_curve = on_curve and refusal is None and left_out is None
     return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, left_out, is_one_way(data.thin_u))
@@ -181,13 +190,6 @@ class _Data:
         columns, grid = polynomials(2.0 * self.thin_u - 1.0, 3), polynomials(np.linspace(-1.0, 1.0, WINDOW), 3)
         steps = np.diff(grid @ np.linalg.lstsq(columns, self.thin_v, rcond=None)[0])
         return abs(float(steps.sum())) < VALLEY * float(np.abs(steps).sum())
-
-
-def is_one_way(x: Vector) -> bool:
-    """Whether a drive (N,) is nearly a single branch."""
-    travel = np.diff(x)
-    up, down = float(travel[travel > 0].sum()), -float(travel[travel < 0].sum())
-    return max(up, down) > ONE_WAY * max(up + down, 1e-300)
 
 
 def roughness(u: Vector) -> float:
@@ -239,7 +241,7 @@ def _misread(u: Vector, v: Vector, s: ModelStructure, poor: bool, leads: bool, c
 
 def _mismatch(data: _Data, error: float, line: float, fit: Fit, compared: str) -> str | None:
     """The reason against a model that errs as much as a line, a cubic, or a trend in time; None without one."""
-    no_better, cubic = error >= NO_BETTER * line, fit.cubic_percent / 100.0
+    no_better, cubic = error >= HARDLY_BETTER * line, fit.cubic_percent / 100.0
     drifts = fit.rms_percent >= NO_BETTER * fit.line_percent  # with a drift that the model leaves out
     trend = rms(residual(polynomials(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
     if drifts and trend < MUCH_BETTER * min(error, cubic):
@@ -270,6 +272,12 @@ def hats(u: Vector) -> Matrix:
     """Piecewise linear functions of u over knots with equally many samples between them, shape (N, ≤ KNOTS)."""
     at = np.unique(np.quantile(u, np.linspace(0.0, 1.0, KNOTS)))
     return np.column_stack([np.interp(u, at, row) for row in np.eye(at.size)])
+
+
+def curves(u: Vector) -> Matrix:
+    """Functions of 0 ≤ u ≤ 1 of which a curve is a combination: piecewise linear ones, and polynomials where it is
+    smooth and without noise."""
+    return np.hstack([hats(u), polynomials(2.0 * u - 1.0, SMOOTH)])
 
 
 def sense(u: Vector, v: Vector) -> float:

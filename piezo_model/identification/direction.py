@@ -7,17 +7,53 @@ reverses. The operators can only lag, so the drive explains the output and not v
 import math
 from dataclasses import replace
 
-from piezo_model.identification.adequacy import is_one_way
+import numpy as np
+
 from piezo_model.identification.error_model import Solving, one_thread
 from piezo_model.identification.report import percent
-from piezo_model.identification.start import USUAL, prepare, structure_of
+from piezo_model.identification.start import USUAL, moving_from, prepare, structure_of, y_range
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.evidence import REASONS
+from solvers.arrays import Vector
 
 SAMPLES = 20_000
 """Samples from the start to which both directions are fitted."""
 CLEAR = 1.15
 """Smallest ratio of the two errors that contradicts a guess."""
+STATED = 2.0
+"""The same for what a user or a header states."""
+ONE_WAY = 0.9
+"""Smallest share of the drive's travel in one direction that counts as a single branch."""
+
+
+def is_one_way(x: Vector) -> bool:
+    """Whether a drive (N,) is nearly a single branch."""
+    travel = np.diff(x)
+    up, down = float(travel[travel > 0].sum()), -float(travel[travel < 0].sum())
+    return max(up, down) > ONE_WAY * max(up + down, 1e-300)
+
+
+def errors_both_ways(part: Recording) -> list[float]:
+    """RMS errors of a model from input to output and of one from output to input, per cent of the range of each."""
+    errors = []
+    for way in (part, part.swapped()):
+        prepared = prepare(way, structure_of(way, *USUAL), Solving(), fit_range=True)
+        low, high = y_range(way, prepared.skip)
+        errors.append(100.0 * abs(prepared.structure.y_scale) * math.sqrt(prepared.fit.cost) / (high - low))
+    return errors
+
+
+def swapped(recording: Recording, skip: int, error_percent: float) -> str | None:
+    """A clause that input and output of a recording, whose model has this error, seem to be swapped; None if they do
+    not."""
+    if recording.uncounted.any():
+        return None
+    own, other = errors_both_ways(recording.head(moving_from(recording, skip) + SAMPLES))
+    if min(own, error_percent) < STATED * other:
+        return None
+    return (
+        f"input and output seem to be swapped, since a model the other way round leaves {percent(other)} of the range"
+    )
 
 
 @one_thread
@@ -32,11 +68,9 @@ def check_direction(recording: Recording) -> Recording:
     if recording.uncounted.any() or not {recording.reasons.get(role) for role in ("input", "output")} <= {*REASONS}:
         return recording
     part = recording.head(SAMPLES)
-    ways = [part, part.swapped()]
-    fits = [prepare(way, structure_of(way, *USUAL), Solving(), fit_range=True) for way in ways]
-    errors = [50.0 * math.sqrt(prepared.fit.cost) for prepared in fits]
+    errors = errors_both_ways(part)
     either = f"{percent(errors[0])} of the range as they were guessed and {percent(errors[1])} the other way round"
-    if any(is_one_way(way.x) for way in ways) or errors[1] < errors[0] <= CLEAR * errors[1]:
+    if is_one_way(part.x) or is_one_way(part.y) or errors[1] < errors[0] <= CLEAR * errors[1]:
         raise RecordingError(
             f"{recording.name}: cannot tell which column is the input and which the output: a model "
             f"leaves {either}; name them with --input and --output"

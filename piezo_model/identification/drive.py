@@ -10,8 +10,9 @@ Electroacoust. 15 (1967) 70–73.
 import numpy as np
 from scipy.signal import csd
 
-from piezo_model.identification.adequacy import is_one_way, is_undersampled
+from piezo_model.identification.adequacy import is_undersampled
 from piezo_model.identification.creep import Determined
+from piezo_model.identification.direction import is_one_way
 from piezo_model.identification.report import Drive
 from piezo_model.recordings import Recording
 

@@ -67,6 +67,43 @@ def test_errors_are_said_to_be_on_data_left_out_only_if_some_were(monkeypatch: p
     assert report["baseline"]["held_out"] == ("left out" in where)
 
 
+def levels(rng: np.random.Generator, size: int, hold: int) -> np.ndarray:
+    """Random levels between −1 and 1."""
+    return np.repeat(rng.uniform(-1.0, 1.0, size // hold), hold)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_model_that_is_hardly_better_than_a_line_is_refused_with_the_reason(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u = levels(rng, 20_000, 200)
+    made = Recording.from_arrays(u, noisy(rng, resonant(loops(rng, u, 0.2), 300.0, 0.7, 1e-4), 5e-4), 1e-4)
+    with pytest.raises(IdentificationError, match=r"this model leaves .* of the range and a straight line"):
+        identify(made)
+    report = identify(made, force=True).report
+    assert report["fit"]["rms_percent"] > 0.7 * report["fit"]["line_percent"]
+    assert report["lag"]["error_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_swapped_columns_of_noisy_steps_are_named(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u = levels(rng, 12_000, 400)
+    y = noisy(rng, loops(rng, u, 0.3), 0.005)
+    assert identify(Recording.from_arrays(u, y, SAMPLE_TIME)).report["refusal"] is None
+    with pytest.raises(IdentificationError, match="swapped"):
+        identify(Recording.from_arrays(y, u, SAMPLE_TIME))
+
+
+@pytest.mark.parametrize("curve", [lambda u: u**2 + u, lambda u: np.exp(2.0 * u), lambda u: np.tanh(1.5 * u)])
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_bent_curve_without_hysteresis_is_accepted_with_a_remark(curve: Callable, noise: float) -> None:
+    u = 0.1 + np.concatenate([np.linspace(-0.5, 0.9, 1000), np.linspace(0.9, -0.5, 1000)])
+    y = noisy(np.random.default_rng(0), curve(u), noise)
+    report = identify(Recording.from_arrays(u, y, SAMPLE_TIME)).report
+    assert report["refusal"] is None
+    assert any(finding.startswith("No hysteresis: ") for finding in report["findings"])
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_loops_that_are_smaller_than_the_noise_of_the_sensor_give_a_model(seed: int) -> None:
     rng = np.random.default_rng(seed)
