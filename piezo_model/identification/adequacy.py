@@ -57,7 +57,7 @@ HARDLY_BETTER = 0.7
 """Smallest ratio of the model's error to the line's at which the model class does not fit unless the error is noise:
 half of the line's squares are left."""
 NO_BETTER = 0.9
-"""Smallest ratio of another explanation's error to the line's at which it is no better."""
+"""The same of a model whose dynamics are ignored on purpose, and of other explanations."""
 GOOD = 1e-3
 """Error, as a share of the range, below which a model needs no alternative if it also halves that of a line."""
 EXACT = 1e-5
@@ -168,7 +168,8 @@ def check_adequacy(
     if refusal is None and unexplained and poor and (clause := swapped(recording, skip, 100.0 * error)):
         refusal = f"{clause}: {compared}"
     if refusal is None and unexplained and not good:
-        refusal = _mismatch(data, error, line, fit, compared)
+        no_better = error >= (NO_BETTER if dynamics_ignored else HARDLY_BETTER) * line
+        refusal = _mismatch(data, error, line, no_better, fit, compared)
     on_curve = on_curve and refusal is None and left_out is None
     return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, left_out, is_one_way(data.thin_u))
 
@@ -239,9 +240,9 @@ def _misread(u: Vector, v: Vector, s: ModelStructure, poor: bool, leads: bool, c
     return None
 
 
-def _mismatch(data: _Data, error: float, line: float, fit: Fit, compared: str) -> str | None:
+def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit, compared: str) -> str | None:
     """The reason against a model that errs as much as a line, a cubic, or a trend in time; None without one."""
-    no_better, cubic = error >= HARDLY_BETTER * line, fit.cubic_percent / 100.0
+    cubic = fit.cubic_percent / 100.0
     drifts = fit.rms_percent >= NO_BETTER * fit.line_percent  # with a drift that the model leaves out
     trend = rms(residual(polynomials(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
     if drifts and trend < MUCH_BETTER * min(error, cubic):
