@@ -76,7 +76,7 @@ def sentences(table: pd.DataFrame, what: str, others: Sequence[str] = ()) -> lis
         low, middle, high = fine.rms_percent.quantile([0.05, 0.5, 0.95])
         found.append(
             f"RMS error of the output, as a share of its range: {middle:.2g} % in the median, {low:.2g} % to "
-            f"{high:.2g} % in nine of ten. Unlike the others by more than {DISTANT:g} standard deviations: "
+            f"{high:.2g} % in nine of ten. Outliers (> {DISTANT:g} robust SD): "
             f"{int((fine.distance > DISTANT).sum())}."
         )
     if own := int(fine.get("own", pd.Series(dtype=bool)).sum()):

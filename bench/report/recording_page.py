@@ -209,7 +209,7 @@ def _spectrum(review: Review, unit: str) -> Figure:
     table = pd.DataFrame({"frequency_Hz": f, "density": density})[density > 0.0]
     return Figure(
         "spectrum",
-        "What is left over",
+        "Residual spectrum",
         "Amplitude density of the error by Welch's method. Level: noise; rising to the left: something slow that "
         "the model misses; a peak: a resonance or a hum.",
         table,

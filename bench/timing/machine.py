@@ -118,7 +118,7 @@ def warnings() -> list[str]:
     if governor.is_file() and governor.read_text().strip() != "performance":
         sentences.append(f"The frequency governor is {governor.read_text().strip()!r}, so the clock rate varies.")
     elif not governor.is_file():
-        sentences.append("The system does not say how it governs the clock rate.")
+        sentences.append("Frequency governor unknown.")
     info = Path("/proc/cpuinfo")
     if info.is_file() and "hypervisor" in info.read_text(encoding="utf-8", errors="replace"):
         sentences.append("This is a virtual machine, so neighbours may take time from it.")
@@ -184,14 +184,14 @@ def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[s
     Examples
     --------
     >>> disturbances([{"seconds": 60.0, "throttled": 0, "steal_percent": 2.0, "busy_cores": 1.0}])
-    ['A hypervisor gave 2.0 % of the machine to others while solvers were timed.']
+    ['CPU steal 2.0 % while solvers were timed.']
     """
     if not parts:
         return []
     sentences, seconds = [], max(sum(part["seconds"] for part in parts), 1e-9)
     steal = sum(part["steal_percent"] * part["seconds"] for part in parts) / seconds
     if steal > TOLERATED_STEAL:
-        sentences.append(f"A hypervisor gave {steal:.1f} % of the machine to others while solvers were timed.")
+        sentences.append(f"CPU steal {steal:.1f} % while solvers were timed.")
     if throttled := sum(part["throttled"] for part in parts):
         sentences.append(f"The processor throttled {throttled:.0f} times.")
     neighbours = sum(part["busy_cores"] * part["seconds"] for part in parts) / seconds - workers
@@ -199,5 +199,5 @@ def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[s
         sentences.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
     preemptions, calls = (sum(part.get(name, 0) for part in parts) for name in ("preemptions", "timed_calls"))
     if preemptions > TOLERATED_PREEMPTIONS * calls:
-        sentences.append(f"Solvers were taken off their core {preemptions:.0f} times in {calls:.0f} timed calls.")
+        sentences.append(f"{preemptions:.0f} preemptions in {calls:.0f} timed calls.")
     return sentences

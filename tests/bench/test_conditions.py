@@ -33,10 +33,10 @@ def quiet(**change: float) -> dict[str, float]:
 @pytest.mark.parametrize(
     ("parts", "workers", "expected"),
     [
-        ([quiet(steal_percent=3.0)], 1, ["A hypervisor gave 3.0 %"]),
+        ([quiet(steal_percent=3.0)], 1, ["CPU steal 3.0 %"]),
         ([quiet(throttled=2)], 1, ["The processor throttled 2 times"]),
         ([quiet(busy_cores=2.5)], 1, ["kept 1.5 cores busy"]),
-        ([quiet(preemptions=100)], 1, ["taken off their core 100 times in 10000"]),
+        ([quiet(preemptions=100)], 1, ["100 preemptions in 10000"]),
         ([quiet(), quiet()], 1, []),
         ([quiet(busy_cores=2.0)], 2, []),
         ([], 1, []),

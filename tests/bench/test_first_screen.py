@@ -18,7 +18,7 @@ TABLES = [path.relative_to(REFERENCE) for path in (REFERENCE / "summary.csv", *s
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the run, whose report is written anew."""
-    folder = tmp_path_factory.mktemp("shown") / REFERENCE.name
+    folder = tmp_path_factory.mktemp("shown") / "results" / REFERENCE.name  # the report names the path of its misses
     shutil.copytree(REFERENCE, folder, ignore=shutil.ignore_patterns("report.*", "*.csv", "*.svg"))
     return folder
 
@@ -26,7 +26,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def screen(piezobench: CommandLine, run: Path) -> list[str]:
     """The terminal after the report was written."""
-    call = piezobench("report", run.name, folder=run.parent)
+    call = piezobench("report", Path("results") / run.name, folder=run.parent.parent)
     assert (call.status, call.stderr) == (0, "")
     return call.stdout.splitlines()
 

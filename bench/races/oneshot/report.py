@@ -36,9 +36,9 @@ HEADINGS = {
     "problem_set": "problem set",
     "scaling": "scaling",
     "start": "start",
-    "left_out": "left out",
+    "left_out": "leave-one-out",
     "settings": "settings",
-    "optimum": "|V*| over yardstick",
+    "optimum": "|V*| / cost scale",
     "worst_primal_residual": "primal residual",
     "worst_dual_residual": "dual residual",
     "worst_weight_error": "weight error",
@@ -65,11 +65,11 @@ DEFINITIONS = (
     "settings: one for all problems, the loosest that meets the tier ten times over on every one, else three times, "
     "else once; those of the first problem are shown, since tolerances are multiples of a constant of each. A tier "
     "that no setting reaches on every problem is not reached.",
-    "left out: the setting is chosen on the problems that it is judged on. This is the share of them on which the "
+    "leave-one-out: the setting is chosen on the problems that it is judged on. This is the share of them on which the "
     "setting that the others choose is right; – where there are fewer than three problems.",
     "right: on how many problems the answer is as exact as the tier asks.",
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
-    "|V*| over yardstick: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative "
+    "|V*| / cost scale: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative "
     "to V* is that much looser.",
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
     "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
@@ -139,7 +139,7 @@ def report(run: Run) -> Report:
                 "among the timed answers that were judged.",
             ),
             Table(
-                "Ours beside each of the others",
+                "Our solver against each other solver",
                 BESIDE,
                 _beside(measurements, settings.get("field", {})),
                 2,
@@ -156,7 +156,7 @@ def report(run: Run) -> Report:
                 "1e-9: our exact solvers, and the five fastest others each in its fastest lane.",
             ),
             Table(
-                "What a wrapper costs",
+                "Wrapper overhead",
                 WRAPPERS,
                 _wrappers(measurements),
                 3,
@@ -166,7 +166,7 @@ def report(run: Run) -> Report:
             ),
             Table(
                 "Problems",
-                ("problem set", "problem", "unknowns", "optimum", "scaling", "V*", "yardstick", "|V*| over yardstick"),
+                ("problem set", "problem", "unknowns", "optimum", "scaling", "V*", "yardstick", "|V*| / cost scale"),
                 [
                     [
                         row.problem_set,
