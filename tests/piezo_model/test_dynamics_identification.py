@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from ringing_stage import T, recorded, steps
 
-from piezo_model import Dynamics, IdentificationError, Recording, identify, signals
+from piezo_model import Dynamics, IdentificationError, Recording, identify, plants, signals
+from piezo_model.identification.dynamics import GAIN
+from piezo_model.identification.resonance import Spectra
 
 SIZE = 40_000
 PLANTS = ("maxwell_slip", "relay_preisach", "bouc_wen", "duhem", "dense_prandtl_ishlinskii")
@@ -108,6 +110,17 @@ def test_no_resonance_is_found_where_there_is_none(kind: str, drive: str, noise_
     model = identify(made(kind, drive, [], noise_um), n=5, m=3, force=True)
     assert model.dynamics is None
     assert not any("resonance" in sentence for sentence in model.report["sentences"])
+
+
+def test_where_one_mode_gains_nothing_over_none_no_richer_dynamics_are_tried() -> None:
+    period, x = 1e-3, steps(40_000, 4, 0.02, 1e-3)
+    y = plants.get("bouc_wen", sample_time=period).run(x) + np.random.default_rng(4).normal(0.0, 0.02, x.size)
+    recording = Recording.from_arrays(x, y, period)
+    assert Spectra(recording).peak().gain > GAIN  # the scan alone would take it for a mode
+    model, ignored = (identify(recording, n=5, m=3, dynamics=choice) for choice in ("estimate", "ignore"))
+    assert model.dynamics is None
+    assert model.report["dynamics"] is None
+    assert model.report["passes"] < 4 * ignored.report["passes"]
 
 
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
