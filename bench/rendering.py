@@ -14,14 +14,14 @@ from markupsafe import Markup, escape
 
 
 def c_comment(text: str) -> Markup:
-    """Text inside a comment of C.
+    """Text inside a comment of C, with u for µ.
 
     Examples
     --------
-    >>> str(c_comment("N*m */ int main; ??/"))
-    'N_m _/ int main; _?/'
+    >>> str(c_comment("µm, N*m */ int main; ??/"))
+    'um, N_m _/ int main; _?/'
     """
-    return Markup(re.sub(r"[^ -~]|[*\\]|\?(?=\?)", "_", text))
+    return Markup(re.sub(r"[^ -~]|[*\\]|\?(?=\?)", "_", text.replace("µ", "u")))
 
 
 def c_string(text: str) -> Markup:
