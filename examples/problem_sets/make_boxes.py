@@ -10,6 +10,7 @@ import argparse
 import json
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from qpsolvers import Problem
@@ -18,9 +19,15 @@ from bench.problem_files.npz import packed_program
 from bench.problems import make
 from bench.problems.boxes import DATA, EACH, Boxes
 from piezo_model.atomic_file import replacing, write_text
+from piezo_model.identification_problem import Scaling
 from solvers.certificate_document import document
 
-SOURCES = {"paper": ("scaled",), "measured": ("scaled", "raw"), "orders": ("scaled", "raw"), "excitation": ("scaled",)}
+SOURCES: dict[str, tuple[Scaling, ...]] = {
+    "paper": ("scaled",),
+    "measured": ("scaled", "raw"),
+    "orders": ("scaled", "raw"),
+    "excitation": ("scaled",),
+}
 """Sets and scalings of the stored programs, in this order, of at most 60 variables."""
 LARGEST = 60
 
@@ -54,7 +61,7 @@ def as_qps(name: str, qp: Problem) -> str:
 def publish(folder: Path) -> None:
     """Write the set with its certificates."""
     folder.mkdir(parents=True)
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for problem in Boxes().problems():
         form = problem.forms["raw"]
         write_text(folder / f"{problem.name}.qps", as_qps(problem.name, form.qp))
