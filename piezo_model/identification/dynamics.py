@@ -26,11 +26,11 @@ from scipy.stats import f as f_distribution
 
 from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
+from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import IdentificationError, Solving, States, counted_from, spans
 from piezo_model.identification.forward import EXACT, ForwardFit, fit_forward
-from piezo_model.identification.intervals import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.report import DynamicsFinding
 from piezo_model.identification.resonance import Peak, Spectra
 from piezo_model.identification.selection import state_on

@@ -5,46 +5,22 @@
 where σ² is the variance of the error, and τ = 1 + 2 Σ ρ_k its autocorrelation time, so that N / τ samples are
 independent. A weight at its bound 0 has the interval from 0 to 1.96 of the deviations that it would have if released.
 The intervals are those for given orders; what the choice of orders adds is not in them.
-
-Source: A. Sokal, "Monte Carlo methods in statistical mechanics", 1996, section 3, for the window of the sum of ρ_k.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from piezo_model.figures import figures_of
+from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.model import HysteresisCreepModel
-from solvers.arrays import Mask, Matrix, Vector
 
-DEVIATIONS = 1.96
-WINDOW = 6.0
-"""Length of the sum of autocorrelations, in autocorrelation times."""
 STEP = 1e-4
 """Change of a weight for the derivatives of the figures, unit amplitudes."""
-
-
-def autocorrelation_time(errors: Sequence[Vector]) -> float:
-    """1 + 2 Σ ρ_k of the errors (N,) of each part, at least 1.
-
-    Examples
-    --------
-    >>> bool(autocorrelation_time([np.random.default_rng(0).normal(size=10_000)]) < 1.1)
-    True
-    """
-    mean, size = np.concatenate(errors).mean(), max(error.size for error in errors)
-    power = sum(np.abs(np.fft.rfft(error - mean, 2 * size)) ** 2 for error in errors)
-    correlation = np.fft.irfft(power)[:size]
-    if correlation[0] <= 0.0:
-        return 1.0
-    times = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
-    ended = np.flatnonzero(np.arange(times.size) >= WINDOW * times)
-    return max(1.0, float(times[ended[0] if ended.size else -1]))
 
 
 def intervals(fit: ForwardFit) -> dict[str, Any]:
@@ -73,14 +49,6 @@ def intervals(fit: ForwardFit) -> dict[str, Any]:
     spread = DEVIATIONS * np.sqrt(np.einsum("ik,ij,jk->k", slopes, C[np.ix_(free, free)], slopes))
     bounds = {name: [at[name] - wide, at[name] + wide] for name, wide in zip(at, spread.tolist(), strict=True)}
     return {"weights": ranges, "figures": bounds, "autocorrelation_time": time}
-
-
-def inverse_over(P: Matrix, free: Mask) -> Matrix:
-    """Inverse of P over the free unknowns, and 0 elsewhere."""
-    inverse, at = np.zeros_like(P), np.ix_(free, free)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(P)[free], np.finfo(float).tiny))
-    inverse[at] = np.linalg.pinv(P[at] * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(scale, scale)
-    return inverse
 
 
 def _moved(fit: ForwardFit, i: int) -> dict[str, float]:

@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import f as f_distribution
 
+from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.error_model import IdentificationError, Solving, counted_from, spans
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
-from piezo_model.identification.intervals import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.report import Lag
 from piezo_model.identification.start import moving_from
 from piezo_model.recordings import Recording

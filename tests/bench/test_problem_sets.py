@@ -222,7 +222,7 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
     made = make("recorded", options={"recording": str(tmp_path / "short.csv")})
     found = [problem.name for problem in made.problems()]
     assert {*found, *made.left_out} >= {f"n{n}-m{m}-{window}" for n, m in ORDERS for window in WINDOWS}
-    assert made.left_out["n5-m3-tenth"] == "8 samples are too few for 19 weights"
+    assert made.left_out["n5-m3-tenth"] == "8 samples are too few for 13 weights"
 
 
 def test_sets_that_need_a_file_are_not_among_those_of_a_seed() -> None:

@@ -23,9 +23,6 @@ from sklearn.utils.estimator_checks import check_array_api_input, parametrize_wi
 Vector = NDArray[np.float64]
 SAMPLE_TIME = 1e-3
 
-MEMORY = "a model of hysteresis has memory: what it predicts for a row depends on the rows before"
-EXCEPTIONS = {"check_methods_sample_order_invariance": MEMORY, "check_methods_subset_invariance": MEMORY}
-
 
 @pytest.fixture(scope="module")
 def recording() -> tuple[Vector, Vector]:
@@ -39,8 +36,6 @@ def recording() -> tuple[Vector, Vector]:
         HysteresisRegressor(n=3, m=1, column=0, skip=0),
         HysteresisRegressor(n=1, m=0, creep_rates=(100.0,), column=0, skip=0),
     ],
-    expected_failed_checks=lambda _: EXCEPTIONS,
-    xfail_strict=True,
 )
 def test_scikit_learn_finds_nothing_but_what_is_stated(estimator: Any, check: Any) -> None:
     if check.func is check_array_api_input:  # SciPy has to hear of it before it is imported

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification import forward, start
 from piezo_model.identification.adequacy import alternate_blocks
+from piezo_model.identification.autocorrelation import autocorrelation_time
 from piezo_model.identification.creep import holds
 from piezo_model.identification.forward import independent_samples
-from piezo_model.identification.intervals import autocorrelation_time
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.operators import play
 
