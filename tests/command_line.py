@@ -208,6 +208,14 @@ class CommandLine:
         """Run a call to its end."""
         return self.start(*words, folder=folder, largest_file=largest_file, encoding=encoding).wait()
 
+    def run(
+        self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8"
+    ) -> Finished:
+        """Run a call to its end, which must be a success."""
+        done = self(*words, folder=folder, largest_file=largest_file, encoding=encoding)
+        assert done.status == 0, (words, done.stdout, done.stderr)
+        return done
+
     def close(self) -> None:
         """Stop the server."""
         self.end_call()

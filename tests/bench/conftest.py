@@ -107,15 +107,13 @@ def killed_and_resumed(piezobench: CommandLine, run: Run, what: str, tasks: int,
     kept = saved(run, what)
     assert len(kept) >= tasks
     files = [word for word in words if str(word).endswith(".py")]
-    done = piezobench("resume", run.path, *(word for file in files for word in ("--solver", file)))
-    assert done.status == 0, done.stderr
+    done = piezobench.run("resume", run.path, *(word for file in files for word in ("--solver", file)))
     return Resumed(kept, done)
 
 
 def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
     """A finished one-shot race with these options."""
-    call = piezobench("race", "--out", out, "--name", name, *words)
-    assert call.status == 0, call.stderr
+    call = piezobench.run("race", "--out", out, "--name", name, *words)
     run = Run.open(out / name)
     return Race(run, run.rows(ONESHOT), call)
 

@@ -14,7 +14,7 @@ from solvers import Lane, find
 
 @pytest.mark.needs("gcc")
 def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine, tmp_path: Path) -> None:
-    done = piezobench(
+    done = piezobench.run(
         "race",
         "--lane",
         "codegen",
@@ -37,7 +37,6 @@ def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine,
         "--name",
         "run",
     )
-    assert done.status == 0, done.stderr
     run = Run.open(tmp_path / "run")
     rows = run.rows(ONESHOT)
     rows = rows[rows.lane == "codegen"].set_index("solver")

@@ -23,8 +23,7 @@ def exported(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) 
     folder, programs = tmp_path_factory.mktemp("exported"), tmp_path_factory.mktemp("programs")
     write_mat(programs / "drawn.mat", draw(0))
     for words in (("--set", "noise", "--limit", 2), ("--set", "foreign", "--folder", programs)):
-        call = piezobench("problems", *words, "--export", folder)
-        assert call.status == 0, call.stderr
+        piezobench.run("problems", *words, "--export", folder)
     return folder
 
 
@@ -74,8 +73,7 @@ CHANGES = {
 def test_saved_problems_are_verified_as_they_are(
     piezobench: CommandLine, exported: Path, words: tuple[str, ...]
 ) -> None:
-    call = piezobench("problems", *words, "--verify", "--from", exported)
-    assert call.status == 0, call.stderr
+    call = piezobench.run("problems", *words, "--verify", "--from", exported)
     count = 2 if words else 3
     assert f"{count} of {count} problems are certified in every scaling (100 %): every proof holds." in call.stdout
 

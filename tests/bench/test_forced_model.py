@@ -28,8 +28,7 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     refusal = piezobench(*words, folder=folder).refusal
     assert "noise.csv: the output is noise that does not follow the drive" in refusal
     assert not (folder / "model.json").exists()
-    call = piezobench(*words, "--force", folder=folder)
-    assert call.status == 0
+    call = piezobench.run(*words, "--force", folder=folder)
     assert WARNING in " ".join(call.stdout.split())
     return folder
 
@@ -37,8 +36,7 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
 def test_exported_sources_and_their_description_carry_the_warning(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
-    call = piezobench("export-c", desk / "model.json", tmp_path / "c")
-    assert call.status == 0
+    call = piezobench.run("export-c", desk / "model.json", tmp_path / "c")
     assert WARNING in call.stderr.replace("\n", " ")
     for name in ("README.md", "piezo_parameters.h"):
         assert WARNING in (tmp_path / "c" / name).read_text(), name
@@ -78,8 +76,7 @@ def test_a_table_made_from_a_forced_model_is_marked_and_read_all_the_same(
     piezobench: CommandLine, desk: Path, tmp_path: Path, verb: str, suffix: str
 ) -> None:
     out, given = tmp_path / f"made{suffix}", {"compensate": "wish.csv", "simulate": "noise.csv"}[verb]
-    call = piezobench(verb, desk / "model.json", desk / given, "--out", out)
-    assert call.status == 0
+    piezobench.run(verb, desk / "model.json", desk / given, "--out", out)
     if suffix == ".csv":
         first, header = out.read_text().splitlines()[:2]
         assert first.startswith(f"# {WARNING}")

@@ -161,8 +161,7 @@ def test_work_limits_the_proof_and_the_question_of_uniqueness_in_a_race_and_in_t
     raced = ("race", "--folder", tmp_path, *SHORT, "--solver", "clarabel", "--out", tmp_path / "results")
     for work, shown in ((1e6, "uniqueness undecided"), (1e7, "unique")):
         assert f" {shown} " in piezobench(*listed, "--verify", "--work", work).stdout
-        call = piezobench(*raced, "--work", work, "--name", f"{work:g}")
-        assert call.status == 0, call.stderr
+        piezobench.run(*raced, "--work", work, "--name", f"{work:g}")
         proof = Run.open(tmp_path / "results" / f"{work:g}").problem("foreign", "weak").forms["raw"].certificate
         assert proof.unique == {1e6: None, 1e7: True}[work]
     assert "no proof within 1e+05 bit operations" in piezobench(*raced, "--work", 1e5, "--name", "few").refusal
@@ -238,8 +237,7 @@ def raced(piezobench: CommandLine, folder: Path) -> tuple[Run, str]:
     """A race on the folder, and its output."""
     options = (*SHORT, "--lane", "qpsolvers", "--lane", "direct", "--out", folder / "results", "--name", "run")
     solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set")
-    call = piezobench("race", "--folder", folder, *solvers, *options)
-    assert call.status == 0, call.stderr
+    call = piezobench.run("race", "--folder", folder, *solvers, *options)
     return Run.open(folder / "results" / "run"), " ".join(call.stdout.split())
 
 
@@ -275,8 +273,7 @@ def test_test_sets_of_qpbenchmark_are_read_from_their_class(
     piezobench: CommandLine, folder: Path, tmp_path: Path
 ) -> None:
     library("qpbenchmark")
-    call = piezobench("problems", "--set", "foreign", "--folder", folder, "--export", tmp_path)
-    assert call.status == 0, call.stderr
+    piezobench.run("problems", "--set", "foreign", "--folder", folder, "--export", tmp_path)
     made = make("test_set", options={"test_set": str(tmp_path / "piezobench_foreign.py")})
     found = {problem.name: problem for problem in made.problems()}
     saved = [RaceProblem.load(path) for path in tmp_path.glob("*.npz")]
@@ -390,8 +387,7 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
     assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}
     assert len(list(found.problems())) == 3
     assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}
-    call = piezobench("problems", "--set", "foreign", "--folder", tmp_path)
-    assert call.status == 0
+    call = piezobench.run("problems", "--set", "foreign", "--folder", tmp_path)
     assert (
         "model.lp: is of a format that is not read; a program is in a file .npz, .mat, .qps, .mps, .sif, .qps.gz"
         in call.stdout

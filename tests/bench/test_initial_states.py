@@ -142,8 +142,7 @@ def test_files_in_mV_and_nm_give_what_those_in_V_and_um_give_and_the_conversion_
         ("x.csv", ("compensate", "wanted.csv"), "the reference is converted from nm to µm"),
     ):
         verb, *further = words
-        found = piezobench(verb, desk / "model.json", *further, "--out", name, folder=tmp_path)
-        assert found.status == 0, found.stderr
+        found = piezobench.run(verb, desk / "model.json", *further, "--out", name, folder=tmp_path)
         assert f"{further[0]}: {said}." in found.stdout
         further[0] = str(desk / ("stage.csv" if verb == "simulate" else "wanted.csv"))
         further[-1] = further[-1].replace("_mV", "_V")

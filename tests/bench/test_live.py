@@ -460,11 +460,10 @@ def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_re
     record, rate = tmp_path / "run.parquet", 200
     wanted = multi_sine(duration_s=20.0, sample_time=1.0 / rate, low=-16.8, high=16.5, highest_Hz=1.0)
     write_table(tmp_path / "wanted.csv", {"time_s": np.arange(wanted.size) / rate, "reference_um": wanted})
-    call = piezobench(
+    call = piezobench.run(
         "live", "--simulate", "relay_preisach", "--rate", rate, "--seconds", 20, "--reference", tmp_path / "wanted.csv",
         "--no-page", "--record", record,
     )  # fmt: skip
-    assert call.status == 0, call.stderr
     assert "The stage is at rest; the time is over." in call.stdout
     plant = plants.get("relay_preisach", sample_time=1.0 / rate)
     found = pd.read_parquet(record)
@@ -479,8 +478,7 @@ def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_re
     def error_of_model(name: str, *words: object) -> float:
         made = tmp_path / f"{name}.json"
         known = ("--input", "drive_V", "--output", "displacement_um", "--n", 5, "--m", 3, "--rates", "10,1,0.1")
-        call = piezobench("identify", tmp_path / name, *known, *words, "--out", made)
-        assert call.status == 0, call.stderr
+        piezobench.run("identify", tmp_path / name, *known, *words, "--out", made)
         plant.reset()
         drive = decaying_triangle(duration_s=10.0, sample_time=1.0 / rate, low=20.0, high=130.0)
         error = HysteresisCreepModel.load(made).simulate(drive) - plant.run(drive)
@@ -663,8 +661,7 @@ def test_a_stage_whose_output_falls_is_not_learned_unless_its_range_is_in_descen
         "    def close(self): pass\n"
     )
     words = ("--rate", RATE, "--seconds", 8, "--sine", "2Hz:12um", "--record", "run.parquet", "--no-page")
-    call = piezobench("live", "--device", "stage.py", *words, folder=tmp_path)
-    assert call.status == 0, call.stderr
+    call = piezobench.run("live", "--device", "stage.py", *words, folder=tmp_path)
     assert ("the output falls as the input rises" in " ".join(call.stdout.split())) == (not descending)
     recorded = pd.read_parquet(tmp_path / "run.parquet").iloc[-3 * RATE : -RATE // 2]
     error = recorded["displacement_um"] - recorded["reference_um"]

@@ -26,8 +26,7 @@ from solvers.certificate import verify
 def excitation(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, RaceProblem]]:
     """Output of ``--verify`` for the set, and its problems."""
     folder = tmp_path_factory.mktemp("excitation")
-    call = piezobench("problems", "--set", "excitation", "--verify", "--export", folder)
-    assert call.status == 0, call.stderr
+    call = piezobench.run("problems", "--set", "excitation", "--verify", "--export", folder)
     problems = [RaceProblem.load(path) for path in folder.glob("*.npz")]
     return call.stdout, {problem.name: problem for problem in problems}
 
@@ -187,7 +186,7 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
     )
     listed = piezobench("problems", "--set", "recorded", "--limit", 1, *reading)
     assert "n5-m3-whole" in listed.stdout, listed.stderr
-    raced = piezobench(
+    piezobench.run(
         "race",
         *reading,
         "--solver",
@@ -201,7 +200,6 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
         "--name",
         "run",
     )
-    assert raced.status == 0, raced.stderr
     options = json.loads((tmp_path / "run/run.json").read_text())["settings"]["set_options"]
     assert options == {
         "recording": str(tmp_path / "stage.txt"),

@@ -43,17 +43,13 @@ def test_a_recording_in_two_files_is_inspected_identified_validated_and_raced(
         {"time": "by name", "input": "as the only one left", "time_unit": "seconds"},
     )
     for verb in (("identify", "--out", "m.json", *FIT), ("validate", "m.json")):
-        call = piezobench(*verb, *two, "--page", f"{verb[0]}.html", folder=desk)
-        assert call.status == 0, call.stderr
+        call = piezobench.run(*verb, *two, "--page", f"{verb[0]}.html", folder=desk)
         assert "u.csv and y.csv: two files" in call.stdout
     model = json.loads((desk / "m.json").read_text())
     assert model["report"]["remarks"] == ["seconds are a guess, since nobody states the unit of the times"]
     assert "Seconds are a guess" in (desk / "identify.html").read_text()
     assert model["report"]["recording"] == Recording.open(desk / "whole.csv").digest()
-    call = piezobench(
-        "race", *two, "--solver", "box_active_set", "--limit", 1, "--out", desk, "--name", "r", folder=desk
-    )
-    assert call.status == 0, call.stderr
+    piezobench.run("race", *two, "--solver", "box_active_set", "--limit", 1, "--out", desk, "--name", "r", folder=desk)
     assert (
         "Missing argument 'recording', or --input FILE and --output FILE" in piezobench("inspect", folder=desk).stderr
     )
@@ -84,7 +80,6 @@ def test_repairs_are_printed_stored_and_on_the_page_and_strict_refuses_them_in_e
 
 def test_a_part_of_a_recording_is_identified(piezobench: CommandLine, desk: Path) -> None:
     part = ("--from", 1, "--to", 3, "--decimate", 2, "--time-unit", "s")
-    call = piezobench("identify", "whole.csv", *part, *FIT, "--out", "m.json", folder=desk)
-    assert call.status == 0, call.stderr
+    call = piezobench.run("identify", "whole.csv", *part, *FIT, "--out", "m.json", folder=desk)
     assert "1001 samples over 2 s, one every 2 ms" in call.stdout
     assert "read from row 1002 (data row 1001) on, one row in 2" in " ".join(call.stdout.split())

@@ -54,8 +54,7 @@ def stage(folder: Path, kind: str, samples: int = 12_000) -> Stage:
 def recorded(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Stage, Run]:
     folder = tmp_path_factory.mktemp("recorded")
     made = stage(folder, "bouc_wen")
-    call = piezobench("race", "--recording", made.path, *FEW, "--out", folder, "--name", "run")
-    assert call.status == 0, call.stderr
+    piezobench.run("race", "--recording", made.path, *FEW, "--out", folder, "--name", "run")
     return made, Run.open(folder / "run")
 
 
@@ -82,8 +81,7 @@ def test_deploy_uses_that_model_and_prints_its_error(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
     _, run = recorded
-    call = piezobench("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
-    assert call.status == 0, call.stderr
+    call = piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     error = run.settings["models"]["recorded"]["error_percent"]
     output = " ".join(call.stdout.split())
     assert (
@@ -135,10 +133,9 @@ def test_a_model_in_other_units_than_the_recording_of_the_race_is_judged_in_its_
     identify(opened, n=5, m=3, creep_rates=(10.0, 1.0)).save(tmp_path / "model.json")
     errors = []
     for name in ("small.json", "model.json"):
-        call = piezobench(
+        call = piezobench.run(
             "deploy", run.path, *LONG, "--model", tmp_path / name, "--out", tmp_path / f"c-{name}", "--json"
         )
-        assert call.status == 0, call.stderr
         errors.append(json.loads(call.stdout)["error_percent"])
     assert errors[0] == pytest.approx(errors[1], rel=1e-3)
     assert Deployment.load(tmp_path / "c-small.json").model.structure.input_unit == "mV"
@@ -170,11 +167,9 @@ def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_
     words: tuple[object, ...] = ("--problem", "recorded/n5-m3-whole")
     if how != "problem":
         options = {"skip": ("--skip", 500), "resampled": ("--resample", 0.001000001)}.get(how, ())
-        call = piezobench("identify", tmp_path / "part.csv", "--out", tmp_path / "model.json", *orders, *options)
-        assert call.status == 0, call.stderr
+        piezobench.run("identify", tmp_path / "part.csv", "--out", tmp_path / "model.json", *orders, *options)
         words = ("--model", tmp_path / "model.json")
-    call = piezobench("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json")
-    assert call.status == 0, call.stderr
+    call = piezobench.run("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json")
     evidence = Deployment.load(tmp_path / "c.json").evidence
     assert evidence["last_fifth"] == last_fifth
     phrases = {
@@ -196,8 +191,7 @@ def test_an_equally_good_model_of_a_file_or_a_problem_is_accepted_with_its_error
         (("--model", tmp_path / "model.json"), str(tmp_path / "model.json")),
         (("--problem", "recorded/n5-m3-whole"), "the problem recorded/n5-m3-whole, a recording of yours"),
     ):
-        call = piezobench("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json", "--json")
-        assert call.status == 0, call.stderr
+        call = piezobench.run("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json", "--json")
         printed = json.loads(call.stdout)
         assert printed["model_from"] == source
         assert 0.0 < printed["error_percent"] <= WORSE * run.settings["models"]["recorded"]["error_percent"]
@@ -291,12 +285,10 @@ def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_r
         pd.DataFrame(columns).to_parquet(tmp_path / f"{name}.parquet")
     one, words = tmp_path / "a.parquet", ("--n", 3, "--m", 1, "--rates", "10")
     for verb in (("identify", one, *words, "--out", tmp_path / "m.json"), ("validate", tmp_path / "m.json", one)):
-        call = piezobench(*verb, "--page", tmp_path / f"{verb[0]}.html")
-        assert call.status == 0, call.stderr
+        call = piezobench.run(*verb, "--page", tmp_path / f"{verb[0]}.html")
         assert "over 4994 of 5000 samples (6 not counted)" in " ".join(call.stdout.split())
         assert "NaN" not in (tmp_path / f"{verb[0]}-figures" / "error.csv").read_text()
-    call = piezobench("identify", one, tmp_path / "b.parquet", "--out-dir", tmp_path / "fleet", *words)
-    assert call.status == 0, call.stderr
+    piezobench.run("identify", one, tmp_path / "b.parquet", "--out-dir", tmp_path / "fleet", *words)
     assert piezobench("race", "--recording", one, *FEW, "--out", tmp_path, "--name", "run").status == 0
     run = Run.open(tmp_path / "run")
     assert 0.0 < run.settings["models"]["recorded"]["error_percent"] < 2.0

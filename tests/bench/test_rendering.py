@@ -50,8 +50,7 @@ def test_a_unit_that_is_code_is_written_and_never_executed(
     ).to_parquet(tmp_path / "stage.parquet")
 
     def call(*words: object) -> str:
-        done = piezobench(*words, folder=tmp_path)
-        assert done.status == 0, done.stderr
+        done = piezobench.run(*words, folder=tmp_path)
         return done.stdout
 
     call("identify", "stage.parquet", "--out", "m.json")
@@ -103,8 +102,7 @@ def test_a_terminal_that_lacks_characters_is_no_reason_to_fail(
     pd.DataFrame({"time_s": np.arange(x.size) * 1e-3, "[red]drive \x1b[2J[/blue] [V]": x, "h [/] [µm]": y}).to_csv(
         recording, index=False
     )
-    done = piezobench("identify", recording, "--out", model, encoding=encoding)
-    assert done.status == 0, done.stderr
+    done = piezobench.run("identify", recording, "--out", model, encoding=encoding)
     assert not {0x1B, 0x9B} & set((done.stdout + done.stderr).encode(encoding))
     assert "[red]drive " in done.stdout
     assert model.is_file()

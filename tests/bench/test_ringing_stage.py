@@ -39,8 +39,7 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     write_table(folder / "slow.csv", {"time_s": 10.0 * t, "reference_um": triangle, "voltage_V": x})
     words = ("--n", 3, "--m", 1, "--rates", "none")
     for options in ((), ("--dynamics", "ignore")):
-        call = piezobench("identify", "stage.csv", "--out", f"{len(options)}.json", *words, *options, folder=folder)
-        assert call.status == 0, call.stderr
+        piezobench.run("identify", "stage.csv", "--out", f"{len(options)}.json", *words, *options, folder=folder)
     return folder
 
 
@@ -59,8 +58,7 @@ def test_a_scan_is_compensated_after_a_declared_lag_without_lag_or_not_at_all(
     results = {}
     for option in ("--dynamics", "--preview", "--no-dynamics"):
         out = tmp_path / f"{option}.csv"
-        call = piezobench("compensate", desk / "0.json", desk / "scan.csv", "--out", out, option, "--json")
-        assert call.status == 0, call.stderr
+        call = piezobench.run("compensate", desk / "0.json", desk / "scan.csv", "--out", out, option, "--json")
         results[option] = json.loads(call.stdout)
     lag = HysteresisCreepModel.load(desk / "0.json").dynamics.lag_s(T)
     assert results["--dynamics"]["lag_s"] == pytest.approx(lag)
@@ -76,8 +74,7 @@ def test_the_static_part_is_exported_with_a_warning_in_what_is_written(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
     for verb, target in (("export-c", "c"), ("export-fmu", "stage.fmu")):
-        call = piezobench(verb, desk / "0.json", target, "--no-dynamics", folder=tmp_path)
-        assert call.status == 0, call.stderr
+        call = piezobench.run(verb, desk / "0.json", target, "--no-dynamics", folder=tmp_path)
         assert LEFT_OUT in " ".join(call.stderr.split())
     readme = (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
     assert re.search(rf"{LEFT_OUT} 400 Hz with damping [0-9.]+ %, a delay of [0-9.]+ us\.", readme)
@@ -92,8 +89,7 @@ def test_the_static_part_is_deployed_and_learns_with_a_warning(
     deploy = ("deploy", REFERENCE_RUN, "--model", desk / "0.json", "--no-dynamics", "--deadline", 1e6, "--out", out)
     live = ("live", desk / "0.json", "--no-dynamics", "--simulate", "relay_preisach", "--seconds", 0.2, "--no-page")
     for words in (deploy, live):
-        call = piezobench(*words)
-        assert call.status == 0, call.stderr
+        call = piezobench.run(*words)
         assert LEFT_OUT in " ".join(call.stdout.split())
     assert LEFT_OUT in Deployment.load(out).model.warning
 

@@ -23,8 +23,7 @@ def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> R
 
 
 def added(piezobench: CommandLine, race: Race, *words: object) -> Run:
-    call = piezobench("race", "--into", race.run.path, *words)
-    assert call.status == 0, call.stderr
+    piezobench.run("race", "--into", race.run.path, *words)
     return Run.open(race.run.path)
 
 

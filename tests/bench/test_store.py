@@ -79,8 +79,7 @@ def test_a_race_killed_at_random_moments_leaves_no_process_or_file_and_ends_like
         call.wait()
         wait_until_gone(call.pid)
         assert temporary(piezobench) == before
-    last = piezobench("resume", run.path)
-    assert last.status == 0, last.stderr
+    piezobench.run("resume", run.path)
     assert_same(run.rows(ONESHOT), clean_race)
     for name in ("report.md", "summary.csv"):
         assert (run.path / name).is_file()
