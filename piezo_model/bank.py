@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks
 from piezo_model.atomic_file import replacing
-from piezo_model.compensator import drive_memory, drive_settings, fade_factor
+from piezo_model.compensator import drive_memory, drive_settings, blend_factor
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.json_file import LARGEST, Number, Versioned, decoded, packed
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
@@ -52,10 +52,10 @@ MOST_TILES = 2**24
 class Options(TypedDict):
     """Settings of a bank."""
 
-    memory_s: float
+    forgetting_time_s: float
     hand_over_s: float
     reset_s: float
-    fade_s: float
+    blend_time_s: float
     integral_gain: float
     rate_limit: Number | None
 
@@ -84,7 +84,7 @@ class CompensatorBank(Stateful):
         Which actuators learn; see :attr:`learning`.
     x_start : float or array (count,), optional
         Where the stages are before the first sample, as of ``Compensator``.
-    memory_s, reset_s, fade_s, rate_limit, integral_gain
+    forgetting_time_s, reset_s, blend_time_s, rate_limit, integral_gain
         As of ``SelfLearningCompensator``.
     hand_over_s : float
         Interval between exact optima of an actuator, rounded down to a multiple of equal blocks of at most 32 samples
@@ -109,29 +109,29 @@ class CompensatorBank(Stateful):
         learn: ArrayLike = True,
         *,
         x_start: ArrayLike | None = None,
-        memory_s: float = 2.0,
+        forgetting_time_s: float = 2.0,
         hand_over_s: float = 0.1,
         reset_s: float = 0.1,
-        fade_s: float = 0.002,
+        blend_time_s: float = 0.002,
         integral_gain: float = 0.0,
         rate_limit: float | None = None,
         threads: int = 1,
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
         checks.whole(1, count=count, threads=threads)
-        require_seconds(memory_s=memory_s, hand_over_s=hand_over_s, reset_s=reset_s, fade_s=fade_s)
+        require_seconds(forgetting_time_s=forgetting_time_s, hand_over_s=hand_over_s, reset_s=reset_s, blend_time_s=blend_time_s)
         options = {
-            "memory_s": memory_s,
+            "forgetting_time_s": forgetting_time_s,
             "hand_over_s": hand_over_s,
             "reset_s": reset_s,
-            "fade_s": fade_s,
+            "blend_time_s": blend_time_s,
             "integral_gain": integral_gain,
             "rate_limit": rate_limit,
         }
         self.options: Options = packed(options)  # without types of NumPy, some of which compute in single precision
         self.structure, self.threads = structure, threads
         self.block, self._numbers = continuous_numbers(
-            structure, self.options["hand_over_s"], self.options["memory_s"], self.options["reset_s"]
+            structure, self.options["hand_over_s"], self.options["forgetting_time_s"], self.options["reset_s"]
         )
         """Samples of a block."""
         self.interval = int(self._numbers["interval"])
@@ -154,7 +154,7 @@ class CompensatorBank(Stateful):
         self._core = core
         options = self.options
         core["drive_settings"][:] = drive_settings(
-            s, options["rate_limit"], fade_factor(s, options["fade_s"]), options["integral_gain"]
+            s, options["rate_limit"], blend_factor(s, options["blend_time_s"]), options["integral_gain"]
         )
         write_settings(self._numbers, core["settings"])
         write_slope_regressors(core, s)

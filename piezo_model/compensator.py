@@ -30,14 +30,14 @@ from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
 LIMITS = slice(0, 4)
-"""Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and in unit
-amplitudes."""
+"""Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and
+in normalised units."""
 BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD, TURN = range(4, 10)
-"""Its other entries: the bump added to the drive since the last change of weights; the last finite reference; the
-correction of integral action; the last reference given; 1 or -1 if the limits held its drive; the creep states to flush
-next."""
+"""Its other entries: the transfer bump, added to the drive since the last change of weights; the last finite reference;
+the correction of integral action; the last reference given; 1 or -1 if the limits held its drive; the creep states to
+flush next."""
 DECAY = 5
-"""Entry of the drive's settings (``DriveSettings``): the factor by which a bump decays for each sample."""
+"""Entry of the drive's settings (``DriveSettings``): the factor by which a transfer bump decays for each sample."""
 
 
 def integral_share(gain: float, sample_time: float) -> float:
@@ -62,9 +62,9 @@ class CompensatorMemory(TypedDict):
     """States of the inverse of the dynamics and of the reference model."""
 
 
-def fade_factor(s: ModelStructure, fade_s: float) -> float:
-    """Factor by which a bump decays for each sample; 0 for the time constant 0."""
-    return math.exp(-s.sample_time / fade_s) if fade_s > 0.0 else 0.0
+def blend_factor(s: ModelStructure, blend_time_s: float) -> float:
+    """Factor by which a transfer bump decays for each sample; 0 for the time constant 0."""
+    return math.exp(-s.sample_time / blend_time_s) if blend_time_s > 0.0 else 0.0
 
 
 def drive_settings(s: ModelStructure, rate_limit: float | None, decay: float, integral_gain: float) -> Vector:
@@ -201,9 +201,9 @@ class Compensator(Stateful):
         """The state of the core; :meth:`change_model` and :meth:`restore` replace it."""
         return self._core.block
 
-    def fade_over(self, fade_s: float) -> None:
-        """Set the time constant with which the bump of a hand-over decays."""
-        self._core["settings"][DECAY] = fade_factor(self._model.structure, fade_s)
+    def set_blend_time(self, blend_time_s: float) -> None:
+        """Set the time constant with which the transfer bump of a hand-over decays."""
+        self._core["settings"][DECAY] = blend_factor(self._model.structure, blend_time_s)
 
     @property
     def model(self) -> HysteresisCreepModel:
@@ -243,11 +243,11 @@ class Compensator(Stateful):
         bindings.compensator_run(self._core.block, y_ref, x)
         return x
 
-    def change_model(self, model: HysteresisCreepModel, fade_s: float = 0.0) -> None:
-        """Change to another model of the same operators without a bump.
+    def change_model(self, model: HysteresisCreepModel, blend_time_s: float = 0.0) -> None:
+        """Change to another model of the same operators without a transfer bump.
 
         The states are kept. The change of the drive at this moment is subtracted from it and decays with the time
-        constant ``fade_s``; with 0 the drive jumps. The new structure may have other ranges; the states are then
+        constant ``blend_time_s``; with 0 the drive jumps. The new structure may have other ranges; the states are then
         converted by ``OperatorState.on``. The inverse of other dynamics begins in balance.
         """
         old, new = self._model.structure, model.structure
@@ -261,10 +261,10 @@ class Compensator(Stateful):
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             drive[0] *= old.x_scale / new.x_scale
         dynamics = self._model.dynamics
-        self._use(model, state, drive, fade_factor(new, fade_s))
+        self._use(model, state, drive, blend_factor(new, blend_time_s))
         if model.dynamics != dynamics:
             self._balance()
-        self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if fade_s > 0.0 else 0.0
+        self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if blend_time_s > 0.0 else 0.0
 
     def memory(self) -> dict[str, Any]:
         """A copy of the whole state, including the model."""

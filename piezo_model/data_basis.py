@@ -119,7 +119,7 @@ class DataBasis(Stateful):
 
     @property
     def P(self) -> Matrix:
-        """Mean of Ξ Ξᵀ, shape (d, d), weight coordinates, unit amplitudes."""
+        """Mean of Ξ Ξᵀ, shape (d, d), weight coordinates, normalised units."""
         return self._mean_gram()[1:, 1:].copy()
 
     @property

@@ -5,12 +5,12 @@ sums of w'_S outwards from zero, so the set is a box in slope coordinates v = T�
 coordinates. The minimiser is the same in both; the path of a gradient method is not.
 
 Weights that the drive does not excite must keep their values. The problem is therefore made strictly convex by a
-proximal term towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and unit amplitudes, with ρ = ``proximal``
+proximal term towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and normalised units, with ρ = ``proximal``
 times the mean diagonal element of P. That is not enough for an operator that stood still: its column is constant, and
 an offset or another such column could replace it. So its weight is fixed in the cost of the data, v_i = v_ref,i, and
 the proximal term keeps it there. Both are part of the problem in every form.
 
-Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` starts from unit amplitudes
+Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` starts from normalised units
 and scales the variables so that P has a unit diagonal, which keeps a box a box. With ‖x̃‖ ≤ 1 the cost is then of
 order one, so that a solver's tolerances are meaningful without another factor.
 """
@@ -40,7 +40,7 @@ UNDETERMINED = 1e-11
 
 @dataclass(frozen=True)
 class Excitation:
-    """Ranges of input and output over the counted samples, in unit amplitudes, and the operators that moved."""
+    """Ranges of input and output over the counted samples, in normalised units, and the operators that moved."""
 
     x_min: float
     x_max: float
@@ -91,7 +91,7 @@ class Form:
     to_weights: Matrix
 
     def weights(self, z: Vector) -> Vector:
-        """Weights w (d,) in unit amplitudes of a solution z (d,)."""
+        """Weights w (d,) in normalised units of a solution z (d,)."""
         return self.to_weights @ z
 
     def variables(self, w: Vector) -> Vector:
@@ -107,14 +107,14 @@ class IdentificationProblem:
     ----------
     structure : ModelStructure
     P, q, c : array (d, d), array (d,), float
-        Mean cost of the data in weight coordinates and unit amplitudes.
+        Mean cost of the data in weight coordinates and normalised units.
     excitation : Excitation
     reference : array (d,), optional
         Weights that the proximal term pulls to; the straight line through the range by default.
     proximal : float
         Strength of the proximal term relative to the mean diagonal of P in slope coordinates; 0 for none.
     min_slope : float
-        Smallest admissible slope of S⁻¹ in unit amplitudes, ε > 0.
+        Smallest admissible slope of S⁻¹ in normalised units, ε > 0.
 
     Examples
     --------
@@ -223,7 +223,7 @@ class IdentificationProblem:
         return self.form().qp
 
     def cost(self, w: ArrayLike) -> float:
-        """Half the mean squared error (5) of weights w in unit amplitudes, without the proximal term."""
+        """Half the mean squared error (5) of weights w in normalised units, without the proximal term."""
         w = np.asarray(w, dtype=np.float64)
         return float(0.5 * w @ self.P @ w + self.q @ w + self.c)
 

@@ -1,4 +1,4 @@
-"""The modified Prandtl–Ishlinskii model with creep, equation (2), in unit amplitudes:
+"""The modified Prandtl–Ishlinskii model with creep, equation (2), in normalised units:
 
     y = S[ H[x] + K[x] + offset ],   H[x] = Σ w_Hi H_rHi[x],   K[x] = Σ w_Ki K_rKi[x],   S[u] = Σ w_Si S_rSi(u)
 
@@ -73,7 +73,7 @@ class HysteresisCreepModel(Immutable):
     w_K : array (n + 1,)
         Creep weights ≥ 0; empty for a model without creep.
     offset : float
-        Constant inside S, in unit amplitudes.
+        Constant inside S, in normalised units.
     report : mapping
         Results of the identification; stored with the model.
     start : OperatorState, optional
@@ -137,7 +137,7 @@ class HysteresisCreepModel(Immutable):
 
     @classmethod
     def from_weights(cls, structure: ModelStructure, w: ArrayLike) -> HysteresisCreepModel:
-        """Make the model of the identified unknowns w (d,) in weight coordinates and unit amplitudes, with w_H0 = 1."""
+        """Make the model of identified unknowns w (d,) in weight coordinates and normalised units, with w_H0 = 1."""
         w = reals("w", w)
         if w.shape != (structure.d,):
             raise ModelError(f"w must have {structure.d} values for this structure, not shape {w.shape}")

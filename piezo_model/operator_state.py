@@ -31,7 +31,7 @@ class States(TypedDict):
 
 @dataclass
 class OperatorState(Stateful):
-    """States of the play and creep operators, which are in unit amplitudes inside.
+    """States of the play and creep operators, which are in normalised units inside.
 
     Attributes
     ----------

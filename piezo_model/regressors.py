@@ -1,6 +1,6 @@
 """The row of the error model (5) that one sample gives, linear in the unknowns w:
 
-    E(k) = wᵀΞ(k) + x(k),   Ξ = (H_r1[x] … H_rn[x],  −S_r'[y] …,  K_r0[x] … K_rn[x],  [1]) in unit amplitudes
+    E(k) = wᵀΞ(k) + x(k),   Ξ = (H_r1[x] … H_rn[x],  −S_r'[y] …,  K_r0[x] … K_rn[x],  [1]) in normalised units
 
 Source: the paper's equation (5); K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 """
@@ -51,7 +51,7 @@ def full_gram(upper: Vector, s: ModelStructure) -> Matrix:
 def regressor_rows(
     structure: ModelStructure, state: OperatorState, x: Vector, y: Vector, *, slopes: bool = False
 ) -> Matrix:
-    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in unit amplitudes and weight or slope
+    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in normalised units and weight or slope
     coordinates; advances the state."""
     stride = padded(structure.d + 2) + 8  # the core writes blocks of eight beyond the last column
     core, rows = new_basis(structure), np.empty((x.size, stride))

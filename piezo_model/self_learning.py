@@ -67,20 +67,20 @@ class SelfLearningCompensator(Learner):
     x_limits : pair of float, optional
         Limits of the drive in the input unit; the structure's range by default.
     mode : "cyclic" or "continuous"
-    memory_s : float
+    forgetting_time_s : float
         Time constant of forgetting in continuous mode.
     hand_over_s : float
         Interval between hand-overs in continuous mode.
-    fade_s : float
-        Time constant with which the bump of a hand-over decays.
+    blend_time_s : float
+        Time constant with which the transfer bump of a hand-over decays.
     rate_limit : float, optional
         Largest change of the drive per second.
-    samples_to_solve : int
+    solve_delay_samples : int
         In cyclic operation, the samples after which the answer of any other solver is due; 1 by default.
-    find_centre : bool, optional
+    estimate_offset : bool, optional
         Whether to add a constant term to a structure without one, since the centre of the actuator's loop is not known
         beforehand. True by default if the structure has none and no model is given.
-    follow_range : bool, optional
+    adapt_range : bool, optional
         Whether the thresholds follow the range that is driven (`driven_range`), which needs a constant term. True by
         default if no model is given.
     proximal : float
@@ -115,7 +115,7 @@ class SelfLearningCompensator(Learner):
     >>> structure = ModelStructure.equidistant(n=5, m=3, x_range=plant.x_range, y_range=plant.y_range,
     ...                                        creep_rates=(10.0, 1.0), sample_time=1e-3)
     >>> learner = SelfLearningCompensator(structure, reset_s=0.1, build_s=2.0, learn_s=0.1, solver="box_active_set",
-    ...                                   x_limits=plant.x_range, samples_to_solve=1)
+    ...                                   x_limits=plant.x_range, solve_delay_samples=1)
     >>> x = learner.step(0.0, float("nan"))  # nothing measured yet
     """
 
@@ -129,13 +129,13 @@ class SelfLearningCompensator(Learner):
         x_limits: tuple[float, float] | None = None,
         mode: Mode = "cyclic",
         *,
-        memory_s: float = 2.0,
+        forgetting_time_s: float = 2.0,
         hand_over_s: float = 0.01,
-        fade_s: float = 0.002,
+        blend_time_s: float = 0.002,
         rate_limit: float | None = None,
-        samples_to_solve: int = 1,
-        find_centre: bool | None = None,
-        follow_range: bool | None = None,
+        solve_delay_samples: int = 1,
+        estimate_offset: bool | None = None,
+        adapt_range: bool | None = None,
         proximal: float = 1e-6,
         integral_gain: float = 0.0,
         solver_options: Mapping[str, Any] | None = None,
@@ -145,10 +145,10 @@ class SelfLearningCompensator(Learner):
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
         checks.require(lambda model: model is None or isinstance(model, HysteresisCreepModel), "a model", model=model)
-        if find_centre is None:
-            find_centre = model is None and not structure.offset
-        if follow_range is None:
-            follow_range = model is None and (structure.offset or find_centre)
+        if estimate_offset is None:
+            estimate_offset = model is None and not structure.offset
+        if adapt_range is None:
+            adapt_range = model is None and (structure.offset or estimate_offset)
         settings = LearningSettings(
             reset_s,
             build_s,
@@ -156,13 +156,13 @@ class SelfLearningCompensator(Learner):
             solver,
             structure.x_range if x_limits is None else x_limits,
             mode,
-            memory_s,
+            forgetting_time_s,
             hand_over_s,
-            fade_s,
+            blend_time_s,
             rate_limit,
-            samples_to_solve,
-            find_centre,
-            follow_range,
+            solve_delay_samples,
+            estimate_offset,
+            adapt_range,
             proximal,
             integral_gain,
             solver_options,
@@ -172,7 +172,7 @@ class SelfLearningCompensator(Learner):
         model.require_static("a self-learning compensator")
         if model.structure != structure:
             raise ValueError("the model has another structure than the one given")
-        if find_centre and not structure.offset:
+        if estimate_offset and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
         super().__init__(
             Compensator(
@@ -235,7 +235,7 @@ class SelfLearningCompensator(Learner):
             return 1
         weights = int(bindings.learner_quiet(self._core.block))
         # New weights take effect a block after their last sample, new ranges at once.
-        return weights - self._block if self.settings.follow_range and weights > self._block else weights
+        return weights - self._block if self.settings.adapt_range and weights > self._block else weights
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
         """Process one sample.

@@ -55,9 +55,9 @@ class ModelStructure(Immutable):
     Parameters
     ----------
     play_thresholds : sequence of n floats
-        r_H1 < … < r_Hn > 0 in unit amplitudes; r_H0 = 0 is implied. Creep has the same thresholds.
+        r_H1 < … < r_Hn > 0 in normalised units; r_H0 = 0 is implied. Creep has the same thresholds.
     dead_zone_thresholds : sequence of 2m + 1 floats
-        Ascending, 0 among them, in unit amplitudes: the thresholds r'_S of S⁻¹. The two sides may differ in number.
+        Ascending, 0 among them, in normalised units: the thresholds r'_S of S⁻¹. The two sides may differ in number.
     creep_rates : sequence of floats
         In 1/s; the states of all rates at one threshold share one weight. Empty for a model without creep.
     sample_time : float
@@ -188,7 +188,7 @@ class ModelStructure(Immutable):
         )
 
     def in_units(self, input_unit: str, output_unit: str, name: str = "structure") -> ModelStructure:
-        """Return the structure in other units, with the same unit amplitudes; where a unit is unknown, values are kept.
+        """Return the structure in other units, with the same normalised values; where a unit is unknown, values stay.
 
         Raises
         ------
@@ -297,7 +297,7 @@ class ModelStructure(Immutable):
         return read_only(S)
 
     def lower_bounds(self, min_slope: float) -> Vector:
-        """Lower bounds of v: 0 for w_H and w_K, ``min_slope`` (unit amplitudes) for slopes, −∞ for the offset."""
+        """Lower bounds of v: 0 for w_H and w_K, ``min_slope`` (normalised units) for slopes, −∞ for the offset."""
         lb = np.zeros(self.d)
         lb[self.slices[1]] = min_slope
         if self.offset:
@@ -312,11 +312,11 @@ class ModelStructure(Immutable):
         return read_only(w)
 
     def unit_input(self, x: Vector) -> Vector:
-        """Input in unit amplitudes."""
+        """Input in normalised units."""
         return (x - self.x_centre) / self.x_scale
 
     def unit_output(self, y: Vector) -> Vector:
-        """Output in unit amplitudes."""
+        """Output in normalised units."""
         return (y - self.y_centre) / self.y_scale
 
     def to_dict(self) -> dict[str, Any]:

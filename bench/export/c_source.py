@@ -66,7 +66,7 @@ LEARNER = (
 )
 """Files of the core: always, and with a learner; preprocessor conditions select the code for the kind of learning."""
 FLOAT_BOUND = 1e-5
-"""Largest difference between the drives of the float and double versions over a million samples, unit amplitudes."""
+"""Largest difference between the drives of the float and double versions over a million samples, normalised units."""
 
 environment = c_templates("bench.export")
 

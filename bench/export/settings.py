@@ -116,7 +116,7 @@ class ExportSettings:
         return self.learning and self.mode == "cyclic"
 
     def numbers(self, s: ModelStructure) -> dict[str, float]:
-        """Numbers of the parameter file, in the units of the C code: samples and unit amplitudes."""
+        """Numbers of the parameter file, in the units of the C code: samples and normalised units."""
         low, high = s.x_range if self.x_limits is None else self.x_limits
         try:
             gain, start = integral_share(self.integral_gain, s.sample_time), drive_start(low, high, self.x_start)
@@ -126,7 +126,7 @@ class ExportSettings:
             "x_start": float(start),
             "low": low,
             "high": high,
-            "fade": math.exp(-s.sample_time / LearningSettings.fade_s),
+            "blend": math.exp(-s.sample_time / LearningSettings.blend_time_s),
             "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
             **self._learner_numbers(s),
@@ -149,7 +149,7 @@ class ExportSettings:
             }
         else:
             block, numbers = continuous_numbers(
-                s, LearningSettings.hand_over_s, LearningSettings.memory_s, self.reset_s
+                s, LearningSettings.hand_over_s, LearningSettings.forgetting_time_s, self.reset_s
             )
         return {**numbers, "block": block, "blocks": BLOCKS, "delay": block}
 

@@ -27,7 +27,7 @@ from bench.report.writing import write_page
 from piezo_model.atomic_file import replacing
 
 LEAST = {"log10 error": 0.02, "weight": 1e-3}
-"""Smallest deviation that counts as a difference: 5 % of the error, a thousandth of the unit amplitude."""
+"""Smallest deviation that counts as a difference: 5 % of the error, a thousandth in normalised units."""
 DISTANT = 5.0
 """Distance beyond which a recording is an outlier."""
 LEAST_PERCENT = 1e-9
@@ -177,12 +177,12 @@ def figures(fine: pd.DataFrame) -> list[Figure]:
         Figure(
             "weights",
             "Weights",
-            "In unit amplitudes with w_H0 = 1. Thin: from the lowest to the highest; thick: nine of ten; point: "
+            "In normalised units with w_H0 = 1. Thin: from the lowest to the highest; thick: nine of ten; point: "
             "median.",
             weights,
             [
                 Plot(
-                    Axis("median", "weight, unit amplitudes"),
+                    Axis("median", "weight, normalised units"),
                     Axis("weight"),
                     (*ranges, Mark("point", colour=RED, size=70.0)),
                     ("weight", *SHARES),

@@ -130,7 +130,7 @@ def plots(task: Task, sources: dict[str, ColumnDataSource]) -> list[Any]:
     line = {"color": RED, "alpha": 0.6, "legend_label": "straight line, by the model in use"}
     measured = {"color": BLUE, "legend_label": "measured"}
     reference = {"color": GREY, "line_dash": "dashed", "legend_label": "reference"}
-    weights = _plot("Weights in use", "number", "unit amplitudes")
+    weights = _plot("Weights in use", "number", "normalised units")
     weights.vbar("i", top="w", width=0.7, source=sources["weights"], color=GREEN)
     service = _plot("Service time, and the deadline", "µs", "samples", x_axis_type="log")
     service.quad(left="left", right="right", top="count", bottom=0, source=sources["service"], color=BLUE, alpha=0.7)

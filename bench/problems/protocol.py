@@ -165,7 +165,7 @@ class RaceProblem:
 
     @cached_property
     def optimal_weights(self) -> Vector:
-        """The certified optimum in weight coordinates and unit amplitudes."""
+        """The certified optimum in weight coordinates and normalised units."""
         form = next(iter(self.forms.values()))
         return np.asarray(form.to_weights @ np.array(form.certificate.x), dtype=np.float64)
 

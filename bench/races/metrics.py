@@ -4,7 +4,7 @@
                   max(½ x*ᵀP x*, |qᵀx*|) if the cost of the program is not a sum of squares
 - violation       ‖x − x̂‖∞ / ‖x*‖∞
 - residuals       primal, dual and duality gap as qpsolvers.Solution defines them, from the solver's own duals
-- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and unit amplitudes; NaN if w* is zero or not unique
+- weight error    ‖w − w*‖∞ / ‖w*‖∞ in weight coordinates and normalised units; NaN if w* is zero or not unique
 - model error     RMS error of the model on unseen data, in per cent of the output's range
 - stage excess    (model error − that of x*) / standard deviation of the sensor's noise; NaN if either is unknown
 

@@ -68,7 +68,7 @@ class StageSetup:
     gain_drift_per_s: float = 0.0
     samples: int | None = None
     """Length of the staircases; by default ``cycles`` of the learning machine."""
-    samples_to_solve: int = 1
+    solve_delay_samples: int = 1
     """Samples for a solver that does not count steps."""
     seed: int = 0
 
@@ -153,7 +153,7 @@ class StageSetup:
             self.solver,
             structure.x_range,
             x_start=structure.x_range[0],
-            samples_to_solve=self.samples_to_solve,
+            solve_delay_samples=self.solve_delay_samples,
             solver_options={"lane": self.lane, "setting": self.setting},
         )
 

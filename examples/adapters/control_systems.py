@@ -4,7 +4,7 @@ Run as a script, it connects a compensator and an actuator in series.
 
     z(k+1) = f(z(k), u(k)),   output(k) = g(z(k), u(k))
 
-with the states z of the play and creep operators in unit amplitudes. All three have direct feedthrough: the output at a
+with the states z of the play and creep operators in normalised units. All three have direct feedthrough: output at a
 sample depends on the input at the same sample. So inverse and model in series are the identity, and a compensator can
 be connected to a plant like any other block; a feedback loop from the plant's output to the reference needs a delay, as
 in any digital controller.
@@ -86,7 +86,7 @@ def model_system(model: HysteresisCreepModel, name: str = "actuator") -> control
 def compensator_system(compensator: Compensator, name: str = "compensator") -> control.NonlinearIOSystem:
     """The compensator, which is copied, as a system from the reference to the drive.
 
-    The system has its model, limits and rate limit, but neither a fading bump of a change of model nor the correction
+    The system has its model, limits and rate limit, but neither the bump of a change of model nor the correction
     of integral action.
     """
     own = deepcopy(compensator)

@@ -55,7 +55,7 @@ class Case:
             sensor.x_range,
             self.mode,
             x_start=structure.x_range[0],
-            samples_to_solve=1,
+            solve_delay_samples=1,
         )
         y_ref, errors = steps(sensor, setup), []
         for cycle in np.split(y_ref, setup.cycles):

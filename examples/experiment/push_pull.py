@@ -55,7 +55,7 @@ class Case:
                 m=self.m,
                 push_pull=self.push_pull,
                 solver="box_active_set",
-                samples_to_solve=1,
+                solve_delay_samples=1,
             )
         )
         return {**asdict(self), "rms_percent": float(per_cycle(trial)[-1])}

@@ -43,7 +43,7 @@ def learner_of(situation: Situation, way: str, n: int = 5, m: int = 3, **options
         mode=mode,
         x_limits=situation.x_limits,
         state=state,
-        samples_to_solve=1,
+        solve_delay_samples=1,
         **options,
     )
 

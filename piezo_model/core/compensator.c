@@ -7,7 +7,7 @@
 
 #define FARTHEST ((real)1e6) /* limit of references in half ranges, so that no sum overflows */
 
-/* Drive without limits that makes y_ref the model's next output; in unit amplitudes. */
+/* Drive without limits that makes y_ref the model's next output; in normalised units. */
 static num wanted_drive(const Compensator *c, num y_ref)
 {
     const Inverse *const p = &c->inverse;
@@ -30,7 +30,7 @@ static num wanted_drive(const Compensator *c, num y_ref)
     return x;
 }
 
-/* A finite reference in unit amplitudes, limited to FARTHEST. */
+/* A finite reference in normalised units, limited to FARTHEST. */
 static num unit_reference(const Compensator *c, num y_ref)
 {
     const num unit = divided(minus(y_ref, constant(c->settings->y_centre)), constant(c->settings->y_scale));

@@ -16,16 +16,16 @@
 enum { COMPENSATOR_KIND = 0x434f4d32 };
 
 /* Settings that all compensators of one structure share: centres and scales; the largest change of the drive for each
- * sample in unit amplitudes; the factor by which a bump decays for each sample; and the share of an error that integral
- * action adds to the reference, 0 for none. */
+ * sample in normalised units; the factor by which a transfer bump decays for each sample; and the share of an error
+ * that integral action adds to the reference, 0 for none. */
 typedef struct {
     real x_centre, x_scale, y_centre, y_scale, max_step, decay, gain;
 } DriveSettings;
 
-/* State of the drive: its limits in the input unit and in unit amplitudes; the bump, which is added to the drive after
- * a change of weights; the last finite reference with the correction, and the correction of integral action, both in
- * the output unit; the last reference given, NaN before the first; `held`, 1 or -1 where the limits held the drive for
- * it below or above; and the index of the next eight creep states to flush. */
+/* State of the drive: its limits in the input unit and in normalised units; the transfer bump, which is added to
+ * the drive after a change of weights; the last finite reference with the correction, and the correction of integral
+ * action, both in the output unit; the last reference given, NaN before the first; `held`, 1 or -1 where the limits
+ * held the drive for it below or above; and the index of the next eight creep states to flush. */
 typedef struct {
     num low, high, unit_low, unit_high, bump, last_y_ref, correction, given, held, turn;
 } DriveMemory;
@@ -84,14 +84,14 @@ typedef struct {
 } Change;
 
 /* Drive in the input unit for a reference in the output unit; one that is not finite holds the drive. New weights are
- * taken without a bump: the change that they cause at this sample is subtracted and decays. */
+ * taken without a transfer bump: the change that they cause at this sample is subtracted and decays. */
 CORE_API num N(compensator_step)(const Compensator *c, num y_ref, const Change *change);
 /* Integral action on the output of the last drive: correction <- correction + gain (y_r - y) where `trusted`. Behind
  * the inverse the actuator has a gain of about 1, so that a disturbance is multiplied by |1 - z^-1| / |1 - (1 - gain)
  * z^-1|, at most 2 / (2 - gain). Anti-windup: errors that push the drive further beyond a limit are ignored, and the
  * correction is at most half the output's range. */
 CORE_API void N(compensator_correct)(const Compensator *c, num y, num trusted);
-/* The drive for the last reference at this moment, in unit amplitudes; no state changes. */
+/* The drive for the last reference at this moment, in normalised units; no state changes. */
 CORE_API num N(compensator_now)(const Compensator *c);
 
 #ifndef CORE_TILE

@@ -19,10 +19,10 @@
  */
 #include "learner.h"
 
-/* Weight of the weights in use when learning begins anew, relative to a full memory of unit amplitudes. */
+/* Weight of the weights in use when learning begins anew, relative to a full memory of amplitude 1. */
 #define BELIEF ((real)1e-6)
 /* After a fault the sensor counts as unchanged if the RMS error of the weights in use is at most TRUST times the error
- * before the fault, plus TOLERANCE unit amplitudes. */
+ * before the fault, plus TOLERANCE in normalised units. */
 #define TRUST ((real)5)
 #define TOLERANCE ((real)2e-3)
 

@@ -34,7 +34,7 @@ CORE_API int64_t basis_bytes(Shape shape);
 CORE_API Basis basis_at(void *memory);
 /* Initialise basis_bytes(shape) bytes; the caller sets the parameters and states. */
 CORE_API void basis_setup(void *memory, Shape shape, real forgetting);
-/* Add one sample in unit amplitudes. */
+/* Add one sample in normalised units. */
 CORE_API void basis_count(Basis *b, real x, real y);
 /* gram <- lambda^count gram + sum of lambda^(count-1-k) row_k row_k'; scales the rows in place. */
 CORE_API void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram);

@@ -51,7 +51,7 @@ typedef struct {
     uint32_t epoch, answered; /* the latter when it began */
 } BlockHead;
 
-/* Operator states at its beginning; drive and output of each sample in unit amplitudes, with NaN for a bad output; and
+/* Operator states at its beginning; drive and output of each sample in normalised units, with NaN for a bad output; and
  * the number of sensor faults up to its end. */
 typedef struct {
     BlockHead *head;

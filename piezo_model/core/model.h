@@ -1,4 +1,4 @@
-/* The modified Prandtl-Ishlinskii model with creep, equation (2), in unit amplitudes:
+/* The modified Prandtl-Ishlinskii model with creep, equation (2), in normalised units:
  *
  *     y = S[ H[x] + K[x] + offset ],   H[x] = sum of w_Hi H_ri[x],   K[x] = sum of w_Ki K_ri[x]
  *

@@ -6,7 +6,7 @@
  *     superposition S[u] = sum of w_i S_i(u)
  *
  * The creep line is the exact solution of dz/dt = rate dz(x - z, r) while x is held. A NaN sample leaves the
- * states of play and creep unchanged. All amplitudes are unit amplitudes.
+ * states of play and creep unchanged. All amplitudes are in normalised units.
  *
  * Source: K. Kuhnen, European Journal of Control 9 (2003) 407-418.
  */

@@ -1,4 +1,4 @@
-/* Decides which samples of a sensor can be learned from; all amplitudes are unit amplitudes.
+/* Decides which samples of a sensor can be learned from; all amplitudes are in normalised units.
  *
  * A sample that is not a finite number is missing, which has no other consequence. A sample is refused if it lies far
  * outside the range, or if the sensor is frozen: the output is unchanged to the last bit while the drive covered a

@@ -96,7 +96,7 @@ class Determined:
     creep: Bounded | None
     """κ, the share of the output's movement that creep adds in a decade of time; None if it is not determined."""
     drift: Bounded | None
-    """Drift over half the recording, unit amplitudes; None without one."""
+    """Drift over half the recording, normalised units; None without one."""
     shows_drift: bool
     """Whether the drive tells a drift from hysteresis."""
     share: float
@@ -130,7 +130,7 @@ def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
 
 
 def memory_curve(s: ModelStructure, state: OperatorState, thresholds: Vector) -> Vector:
-    """Play states of a structure read at other thresholds, all in unit amplitudes."""
+    """Play states of a structure read at other thresholds, all in normalised units."""
     curve = np.interp(thresholds, s.thresholds, state.play[: s.n + 1])
     first: float = state.play[0]
     within: Vector = np.clip(curve, first - thresholds, first + thresholds)

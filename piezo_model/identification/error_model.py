@@ -45,7 +45,7 @@ class Solving:
     programs: int = 0
 
     def optimum(self, problem: IdentificationProblem) -> Vector:
-        """Weights (d,) of (6) in unit amplitudes."""
+        """Weights (d,) of (6) in normalised units."""
         self.programs += 1
         return optimum(problem, self.solver)
 
@@ -75,7 +75,7 @@ def _solve(qp: object, c: float, solver: str) -> Vector:
 
 
 def optimum(problem: IdentificationProblem, solver: str) -> Vector:
-    """Optimal weights (d,) in unit amplitudes; IdentificationError if the solver fails."""
+    """Optimal weights (d,) in normalised units; IdentificationError if the solver fails."""
     form = problem.form()
     return form.weights(np.maximum(_solve(form.qp, form.c, solver), form.qp.lb))
 

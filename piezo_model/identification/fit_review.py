@@ -26,12 +26,12 @@ class Weight:
 
     name: str
     value: float
-    """Weight in unit amplitudes, with w_H0 = 1."""
+    """Weight in normalised units, with w_H0 = 1."""
     low: float
     high: float
     """Its interval at 95 %; NaN without one."""
     excitation: float
-    """RMS of the operator's signal in unit amplitudes."""
+    """RMS of the operator's signal in normalised units."""
     reached: bool
     at_bound: bool
 

@@ -50,21 +50,21 @@ GRAM_SAMPLES = 1_000_000
 GAIN = 0.1
 """Largest gain that further unknowns must have, as a share of the cost."""
 STILL = 1e-9
-"""Largest range of an operator at rest, unit amplitudes."""
+"""Largest range of an operator at rest, normalised units."""
 NUDGE = 1e-6
-"""Difference of initial states for their derivatives, unit amplitudes."""
+"""Difference of initial states for their derivatives, normalised units."""
 MIN_SLOPE, MAX_SLOPE = 1e-3, 1e6
 """Bounds of the slopes of S⁻¹; beyond the upper one, a sum of weights is lost in rounding."""
 SHORTEST_STEP = 0.05
 CONVERGED = 1e-5
 """Relative decrease of the cost that ends the fit."""
 EXACT = 1e-24
-"""Cost in unit amplitudes squared at the level of rounding."""
+"""Cost in normalised units squared at the level of rounding."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Further unknowns: signals (N, k) that are added to the output in unit amplitudes, and bounds (k,) of their
+    """Further unknowns: signals (N, k) that are added to the output in normalised units, and bounds (k,) of their
     weights."""
 
     signals: Matrix
@@ -95,13 +95,13 @@ class ForwardFit:
     further: Vector
     """Weights of the further columns."""
     cost: float
-    """Mean square error of the counted samples, unit amplitudes."""
+    """Mean square error of the counted samples, normalised units."""
     static: Vector
-    """Output of the model (N,) before the dynamics, in unit amplitudes."""
+    """Output of the model (N,) before the dynamics, in normalised units."""
     y_model: Vector
-    """Output of the model (N,) in unit amplitudes, without the further columns."""
+    """Output of the model (N,) in normalised units, without the further columns."""
     error: Vector
-    """y − ŷ (N,) in unit amplitudes, with the further columns."""
+    """y − ŷ (N,) in normalised units, with the further columns."""
     counted: Mask
     parts: Sequence[slice]
     P: Matrix
@@ -117,7 +117,7 @@ class ForwardFit:
 
     @property
     def errors(self) -> list[Vector]:
-        """Errors of the counted samples of each part, in unit amplitudes."""
+        """Errors of the counted samples of each part, in normalised units."""
         return [self.error[part][self.counted[part]] for part in self.parts]
 
     @property
@@ -338,7 +338,7 @@ def step_problem(
 
 @dataclass(frozen=True)
 class Trial:
-    """The model of all unknowns ``z``, simulated, in unit amplitudes."""
+    """The model of all unknowns ``z``, simulated, in normalised units."""
 
     z: Vector
     states: States

@@ -20,7 +20,7 @@ from piezo_model.identification.forward import ForwardFit
 from piezo_model.model import HysteresisCreepModel
 
 STEP = 1e-4
-"""Change of a weight for the derivatives of the figures, unit amplitudes."""
+"""Change of a weight for the derivatives of the figures, normalised units."""
 
 
 def intervals(fit: ForwardFit) -> dict[str, Any]:

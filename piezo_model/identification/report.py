@@ -62,7 +62,7 @@ class Fit:
     cubic_percent: float
     """RMS errors of the best line and the best cubic over the counted samples."""
     line: tuple[float, float]
-    """Constant and slope of the best line, unit amplitudes."""
+    """Constant and slope of the best line, normalised units."""
     span: float
     """The output's full range without a transient, in its unit."""
     missing: int

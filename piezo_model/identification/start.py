@@ -71,7 +71,7 @@ HEAD = 200_000
 NARROWER, FLAT = 0.005, 0.1
 """Smallest narrowing of the output's range that is followed, and smallest range left, as shares of it."""
 FARTHEST = 2.0
-"""Largest distance of a creep state before the first sample from the play's, unit amplitudes."""
+"""Largest distance of a creep state before the first sample from the play's, normalised units."""
 SAME = 1.001
 """Largest ratio of the error to the reported one at which the identification's initial state is kept."""
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 OUTLIER_SAMPLES = 1_000_000
 """Samples from the start in which an outlier is searched for."""
 WITHIN, FEWEST_INSIDE = 1.01, 0.2
-"""Largest unit amplitude of a drive within the model's range, and the smallest share of such samples that determines a
+"""Largest amplitude of a drive within the model's range, and the smallest share of such samples that determines a
 shift, since extrapolation has errors of its own."""
 
 

@@ -4,9 +4,9 @@
     narrow   if 6 pieces in a row stay within half of the range, or 60 within ¾
 
 A piece is a cycle, or PIECE_S of continuous operation. The new range is the union of the old and the driven one, or the
-range of those pieces, with MARGIN on both sides. The thresholds keep their unit amplitudes and the model is converted:
-with x̃ = h + g x̃' the play of threshold r is h + g times the play of threshold r/g, so that the weights follow from the
-virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; likewise for creep. S⁻¹ gets the mean slopes of the old
+range of those pieces, with MARGIN on both sides. The thresholds keep their normalised values and the model is
+converted: with x̃ = h + g x̃' the play of threshold r is h + g times the play of threshold r/g, so the weights follow
+from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; likewise for creep. S⁻¹ gets the mean slopes of the old
 one between the new thresholds, and the constant the shifts.
 """
 
@@ -24,7 +24,7 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 Span = tuple[float, float, float, float]
-"""Lowest and highest drive, lowest and highest output, in unit amplitudes."""
+"""Lowest and highest drive, lowest and highest output, in normalised units."""
 
 OVER, MARGIN = 1.1, 0.05
 UNDER = {6: 0.5, 60: 0.75}

@@ -48,7 +48,7 @@ class Event:
     what: Literal["hand-over", "refused", "sensor", "range"]
     message: str
     error_old: float = math.nan
-    """RMS error (5) of the old weights on the learned data, in unit amplitudes."""
+    """RMS error (5) of the old weights on the learned data, in normalised units."""
     error_new: float = math.nan
     learning_since: int = 0
     """Sample at which the solver began."""

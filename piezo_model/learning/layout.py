@@ -99,19 +99,19 @@ def block_samples(counts: tuple[int, ...]) -> int:
 
 
 def continuous_numbers(
-    s: ModelStructure, hand_over_s: float, memory_s: float, reset_s: float
+    s: ModelStructure, hand_over_s: float, forgetting_time_s: float, reset_s: float
 ) -> tuple[int, dict[str, float]]:
     """Samples of a block, and the :data:`SETTINGS` of continuous operation with the exact solver."""
     block = block_samples((s.samples(hand_over_s),))
     interval = max(2, s.samples(hand_over_s) // block) * block
-    forgetting = math.exp(-s.sample_time / memory_s)
+    forgetting = math.exp(-s.sample_time / forgetting_time_s)
     return block, {
         "mode": CONTINUOUS,
         "solver": EXACT,
         "middle": s.middle,
         "interval": interval,
         "checkpoint": interval * max(1, s.samples(CHECKPOINT_S) // interval),
-        "half_window": s.samples(memory_s),
+        "half_window": s.samples(forgetting_time_s),
         "reset_lasts": s.samples(reset_s),
         "forgetting": forgetting,
         "row_weight": 1.0 - forgetting,

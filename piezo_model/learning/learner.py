@@ -58,7 +58,7 @@ class Learner(Stateful):
         self._core.whole("delay")[:] = self._block
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
-        compensator.fade_over(settings.fade_s)
+        compensator.set_blend_time(settings.blend_time_s)
         self._begin(compensator.state, resets=True)
 
     def _begin(self, state: OperatorState, resets: bool) -> None:
@@ -69,7 +69,7 @@ class Learner(Stateful):
 
     def _continuous_numbers(self) -> tuple[int, dict[str, float]]:
         s, settings = self.compensator.model.structure, self.settings
-        block, numbers = layout.continuous_numbers(s, settings.hand_over_s, settings.memory_s, settings.reset_s)
+        block, numbers = layout.continuous_numbers(s, settings.hand_over_s, settings.forgetting_time_s, settings.reset_s)
         if settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
         return block, numbers
@@ -83,7 +83,7 @@ class Learner(Stateful):
             "solver": STEPS if stepped else ANSWERED,
             "middle": s.middle,
             **lasts,
-            "solve_lasts": settings.samples_to_solve,
+            "solve_lasts": settings.solve_delay_samples,
             "forgetting": 1.0,
             "row_weight": 1.0,
             "proximal": settings.proximal,
@@ -124,7 +124,7 @@ class Learner(Stateful):
         if self._cyclic:
             self._follow_cycle(events)
         if BlockEvent.LOOK in events or BlockEvent.CYCLE_OVER in events:
-            self._follow_range()
+            self._adapt_range()
 
     def _follow_cycle(self, events: BlockEvent) -> None:
         errors = float(self._clock["error_in_use"]), float(self._clock["error_found"])
@@ -187,11 +187,11 @@ class Learner(Stateful):
         elif np.all(np.isfinite(answer)):
             core["candidate"][:] = np.maximum(answer, lower)
 
-    def _follow_range(self) -> None:
+    def _adapt_range(self) -> None:
         """Change to other ranges if the drive or the output needs them."""
         core, old = self._core, self.compensator.model.structure
         span = core["covered"] if self._cyclic else self._memory["span"]
-        new = self._driven.observe(span, old) if self.settings.follow_range and np.all(np.isfinite(span)) else None
+        new = self._driven.observe(span, old) if self.settings.adapt_range and np.all(np.isfinite(span)) else None
         if not self._cyclic:
             span[:] = math.inf, -math.inf, math.inf, -math.inf
         if new is None:
@@ -200,7 +200,7 @@ class Learner(Stateful):
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
         # these weights may not have been handed over yet
         learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
-        self.compensator.change_model(carried_over(learned, new), self.settings.fade_s)
+        self.compensator.change_model(carried_over(learned, new), self.settings.blend_time_s)
         self._begin(state, resets=False)
         if self._cyclic:
             self._clock["past_span"] = 0.0

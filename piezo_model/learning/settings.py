@@ -19,7 +19,7 @@ EXACT_SOLVERS = ("projected_difference", "box_active_set")
 """Solvers that continuous operation replaces by the core's exact solver: the default, and the exact ones."""
 
 MIN_SLOPE = 0.1
-"""Smallest slope of S⁻¹ that is learned, in unit amplitudes. With a much smaller slope in an outer piece the drive
+"""Smallest slope of S⁻¹ that is learned, in normalised units. With a much smaller slope in an outer piece the drive
 would hardly rise with the reference, so the output would not reach the piece and a wrong slope would persist."""
 
 
@@ -38,13 +38,13 @@ class LearningSettings:
     solver: str = "projected_difference"
     x_limits: tuple[Number, Number] | None = None
     mode: Mode = "cyclic"
-    memory_s: float = 2.0
+    forgetting_time_s: float = 2.0
     hand_over_s: float = 0.01
-    fade_s: float = 0.002
+    blend_time_s: float = 0.002
     rate_limit: Number | None = None
-    samples_to_solve: int = 1
-    find_centre: bool | None = None
-    follow_range: bool | None = None
+    solve_delay_samples: int = 1
+    estimate_offset: bool | None = None
+    adapt_range: bool | None = None
     proximal: float = 1e-6
     integral_gain: Number = 0.0
     solver_options: Mapping[str, Any] | None = None
@@ -55,7 +55,7 @@ class LearningSettings:
                 object.__setattr__(self, name, value.item())
         checks.one_of(get_args(Mode), mode=self.mode)
         require_seconds(reset_s=self.reset_s, build_s=self.build_s, learn_s=self.learn_s)
-        require_seconds(memory_s=self.memory_s, hand_over_s=self.hand_over_s, fade_s=self.fade_s)
+        require_seconds(forgetting_time_s=self.forgetting_time_s, hand_over_s=self.hand_over_s, blend_time_s=self.blend_time_s)
         checks.share(proximal=self.proximal)
         if self.x_limits is not None:
             checks.ascending(x_limits=self.x_limits)
@@ -63,9 +63,9 @@ class LearningSettings:
         checks.require(
             lambda steps: isinstance(steps, int) and 1 <= steps <= MOST_SAMPLES,
             f"a whole number from 1 to {MOST_SAMPLES}",
-            samples_to_solve=self.samples_to_solve,
+            solve_delay_samples=self.solve_delay_samples,
         )
-        for name in ("find_centre", "follow_range"):
+        for name in ("estimate_offset", "adapt_range"):
             checks.flags(0, **{name: getattr(self, name) is not None and getattr(self, name)})
         options = self.solver_options or {}
         checks.instance(Mapping, solver_options=options)

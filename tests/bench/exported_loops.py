@@ -119,7 +119,7 @@ def learning(
         **loop,
         x_limits=LIMITS,
         model=start,
-        samples_to_solve=1,
+        solve_delay_samples=1,
         integral_gain=integral_gain,
         **PHASES,
     )

@@ -42,7 +42,7 @@ from piezo_model.signals import multi_sine
 COMPILERS, LEVELS = ("gcc", "clang"), ("-O0", "-O1", "-O2", "-O3")
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 FLOAT_LOOP_BOUND = 1e-4
-"""Unit amplitudes."""
+"""Normalised units."""
 FAULTY = "projected_difference, faulty sensor", "continuous, faulty sensor"
 INTEGRAL = (
     "projected_difference, faulty sensor, integral action",
@@ -70,7 +70,7 @@ def built(folder: Path, expected: Expected, compiler: str, *flags: str) -> Path:
 
 
 def difference(expected: Expected, x: np.ndarray) -> float:
-    """Largest difference in unit amplitudes."""
+    """Largest difference in normalised units."""
     return float(np.max(np.abs(x - expected.x[: x.size]))) / expected.model.structure.x_scale
 
 
@@ -269,9 +269,9 @@ def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(tmp_pa
     model, other, y_ref = a_model(), a_model(seed=5), references(1000)
     y_ref = np.where(np.isfinite(y_ref), y_ref, 1.0)
     write_sources(tmp_path, model, ExportSettings())
-    fade_s = 0.003
+    blend_time_s = 0.003
     weights = ", ".join(initialiser(w) for w in (other.w_H, other.w_S_inverse, other.w_K)) + ", 0.0"
-    fade = literal(np.exp(-model.structure.sample_time / fade_s))
+    fade = literal(np.exp(-model.structure.sample_time / blend_time_s))
     (tmp_path / "program.c").write_text(PROGRAM.replace("WEIGHTS", weights).replace("FADE", fade))
     subprocess.run(
         [program("gcc"), *WARNINGS, *EXACT, "-O1", *SANITIZED, "program.c", "piezo.c", "-o", "program", "-lm"],
@@ -288,7 +288,7 @@ def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(tmp_pa
 
     a, b = Compensator(model, (0.0, 150.0)), Compensator(model, (0.0, 150.0))
     x = a.run(y_ref[:300])
-    a.change_model(other, fade_s)
+    a.change_model(other, blend_time_s)
     x = np.concatenate([x, a.run(y_ref[300:])])
     np.testing.assert_array_equal(first, x)
     np.testing.assert_array_equal(second[:600], b.run(-y_ref[:600]))

@@ -117,8 +117,8 @@ def learning_loop(repeats: int) -> list[Row]:
             0.1,
             learn_s=100.0,
             state=OperatorState.settled_at(s, s.x_range[0], came_from="above"),
-            samples_to_solve=1,
-            find_centre=False,
+            solve_delay_samples=1,
+            estimate_offset=False,
             **options,
         )
 

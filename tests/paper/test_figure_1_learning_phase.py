@@ -35,7 +35,7 @@ def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
 
 
 def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> None:
-    learner = learning("box_active_set", samples_to_solve=17)
+    learner = learning("box_active_set", solve_delay_samples=17)
     wait = -(-17 // learner._block) * learner._block  # a phase ends with a block
     learner.observe(np.zeros(wait - 1), np.full(wait - 1, math.nan))
     assert learner.phase is Phase.LEARN
@@ -48,7 +48,7 @@ def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> Non
 
 
 def test_a_solver_of_steps_takes_one_a_sample_and_comes_to_the_exact_answer() -> None:
-    exact = cost_after(learning("box_active_set", samples_to_solve=1), 1)
+    exact = cost_after(learning("box_active_set", solve_delay_samples=1), 1)
     costs = [cost_after(learning("projected_difference", learn_s), 20_000) for learn_s in (0.001, 5.0, 10.0, 20.0)]
     assert costs == sorted(costs, reverse=True)
     assert costs[-1] - exact < 0.05 * (costs[0] - exact)
@@ -73,7 +73,7 @@ def test_the_steps_are_those_of_the_difference_equation() -> None:
 
 
 def test_the_program_is_that_of_the_identification_of_the_same_samples() -> None:
-    learner = learning("box_active_set", samples_to_solve=100)
+    learner = learning("box_active_set", solve_delay_samples=100)
     core, problem = learner._core, learner.problem
     assert problem is not None
     form = problem.form()

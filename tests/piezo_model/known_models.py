@@ -36,5 +36,5 @@ def a_drive(size: int = 6000, fine: int = 1) -> np.ndarray:
 
 
 def undisplaced(s: ModelStructure, unit_x: float) -> OperatorState:
-    """States of a stage that rests at an input in unit amplitudes, where no play is displaced."""
+    """States of a stage that rests at an input in normalised units, where no play is displaced."""
     return OperatorState(np.full(s.lanes, unit_x), np.full(len(s.creep_rates) * s.lanes, unit_x))

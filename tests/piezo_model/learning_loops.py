@@ -42,6 +42,6 @@ def learner_for(
 ) -> SelfLearningCompensator:
     """A learner of an actuator at the low end of its drive."""
     structure = structure_for(plant, offset)
-    chosen = {"reset_s": 0.1, "build_s": 4.0, "learn_s": 0.5, "hand_over_s": 0.02, "samples_to_solve": 5, **options}
+    chosen = {"reset_s": 0.1, "build_s": 4.0, "learn_s": 0.5, "hand_over_s": 0.02, "solve_delay_samples": 5, **options}
     start = OperatorState.settled_at(structure, structure.x_range[0], came_from="above")
     return SelfLearningCompensator(structure, solver=solver, mode=mode, state=start, **chosen)

@@ -119,7 +119,7 @@ def state_of(rng: Generator, s: ModelStructure) -> OperatorState:
 
 
 def drive(rng: Generator, size: int) -> Vector:
-    """Unit amplitudes: a wandering sine with jumps and plateaus."""
+    """In normalised units: a wandering sine with jumps and plateaus."""
     k = np.arange(size)
     x = np.sin(k * rng.uniform(0.02, 0.5)) * rng.uniform(0.2, 1) + 0.3 * np.sin(k * rng.uniform(0.001, 0.05))
     x[rng.integers(0, size, size // 10)] = rng.uniform(-1, 1, size // 10)

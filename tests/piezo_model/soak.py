@@ -69,7 +69,7 @@ class Loop:
             "box_active_set",
             mode=mode,
             hand_over_s=0.1,
-            find_centre=False,
+            estimate_offset=False,
             state=OperatorState.settled_at(s, s.x_range[0], came_from="above"),
         )
         self.y_ref = references(1)[:, 0]

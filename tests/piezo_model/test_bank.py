@@ -210,10 +210,10 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
                 change("options", name, to=1e300),
                 rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300",
             )
-            for name in ("memory_s", "hand_over_s", "reset_s", "fade_s")
+            for name in ("forgetting_time_s", "hand_over_s", "reset_s", "blend_time_s")
         ),
-        (change("options", "memory_s", to=0.0), "memory_s must be a positive number of seconds"),
-        (change("options", "memory_s", to="x"), "the field 'options.memory_s' is wrong"),
+        (change("options", "forgetting_time_s", to=0.0), "forgetting_time_s must be a positive number of seconds"),
+        (change("options", "forgetting_time_s", to="x"), "the field 'options.forgetting_time_s' is wrong"),
         (change("options", "speed", to=1), "there is no field 'options.speed'"),
         (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
         (change("tiles", to=2**70), "the field 'tiles' is wrong"),

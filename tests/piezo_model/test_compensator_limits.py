@@ -68,7 +68,7 @@ def test_a_change_of_model_leaves_no_bump_and_fades_into_the_new_one() -> None:
     changed, unchanged, jumped = (Compensator(old, (-1.0, 1.0)) for _ in range(3))
     for c in (changed, unchanged, jumped):
         c.run(y_ref[:60])
-    changed.change_model(new, fade_s=5e-3)
+    changed.change_model(new, blend_time_s=5e-3)
     jumped.change_model(new)
     x, before, after = changed.run(y_ref[60:]), unchanged.run(y_ref[60:]), jumped.run(y_ref[60:])
     assert abs(before[0] - after[0]) > 0.05
@@ -82,7 +82,7 @@ def test_an_unreachable_reference_leaves_no_bump_behind_when_the_model_changes()
     steep, flat = (HysteresisCreepModel.from_weights(SMALL, [0.0, slope]) for slope in (2.0, 1.0))
     compensator = Compensator(steep, (-1.0, 1.0))
     compensator.run([1e300])
-    compensator.change_model(flat, fade_s=1.0)
+    compensator.change_model(flat, blend_time_s=1.0)
     assert compensator.step(0.25) == pytest.approx(0.25)
 
 

@@ -41,7 +41,7 @@ def test_hours_at_rest_cause_no_wind_up() -> None:
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
 
 
-def learned_with_noise(noise: float, memory_s: float, falling: bool = False) -> tuple[SelfLearningCompensator, float]:
+def learned_with_noise(noise: float, forgetting_time_s: float, falling: bool = False) -> tuple[SelfLearningCompensator, float]:
     """A learner on an actuator of its own structure with a noisy sensor, as a share of the range, and the RMS error of
     what it learned in units of the noise."""
     s = ModelStructure.equidistant(5, 3, (0.0, 100.0), (24.0, -2.0) if falling else (-2.0, 24.0), (), T, offset=True)
@@ -55,7 +55,7 @@ def learned_with_noise(noise: float, memory_s: float, falling: bool = False) -> 
         clean, state = truth.advance(x, state)
         return clean + noise * np.ptp(y) * random.normal(size=x.size)
 
-    learner = SelfLearningCompensator(s, mode="continuous", memory_s=memory_s, state=start.copy(), follow_range=False)
+    learner = SelfLearningCompensator(s, mode="continuous", forgetting_time_s=forgetting_time_s, state=start.copy(), adapt_range=False)
     learner.run(y.mean() + 0.97 * (y - y.mean()), measured)
     error = HysteresisCreepModel.from_weights(s, learner.learned_weights).simulate(x, start) - y
     return learner, float(np.sqrt(np.mean(error**2)) / (noise * np.ptp(y)))
@@ -68,9 +68,9 @@ def test_noise_of_the_sensor_biases_no_weight(noise: float, falling: bool) -> No
     assert error < 3.0 * np.sqrt(learner.structure.d * T / (2.0 * 5.0))
 
 
-@pytest.mark.parametrize("memory_s", [0.1, 0.3])
-def test_a_program_has_an_optimum_where_noise_is_most_of_it(memory_s: float) -> None:
-    learner, _ = learned_with_noise(0.03, memory_s)
+@pytest.mark.parametrize("forgetting_time_s", [0.1, 0.3])
+def test_a_program_has_an_optimum_where_noise_is_most_of_it(forgetting_time_s: float) -> None:
+    learner, _ = learned_with_noise(0.03, forgetting_time_s)
     assert learner.counts["hand_overs"] > 0
     assert learner._memory["failures"] == 0
 

@@ -15,7 +15,7 @@ from piezo_model.learning.learner import REVERSED
 
 SECONDS = 8
 TIME = np.arange(SECONDS * 1000) * T
-PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "samples_to_solve": 5}
+PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "solve_delay_samples": 5}
 
 
 def structure_of(name: str, falling: bool = False) -> ModelStructure:

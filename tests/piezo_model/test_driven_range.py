@@ -84,7 +84,7 @@ def test_ranges_given_half_or_three_times_as_wide_are_mended(mode: str, guess: f
             mode,
             hand_over_s=0.02,
             state=state,  # type: ignore[arg-type]
-            samples_to_solve=5,
+            solve_delay_samples=5,
         )
         y_ref = steps(one, 90.0)
         errors.append(error_of(learner, y_ref, one.run, one, slice(-8000, None)))
@@ -98,8 +98,8 @@ def test_a_model_that_is_given_keeps_its_thresholds() -> None:
     wide = replace(s, x_scale=3.0 * s.x_scale, y_scale=3.0 * s.y_scale)
     model = HysteresisCreepModel.from_weights(wide, wide.straight_line)
     learner = SelfLearningCompensator(
-        wide, 0.1, 1.0, 0.1, "box_active_set", one.x_range, model=model, samples_to_solve=5
+        wide, 0.1, 1.0, 0.1, "box_active_set", one.x_range, model=model, solve_delay_samples=5
     )
     learner.run(steps(one, 8.0), one.run)
     assert learner.structure == wide
-    assert learner_for(one).settings.follow_range
+    assert learner_for(one).settings.adapt_range

@@ -40,7 +40,7 @@ def problem_of(
     reference: np.ndarray | None = None,
     proximal: float = 1e-10,
 ) -> IdentificationProblem:
-    """Problem of a drive in unit amplitudes, answered by :func:`true_model`."""
+    """Problem of a drive in normalised units, answered by :func:`true_model`."""
     x_V, state = s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)
     y = true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
     basis = DataBasis(s, state)

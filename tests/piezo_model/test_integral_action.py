@@ -66,7 +66,7 @@ def test_the_integral_ignores_samples_without_a_reference_or_an_output() -> None
 def test_a_change_of_model_leaves_no_bump_in_the_drive() -> None:
     compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
     before = [compensator.step(2.0) for _ in range(50) if compensator.correct(1.8) is None][-1]
-    compensator.change_model(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), fade_s=1.0)
+    compensator.change_model(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), blend_time_s=1.0)
     assert compensator.step(2.0) == pytest.approx(before, abs=0.2)
 
 

@@ -38,8 +38,8 @@ def of_kind(kind: str) -> tuple[SelfLearningCompensator | CompensatorBank, tuple
         mode="cyclic" if kind == "cyclic" else "continuous",
         hand_over_s=0.05,
         x_limits=plant.x_range,
-        find_centre=False,
-        follow_range=False,
+        estimate_offset=False,
+        adapt_range=False,
     )
     learner.run(y_ref, plant.run)
     return learner, plant.x_range

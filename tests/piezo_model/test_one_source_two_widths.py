@@ -63,8 +63,8 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
         single = SelfLearningCompensator(
             structure,
             mode="continuous",
-            find_centre=False,
-            follow_range=False,
+            estimate_offset=False,
+            adapt_range=False,
             x_start=x_start[i],
             **options,
         )

@@ -125,8 +125,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
             ("build_s", 0.0, "a positive number of seconds up to 1e.09, not 0.0"),
             ("learn_s", math.nan, "a positive number of seconds up to 1e.09, not nan"),
             ("proximal", -1.0, "at least 0 and below 1, not -1.0"),
-            ("samples_to_solve", 0, r"a whole number from 1 to \d+, not 0"),
-            ("samples_to_solve", 2**70, r"a whole number from 1 to \d+, not"),
+            ("solve_delay_samples", 0, r"a whole number from 1 to \d+, not 0"),
+            ("solve_delay_samples", 2**70, r"a whole number from 1 to \d+, not"),
         )
     },
     "a solver of a learner": (
@@ -135,8 +135,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "an empty bank": (lambda: CompensatorBank(STRUCTURE, 0), "count must be a whole number of at least 1, not 0"),
     "a bank without memory": (
-        lambda: CompensatorBank(STRUCTURE, 2, memory_s=0.0),
-        "memory_s must be a positive number of seconds",
+        lambda: CompensatorBank(STRUCTURE, 2, forgetting_time_s=0.0),
+        "forgetting_time_s must be a positive number of seconds",
     ),
     "limits of a bank": (
         lambda: CompensatorBank(STRUCTURE, 2, x_limits=(np.array([0.0, 5.0]), np.array([10.0, 5.0]))),

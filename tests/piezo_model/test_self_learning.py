@@ -33,7 +33,7 @@ def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray,
     """References, and the outputs measured before them, of a session with a gap and a jump."""
     plant = sensor()
     y_ref = steps(plant, seconds)
-    y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200).run(
+    y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, solve_delay_samples=200).run(
         y_ref, plant.run
     )[1]
     before = np.concatenate([[np.nan], y[:-1]])
@@ -43,7 +43,7 @@ def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray,
 
 
 def fresh(mode: str, solver: str) -> SelfLearningCompensator:
-    return learner_for(sensor(), mode, solver, offset=mode == "continuous", build_s=2.0, samples_to_solve=200)
+    return learner_for(sensor(), mode, solver, offset=mode == "continuous", build_s=2.0, solve_delay_samples=200)
 
 
 # Sample by sample and in runs
@@ -297,12 +297,12 @@ def test_three_cycles_remove_most_of_the_error_of_the_best_straight_line(plant: 
 @pytest.mark.parametrize("mode", MODES)
 def test_without_a_constant_in_the_structure_one_is_learned_and_pays(mode: str) -> None:
     errors = {}
-    for find_centre in (True, False):
+    for estimate_offset in (True, False):
         one = sensor()
         y_ref = steps(one, 16.0)
-        learner = learner_for(one, mode, offset=False, find_centre=find_centre)
-        errors[find_centre] = error_of(learner, y_ref, one.run, one, slice(-4000, None))
-        assert learner.structure.offset is find_centre
+        learner = learner_for(one, mode, offset=False, estimate_offset=estimate_offset)
+        errors[estimate_offset] = error_of(learner, y_ref, one.run, one, slice(-4000, None))
+        assert learner.structure.offset is estimate_offset
     assert errors[True] < 0.1 * errors[False]
 
 
@@ -319,7 +319,7 @@ def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
         "box_active_set",
         mode=mode,
         hand_over_s=0.02,
-        samples_to_solve=5,
+        solve_delay_samples=5,
         state=OperatorState.settled_at(structure, structure.x_range[0], came_from="above"),
     )
     assert error_of(learner, y_ref, one.run, one, slice(-6000, None)) < 1.3 * 100.0 * NOISE
@@ -369,7 +369,7 @@ def test_a_sensor_that_is_dead_for_good_leaves_the_last_good_weights_at_work(mod
 
 def test_missing_samples_only_make_the_phases_longer() -> None:
     plant = sensor()
-    learner = learner_for(plant, build_s=2.0, samples_to_solve=200)
+    learner = learner_for(plant, build_s=2.0, solve_delay_samples=200)
 
     def gappy(x: np.ndarray) -> np.ndarray:
         return np.where((learner.samples + np.arange(x.size)) % 3 == 0, np.nan, plant.run(x))

@@ -16,8 +16,8 @@ RAMP = np.linspace(-0.5, 0.5, 200)
 
 
 def judged(x: np.ndarray, y: np.ndarray) -> list[Verdict]:
-    """Verdicts of a new compensator on drives and outputs in unit amplitudes."""
-    learner = SelfLearningCompensator(UNIT, follow_range=False)
+    """Verdicts of a new compensator on drives and outputs in normalised units."""
+    learner = SelfLearningCompensator(UNIT, adapt_range=False)
     counts = [learner.counts]
     for sample in zip(x[:, None], y[:, None], strict=True):
         learner.observe(*sample)

@@ -150,7 +150,7 @@ def loops(one):
                 0.05,
                 "box_active_set",
                 each.x_range,
-                samples_to_solve=7,
+                solve_delay_samples=7,
                 state=OperatorState.settled_at(structure, each.x_range[0], came_from="above"),
             )
         )

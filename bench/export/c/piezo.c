@@ -120,7 +120,7 @@ void piezo_reset(piezo_axis *axis)
                                        .x_scale = (real)PIEZO_X_SCALE,
                                        .y_centre = (real)PIEZO_Y_CENTRE,
                                        .y_scale = (real)PIEZO_Y_SCALE,
-                                       .decay = (real)PIEZO_FADE,
+                                       .decay = (real)PIEZO_BLEND,
                                        .gain = (real)PIEZO_INTEGRAL_GAIN};
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
     c.memory->last_y_ref = (real)PIEZO_Y_CENTRE;
@@ -174,19 +174,19 @@ static piezo_status check(const piezo_weights *given, real *weights)
     return !all_finite(weights, PIEZO_ALL_WEIGHTS) ? PIEZO_NOT_FINITE : invertible ? PIEZO_OK : PIEZO_NO_INVERSE;
 }
 
-piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *given, piezo_real fade)
+piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *given, piezo_real blend)
 {
     const Compensator c = of(axis);
     real weights[PIEZO_ALL_WEIGHTS];
     const piezo_status status = check(given, weights);
-    if (!(fade >= 0 && fade < 1)) {
+    if (!(blend >= 0 && blend < 1)) {
         return PIEZO_BAD_LIMITS;
     }
     if (status == PIEZO_OK) {
         const real before = compensator_now(&c);
         compensator_set_weights(&c, weights);
-        settings_of(&c)->decay = fade;
-        c.memory->bump = fade > 0 ? c.memory->bump + before - compensator_now(&c) : 0;
+        settings_of(&c)->decay = blend;
+        c.memory->bump = blend > 0 ? c.memory->bump + before - compensator_now(&c) : 0;
         begin_learning(axis);
     }
     return status;
@@ -221,7 +221,7 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
     memcpy(state->creep, c.creep, sizeof state->creep);
 #endif
     state->bump = c.memory->bump;
-    state->fade = c.settings->decay;
+    state->blend = c.settings->decay;
     state->last_y_ref = c.memory->last_y_ref;
     state->correction = c.memory->correction;
 }
@@ -236,7 +236,7 @@ piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
 #if PIEZO_RATES > 0
     memcpy(c.creep, state->creep, sizeof state->creep);
 #endif
-    settings_of(&c)->decay = state->fade;
+    settings_of(&c)->decay = state->blend;
     c.memory->bump = state->bump;
     c.memory->last_y_ref = state->last_y_ref;
     c.memory->correction = state->correction;

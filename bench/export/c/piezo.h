@@ -40,7 +40,7 @@ typedef enum {
     PIEZO_BAD_LIMITS
 } piezo_status;
 
-/* Weights of a model, unit amplitudes. */
+/* Weights of a model, normalised units. */
 typedef struct {
     piezo_real w_h[PIEZO_THRESHOLDS]; /* play; the first > 0, the others >= 0 */
     piezo_real w_s[PIEZO_ZONES];      /* inverse superposition; sums outwards from the middle > 0 */
@@ -50,13 +50,13 @@ typedef struct {
     piezo_real offset;
 } piezo_weights;
 
-/* States of the operators, unit amplitudes, and of the transition to the last model. */
+/* States of the operators, normalised units, and of the transition to the last model. */
 typedef struct {
     piezo_real play[PIEZO_PLAY]; /* the first, of threshold zero, is the last input */
 #if PIEZO_RATES > 0
     piezo_real creep[PIEZO_RATES * PIEZO_PLAY]; /* rate by rate */
 #endif
-    piezo_real bump, fade;
+    piezo_real bump, blend;
     piezo_real last_y_ref, correction; /* output unit; the second is the sum of integral action */
 } piezo_state;
 
@@ -118,9 +118,9 @@ void piezo_correct(piezo_axis *axis, piezo_real y_measured);
 /* Call the following functions between two steps, while piezo_learn does not run. */
 
 /* Change the model. The difference between both models' drives at this moment is added to the drive and multiplied by
- * fade, 0 <= fade < 1, after each sample: exp(-sample time / time constant), 0 for a jump. A model without an inverse
+ * blend, 0 <= blend < 1, after each sample: exp(-sample time / time constant), 0 for a jump. A model without an inverse
  * is refused, and nothing changes. Learning restarts from the new model; samples and weights in transit are dropped. */
-piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, piezo_real fade);
+piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, piezo_real blend);
 
 /* Limits of the drive and its largest change from sample to sample, in input units. */
 piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high, piezo_real max_step);

@@ -5,7 +5,7 @@ the row (ξ, x) of every sample is
 
     ξ(k) = (T D)ᵀ Ξ(k),   x(k) the input,      P(k) = λ P(k−1) + (1 − λ) ξ ξᵀ  and so on, see `solvers.forgetting`,
 
-with T D the map from the scaled slopes to the weights of Ξ in unit amplitudes, fixed at the start, and λ = e^(−Ts/τ).
+with T D the map from the scaled slopes to the weights of Ξ in normalised units, fixed at the start, and λ = e^(−Ts/τ).
 The problem of sample k is the box QP of P(k), q(k). Its optimum is proven at a few hundred instants, spread evenly; at
 all other samples the answer of box_active_set is the reference. The problem is a function of the race's settings, to
 the last bit, and is not stored.
