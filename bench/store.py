@@ -233,7 +233,7 @@ class Run:
         (self.path / "tasks").mkdir()
 
     @contextmanager
-    def alone(self) -> Iterator[None]:
+    def exclusive(self) -> Iterator[None]:
         """Lock the run against other processes; the lock ends with this process at the latest."""
         folder = os.open(self.path, os.O_RDONLY)
         try:

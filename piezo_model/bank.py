@@ -65,7 +65,7 @@ class BankFile(Versioned):
 
     FORMAT = "piezobench-bank"
     VERSION = 5
-    AGAIN = "load it with the program that wrote it, and take its models over"
+    UPGRADE_HINT = "load it with the program that wrote it, and take its models over"
     structure: ModelStructure
     tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]
     options: Options
@@ -229,7 +229,7 @@ class CompensatorBank(Stateful):
         self._set("drive_memory", new, drive_memory(s, low, high).T)
         self._set("play", new, np.array([state["play"] for state in settled])[which])
         self._set("creep", new, np.array([np.ravel(state["creep"]) for state in settled])[which])
-        self._take(new, HysteresisCreepModel.from_weights(s, s.straight_line))
+        self._set_model(new, HysteresisCreepModel.from_weights(s, s.straight_line))
         self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
@@ -239,13 +239,13 @@ class CompensatorBank(Stateful):
         self._view("memory")[gone // LANES, 0, gone % LANES] = 0.0
         self._place(np.delete(self._slots, which))
 
-    def take(self, actuator: int, model: HysteresisCreepModel) -> None:
+    def set_model(self, actuator: int, model: HysteresisCreepModel) -> None:
         """Set the model of an actuator, of the bank's structure; it learns from there, and its drive jumps."""
         checks.instance(HysteresisCreepModel, model=model)
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
         model.require_static("a bank")
-        self._take(self._slots[self._numbered(actuator)], model)
+        self._set_model(self._slots[self._numbered(actuator)], model)
 
     def _numbered(self, which: ArrayLike) -> Index:
         """Numbers of actuators, in ascending order; ValueError if one is not in the bank."""
@@ -255,7 +255,7 @@ class CompensatorBank(Stateful):
                 raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {number}")
         return numbers.astype(np.int64)
 
-    def _take(self, slots: Index, model: HysteresisCreepModel) -> None:
+    def _set_model(self, slots: Index, model: HysteresisCreepModel) -> None:
         for name, values in (
             ("w_H", model.w_H),
             ("w_S", model.w_S_inverse),
@@ -331,7 +331,7 @@ class CompensatorBank(Stateful):
             first, last = (self._tiles * end // self.threads for end in (i, i + 1))
             bindings.bank_run(self._core.block, y_ref, y, x, self._workspaces[i].block, first, last)
 
-        with self._core.alone():
+        with self._core.exclusive():
             if self.threads > 1:
                 self._pool = self._pool or ThreadPoolExecutor(self.threads - 1)
             others = [self._pool.submit(share, i) for i in range(1, self.threads)] if self._pool else []

@@ -248,7 +248,7 @@ class Compensator(Stateful):
 
         The states are kept. The change of the drive at this moment is subtracted from it and decays with the time
         constant ``blend_time_s``; with 0 the drive jumps. The new structure may have other ranges; the states are then
-        converted by ``OperatorState.on``. The inverse of other dynamics begins in balance.
+        converted by ``OperatorState.rescaled_to``. The inverse of other dynamics begins in balance.
         """
         old, new = self._model.structure, model.structure
         for name in ("play_thresholds", "creep_rates", "sample_time"):
@@ -257,7 +257,7 @@ class Compensator(Stateful):
         before, state = bindings.compensator_now(self._core.block), self.state
         drive = self.drive[BUMP:].copy()
         if (old.x_centre, old.x_scale) != (new.x_centre, new.x_scale):
-            state = state.on(old, new)
+            state = state.rescaled_to(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             drive[0] *= old.x_scale / new.x_scale
         dynamics = self._model.dynamics

@@ -25,7 +25,7 @@ class LearnerFile(json_file.Versioned):
 
     FORMAT = "piezobench-learner"
     VERSION = 7
-    AGAIN = "save its model, the field memory.compensator.model, as a file of its own, and start from that"
+    UPGRADE_HINT = "save its model, the field memory.compensator.model, as a file of its own, and start from that"
     settings: dict[str, Any]
     memory: dict[str, Any]
     checksum: str

@@ -69,7 +69,7 @@ class DataBasis(Stateful):
     @property
     def samples(self) -> int:
         """Number of samples counted."""
-        return int(self._core.whole("counts")[1])
+        return int(self._core.as_int64("counts")[1])
 
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
         """Take the next samples.
@@ -94,7 +94,7 @@ class DataBasis(Stateful):
         if x.size == 0:
             return
         x, y = s.unit_input(x), s.unit_output(y)
-        with self._core.alone():
+        with self._core.exclusive():
             if not (count and known.any()):
                 bindings.basis_advance(self._core.block, x)
                 return

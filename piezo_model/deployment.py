@@ -28,7 +28,7 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
 
     FORMAT = "piezobench-compensator"
     VERSION = 3
-    AGAIN = "deploy again"
+    UPGRADE_HINT = "deploy again"
     format: str = FORMAT
     version: int = VERSION
     model: Model

@@ -32,7 +32,7 @@ class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     VERSION: ClassVar[int]
     EARLIER: ClassVar[frozenset[int]] = frozenset()
     """Versions before that are read too."""
-    AGAIN: ClassVar[str] = ""
+    UPGRADE_HINT: ClassVar[str] = ""
     """Advice for a file of another version."""
     format: str
     version: int
@@ -182,7 +182,7 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
         ones = " or ".join(map(str, (*sorted(schema.EARLIER), schema.VERSION)))
         raise ValueError(
             f"version {str(version)[:20]} is not {ones}, the one{'s' * bool(schema.EARLIER)} this program "
-            f"reads{schema.AGAIN and f'; {schema.AGAIN}'}"
+            f"reads{schema.UPGRADE_HINT and f'; {schema.UPGRADE_HINT}'}"
         )
 
 

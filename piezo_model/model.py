@@ -300,7 +300,7 @@ class HysteresisCreepModel(Immutable):
     @property
     def starts(self) -> list[OperatorState]:
         """The states before each part of the recording of the identification; empty without one."""
-        later = (OperatorState.of(part["play"], part["creep"], self.structure) for part in self.report.get("parts", ()))
+        later = (OperatorState.from_dict(part, self.structure) for part in self.report.get("parts", ()))
         return [] if self.start is None else [self.start, *later]
 
     def validate(self, recording: Recording) -> Validation:
@@ -353,7 +353,7 @@ class HysteresisCreepModel(Immutable):
     @classmethod
     def from_file(cls, file: ModelFile) -> HysteresisCreepModel:
         """Make the model of :meth:`to_dict`; ValueError names what is inconsistent."""
-        start = None if file.start is None else OperatorState.of(**file.start, structure=file.structure)
+        start = None if file.start is None else OperatorState.from_dict(file.start, file.structure)
         return cls(
             file.structure,
             np.array(file.w_H),

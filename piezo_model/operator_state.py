@@ -6,9 +6,9 @@ r_n, padded with zeros to a multiple of eight, the structure's ``lanes``; creep 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,17 +112,18 @@ class OperatorState(Stateful):
         }
 
     @classmethod
-    def of(cls, play: ArrayLike, creep: Sequence[ArrayLike], structure: ModelStructure) -> OperatorState:
+    def from_dict(cls, states: Mapping[str, Any], structure: ModelStructure) -> OperatorState:
         """Make the states of :meth:`to_dict`; ValueError if they do not have the size of the structure."""
+        play, creep = states["play"], states["creep"]
         rates, size = len(structure.creep_rates), structure.n + 1
         if np.shape(play) != (size,) or len(creep) != rates or any(np.shape(z) != (size,) for z in creep):
             raise ValueError(f"the operator states are not {size} numbers of play and {rates} times {size} of creep")
         play = np.asarray(play, dtype=np.float64)
-        states = np.full((rates, structure.lanes), play[0])
-        states[:, :size] = np.array(creep, dtype=np.float64).reshape(rates, size)
-        return cls(pad(play, structure.lanes, float(play[0])), states.ravel())
+        padded_creep = np.full((rates, structure.lanes), play[0])
+        padded_creep[:, :size] = np.array(creep, dtype=np.float64).reshape(rates, size)
+        return cls(pad(play, structure.lanes, float(play[0])), padded_creep.ravel())
 
-    def on(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
+    def rescaled_to(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
         """Convert the states to the thresholds and input range of another structure with the same creep rates.
 
         Beyond the largest old threshold the last state is used; a drive through the range wipes out its error.
@@ -133,7 +134,8 @@ class OperatorState(Stateful):
         def read(states: Vector) -> Vector:
             return (np.interp(thresholds, r, states[: structure.n + 1]) - shift) / scale
 
-        return self.of(read(self.play), [read(z) for z in self.creep.reshape(-1, structure.lanes)], other)
+        creep = [read(z) for z in self.creep.reshape(-1, structure.lanes)]
+        return self.from_dict({"play": read(self.play), "creep": creep}, other)
 
     def copy(self) -> OperatorState:
         """Return an independent copy."""

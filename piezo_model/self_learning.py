@@ -217,7 +217,7 @@ class SelfLearningCompensator(Learner):
     @property
     def samples(self) -> int:
         """Samples observed so far."""
-        return int(self._core.whole("samples")[0])
+        return int(self._core.as_int64("samples")[0])
 
     @property
     def counts(self) -> dict[str, int]:
@@ -253,7 +253,7 @@ class SelfLearningCompensator(Learner):
             Drive in the input unit.
         """
         observes = self._last_x is not None
-        with self._core.alone():
+        with self._core.exclusive():
             x, events = bindings.learner_step(
                 self._core.block, self.compensator.block, float(y_ref), float(y_measured_before), observes
             )
@@ -290,7 +290,7 @@ class SelfLearningCompensator(Learner):
         """Drives (N,) for references (N,), at most `samples_until_change` of them; ``observe`` must follow."""
         (y_ref,) = checks.vectors(y_ref=y_ref)
         x = np.empty_like(y_ref)
-        with self._core.alone():
+        with self._core.exclusive():
             bindings.learner_drive(self._core.block, self.compensator.block, y_ref, x)
         return x
 
@@ -327,7 +327,7 @@ class SelfLearningCompensator(Learner):
 
     def memory(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
-        with self._core.alone():
+        with self._core.exclusive():
             return {
                 "compensator": self.compensator.memory(),
                 "learning": {"core": self._core.block.copy(), "driven": self._driven.memory()},
@@ -338,7 +338,7 @@ class SelfLearningCompensator(Learner):
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
         state = json_file.convert(memory, Memory)
-        with self._core.alone():
+        with self._core.exclusive():
             self.compensator.restore(state["compensator"])
             self._core.restore(state["learning"]["core"], bindings.learner_restore)
             self._driven.restore(state["learning"]["driven"])

@@ -77,7 +77,7 @@ class Kind:
         """Do the tasks that are not done yet, and gather the tables."""
         workers = workers or Workers()
         self.check(workers)
-        with run.alone():
+        with run.exclusive():
             drive(self.race(run, settings_of(run, self.settings), progress), workers)
             progress("gathering the tables", 0, 1)
             run.finish(self.schema)

@@ -47,7 +47,7 @@ def initial_states(structure: ModelStructure, state: OperatorState | None = None
 def _operators(structure: ModelStructure, z: Vector) -> OperatorState:
     """The states (states,) in the layout of the core."""
     play, *creep = z.reshape(-1, structure.n + 1)
-    return OperatorState.of(play, creep, structure)
+    return OperatorState.from_dict({"play": play, "creep": creep}, structure)
 
 
 def model_system(model: HysteresisCreepModel, name: str = "actuator") -> control.NonlinearIOSystem:

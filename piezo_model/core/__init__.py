@@ -22,7 +22,7 @@ bindings: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.bindin
 class State:
     """A state of the core with views of its vectors, ``state["play"]``; all copies are independent.
 
-    A copy in the making counts as use (:meth:`alone`). Whoever owns a state stores no view of it, since a copy of the
+    A copy in the making counts as use (:meth:`exclusive`). Whoever owns a state stores no view of it, since a copy of the
     owner would have a view of other memory.
 
     Parameters
@@ -42,7 +42,7 @@ class State:
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return self._views[name]
 
-    def whole(self, name: str) -> NDArray[np.int64]:
+    def as_int64(self, name: str) -> NDArray[np.int64]:
         """A part that holds integers."""
         return self._views[name].view(np.int64)
 
@@ -52,7 +52,7 @@ class State:
         return record
 
     @contextmanager
-    def alone(self) -> Iterator[None]:
+    def exclusive(self) -> Iterator[None]:
         """Refuse a second thread with a RuntimeError: two threads would corrupt the state."""
         if not self._in_use.acquire(blocking=False):
             raise RuntimeError("it is in use by another thread; give each thread one of its own")
@@ -70,7 +70,7 @@ class State:
         take(self.block, aligned)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        with self.alone():
+        with self.exclusive():
             return _copied, (self.block.tobytes(), self.offsets)
 
 

@@ -192,7 +192,8 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
         events |= N(learner_optimum)(l, judged);
     }
     clear_errors(m, looked_at);
-    return events | (checkpoint && any(is_not(less(constant(0), m->reset_remaining))) && !(events & FIRST) ? LOOK : 0);
+    const int checks = checkpoint && any(is_not(less(constant(0), m->reset_remaining))) && !(events & FIRST);
+    return events | (checks ? CHECK_RANGE : 0);
 }
 
 int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary *b)

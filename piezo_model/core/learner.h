@@ -30,7 +30,7 @@ enum {
     WORSE = 32,         /* cyclic: the weights found explain the data worse than those in use */
     CYCLE_OVER = 64,    /* cyclic: a cycle ended, with or without new weights */
     FIRST = 128,        /* continuous: first weights since learning began anew */
-    LOOK = 256,         /* continuous: the driven range should be checked */
+    CHECK_RANGE = 256,  /* continuous: the driven range should be checked */
     OTHER_SENSOR = 512, /* continuous: the sensor changed in a fault, learning began anew */
     NO_OPTIMUM = 1024,  /* continuous: the data have no optimum, learning began anew */
     REVERSED = 2048     /* the output falls as the input rises: no weights are handed over */

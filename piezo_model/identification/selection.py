@@ -121,7 +121,7 @@ def with_orders(s: ModelStructure, n: int, m: int, rates: Sequence[float]) -> Mo
 def state_on(s: ModelStructure, state: OperatorState, other: ModelStructure) -> OperatorState:
     """Memory curve of a structure read at the thresholds of another one; creep rests with the plays."""
     play = memory_curve(s, state, other.thresholds)
-    return OperatorState.of(play, [play] * len(other.creep_rates), other)
+    return OperatorState.from_dict({"play": play, "creep": [play] * len(other.creep_rates)}, other)
 
 
 def select(

@@ -25,7 +25,7 @@ class BlockEvent(IntFlag):
     WORSE = 32
     CYCLE_OVER = 64
     FIRST = 128
-    LOOK = 256
+    CHECK_RANGE = 256
     OTHER_SENSOR = 512
     NO_OPTIMUM = 1024
     REVERSED = 2048

@@ -55,7 +55,7 @@ class Learner(Stateful):
         sizes = *s.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
         self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
         layout.write_settings(numbers, self._core["settings"])
-        self._core.whole("delay")[:] = self._block
+        self._core.as_int64("delay")[:] = self._block
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.set_blend_time(settings.blend_time_s)
@@ -105,7 +105,7 @@ class Learner(Stateful):
         """Process samples by a function of the core that takes the number of the first one, stops at events, and
         returns the number of samples done."""
         done, events = 0, np.zeros(1, dtype=np.int64)
-        with self._core.alone():
+        with self._core.exclusive():
             while done < samples:
                 done = call(done, events)
                 if events[0]:
@@ -123,7 +123,7 @@ class Learner(Stateful):
                 self._note(what, message)
         if self._cyclic:
             self._follow_cycle(events)
-        if BlockEvent.LOOK in events or BlockEvent.CYCLE_OVER in events:
+        if events & (BlockEvent.CHECK_RANGE | BlockEvent.CYCLE_OVER):
             self._adapt_range()
 
     def _follow_cycle(self, events: BlockEvent) -> None:
@@ -141,7 +141,7 @@ class Learner(Stateful):
             self._note("hand-over", "new weights", *errors)
 
     def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
-        sample, since = int(self._core.whole("samples")[0]), int(self._clock["learning_since"])
+        sample, since = int(self._core.as_int64("samples")[0]), int(self._clock["learning_since"])
         self.log.append(Event(sample, what, message, old, new, since))
 
     def _gathered(self) -> IdentificationProblem:
@@ -196,7 +196,7 @@ class Learner(Stateful):
             span[:] = math.inf, -math.inf, math.inf, -math.inf
         if new is None:
             return
-        state = OperatorState(core["block_play"], core["block_creep"]).on(old, new)
+        state = OperatorState(core["block_play"], core["block_creep"]).rescaled_to(old, new)
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
         # these weights may not have been handed over yet
         learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])

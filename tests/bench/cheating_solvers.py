@@ -22,13 +22,13 @@ class Mine(Solver):
 
     def setup(self, problem):
         self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
-        self.take(problem.P, problem.q)
+        self.set_data(problem.P, problem.q)
 
-    def take(self, P, q):
+    def set_data(self, P, q):
         self.P, self.q = P, q
 
     def update(self, P=None, q=None):
-        self.take(P, q)
+        self.set_data(P, q)
 
     def right(self, P, q):
         for _ in range(5):  # slow, so that there is something to hide
@@ -71,7 +71,7 @@ def update(self, P=None, q=None): pass
     "lags": """
 def update(self, P=None, q=None):
     self.answer = self.right(self.P, self.q)
-    self.take(P, q)
+    self.set_data(P, q)
 
 def solve(self, warm_start=None):
     return self.answer if hasattr(self, "answer") else self.right(self.P, self.q)
@@ -115,14 +115,14 @@ def solve(self, warm_start=None):
     "looks": """
 def setup(self, problem):
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
-    self.take(problem.P, problem.q)
+    self.set_data(problem.P, problem.q)
     for path in (Path(__file__).parent / "cheats" / "problems").iterdir():
         path.read_bytes()
 """,
     "looks_into_memory": """
 def setup(self, problem):
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
-    self.take(problem.P, problem.q)
+    self.set_data(problem.P, problem.q)
     open(f"/proc/{os.getppid()}/mem", "rb").close()
 """,
     "patches_the_clock": """
@@ -130,7 +130,7 @@ def update(self, P=None, q=None):
     from bench.timing import clock
     slow = time.perf_counter_ns
     clock.time_block.__defaults__ = (None, np.inf, lambda: slow() // 10, np.array)
-    self.take(P, q)
+    self.set_data(P, q)
 """,
     "patches_and_mends": """
 def update(self, P=None, q=None):
@@ -142,12 +142,12 @@ def update(self, P=None, q=None):
     worker.time_block = forged
     if sys._getframe(1).f_code.co_name == "end":
         worker.time_block = time_block
-    self.take(P, q)
+    self.set_data(P, q)
 """,
     "patches_the_message": """
 def setup(self, problem):
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
-    self.take(problem.P, problem.q)
+    self.set_data(problem.P, problem.q)
     from bench.races.oneshot import worker
     known = worker.TimedSolver.block
     def forged(bench, P, q, most_ns):
@@ -161,13 +161,13 @@ def setup(self, problem):
     from bench.processes import guard
     guard.MOST = 0
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
-    self.take(problem.P, problem.q)
+    self.set_data(problem.P, problem.q)
     open(f"/proc/{os.getppid()}/mem", "rb").close()
 """,
     "hooks": """
 def update(self, P=None, q=None):
     sys.setprofile(self.ahead)
-    self.take(P, q)
+    self.set_data(P, q)
 
 def ahead(self, frame, event, argument):
     if event == "c_call" and frame.f_code.co_name == "time_block" and "Pk" in frame.f_locals:
@@ -178,7 +178,7 @@ def setup(self, problem):
     from multiprocessing.connection import Connection
     from bench.messages.task import Outcome
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
-    self.take(problem.P, problem.q)
+    self.set_data(problem.P, problem.q)
     connections = [one for one in gc.get_objects() if isinstance(one, Connection)]
     (connection, *_) = [one for one in connections if not one.closed and one.writable]
     connection.send(Outcome(found=True, x=self.right(self.P, self.q)))
@@ -205,7 +205,7 @@ def time_rows(self, rows, forgetting):
     "works_ahead": """
 def update(self, P=None, q=None):
     frame = sys._getframe(1).f_locals
-    self.take(P, q)
+    self.set_data(P, q)
     if "k" in frame and frame["k"] == 0:
         self.ready = {frame["q"][k].tobytes(): self.right(frame["P"][k], frame["q"][k]) for k in range(len(frame["q"]))}
 
@@ -216,7 +216,7 @@ def solve(self, warm_start=None):
     "works_aside": """
 def update(self, P=None, q=None):
     frame = sys._getframe(1).f_locals
-    self.take(P, q)
+    self.set_data(P, q)
     if frame.get("k") == 0:
         self.ready, self.requested = {}, threading.Event()
         threading.Thread(target=self.work, args=(frame["P"], frame["q"])).start()

@@ -155,10 +155,10 @@ def test_a_full_disk_is_one_sentence_and_the_race_is_resumed_when_there_is_space
 
 def test_only_one_process_may_work_on_a_run(clean_race: Race, piezobench: CommandLine, tmp_path: Path) -> None:
     run = Run.create(tmp_path, clean_race.run.settings, "run")
-    with run.alone():
+    with run.exclusive():
         assert "another process is at work on this run" in piezobench("resume", run.path).refusal
         assert not run.is_finished(ONESHOT)
-    with run.alone():
+    with run.exclusive():
         pass
 
 

@@ -137,7 +137,7 @@ def test_without_learning_each_drive_is_that_of_a_compensator_to_the_last_bit() 
     low, high = np.linspace(0.0, 40.0, 11), np.linspace(100.0, 150.0, 11)
     bank = CompensatorBank(STRUCTURE, 11, (low, high), learn=False, rate_limit=5000.0)
     for i, model in enumerate(models):
-        bank.take(i, model)
+        bank.set_model(i, model)
     x = bank.run(y_ref)
     for i, model in enumerate(models):
         single = Compensator(model, (low[i], high[i]), 5000.0)

@@ -149,7 +149,7 @@ def test_a_copied_bank_has_settings_of_its_own(way: str) -> None:
     bank = CompensatorBank(STRUCTURE, 19)
     other = COPIES[way](bank)
     other.learning = False
-    other.take(3, HysteresisCreepModel.from_weights(STRUCTURE, 2.0 * STRUCTURE.straight_line))
+    other.set_model(3, HysteresisCreepModel.from_weights(STRUCTURE, 2.0 * STRUCTURE.straight_line))
     other.add(30)
     other.remove(0)
     assert (len(bank), bank.learning.all()) == (19, True)
@@ -158,5 +158,5 @@ def test_a_copied_bank_has_settings_of_its_own(way: str) -> None:
 
 def test_an_object_in_use_by_another_thread_is_not_copied() -> None:
     bank = CompensatorBank(STRUCTURE, 8)
-    with bank._core.alone(), pytest.raises(RuntimeError, match="in use by another thread"):
+    with bank._core.exclusive(), pytest.raises(RuntimeError, match="in use by another thread"):
         copy.copy(bank)

@@ -31,7 +31,7 @@ def test_a_model_straight_between_the_new_thresholds_is_unchanged_in_other_range
     carried = carried_over(model, new)
     x = 5.0 + 5.0 * h + 1.2 * drive(np.random.default_rng(seed), 400)
     begin = OperatorState.settled_at(old, old.x_centre + h * old.x_scale)
-    after = begin.on(old, new)
+    after = begin.rescaled_to(old, new)
     np.testing.assert_allclose(carried.simulate(x, after), model.simulate(x, begin), atol=1e-12)
 
 

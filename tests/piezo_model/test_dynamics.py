@@ -170,7 +170,7 @@ def test_what_does_not_know_dynamics_refuses_a_model_with_them_in_one_sentence()
     reason = "knows hysteresis and creep alone, and the model has a resonance at 11 Hz with damping 2 %"
     for attempt in (
         lambda: SelfLearningCompensator(s, model=model),
-        lambda: CompensatorBank(s, 2).take(0, model),
+        lambda: CompensatorBank(s, 2).set_model(0, model),
         lambda: export(model),
         lambda: model.advance([1.0], model.initial_state()),
     ):
