@@ -64,7 +64,7 @@ class BankFile(Versioned):
     """The content of a file besides the arrays."""
 
     FORMAT = "piezobench-bank"
-    VERSION = 5
+    VERSION = 6
     UPGRADE_HINT = "load it with the program that wrote it, and take its models over"
     structure: ModelStructure
     tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]
@@ -349,13 +349,13 @@ class CompensatorBank(Stateful):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_pool": None}  # a copy starts threads of its own
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
         return {"core": self._core.block.copy(), "slots": self._slots.copy()}
 
-    def restore(self, memory: dict[str, Any]) -> None:
-        """Continue, to the last bit, from the :meth:`memory` of a bank of the same settings and number of tiles."""
-        slots, lanes = memory["slots"], self._tiles * LANES
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue, to the last bit, from the :meth:`get_state` of a bank of the same settings and number of tiles."""
+        slots, lanes = state["slots"], self._tiles * LANES
         if not (
             slots.dtype == np.int64
             and slots.ndim == 1
@@ -363,7 +363,7 @@ class CompensatorBank(Stateful):
             and np.unique(slots).size == slots.size
         ):
             raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
-        self._core.restore(memory["core"], bindings.bank_restore)
+        self._core.restore(state["core"], bindings.bank_restore)
         self._place(slots.copy())
 
     def save(self, path: str | Path) -> None:
@@ -376,21 +376,21 @@ class CompensatorBank(Stateful):
             "options": self.options,
         }
         with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, about=np.array(json.dumps(packed(about))), **self.memory())
+            np.savez(file, about=np.array(json.dumps(packed(about))), **self.get_state())
 
     @classmethod
     def load(cls, path: str | Path, threads: int = 1) -> CompensatorBank:
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about, memory = decoded(str(file["about"]), BankFile), {name: file[name] for name in ("core", "slots")}
+                about, state = decoded(str(file["about"]), BankFile), {name: file[name] for name in ("core", "slots")}
             bank = cls(about.structure, 1, threads=threads, **about.options)
-            if memory["core"].size != bindings.bank_bytes(*about.structure.shape, about.tiles, bank.block):
+            if state["core"].size != bindings.bank_bytes(*about.structure.shape, about.tiles, bank.block):
                 raise ValueError(
-                    f"the field 'tiles' is {about.tiles}, and the memory is of another number or of another structure"
+                    f"the field 'tiles' is {about.tiles}, and the state is of another number or of another structure"
                 )
             bank._allocate(about.tiles)
-            bank.restore(memory)
+            bank.restore(state)
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise ModelError(f"{path}: does not hold a whole bank: {error}") from None
         return bank

@@ -50,7 +50,7 @@ def integral_share(gain: float, sample_time: float) -> float:
     return gain * sample_time
 
 
-class CompensatorMemory(TypedDict):
+class CompensatorState(TypedDict):
     """State of a compensator."""
 
     model: ModelFile
@@ -266,7 +266,7 @@ class Compensator(Stateful):
             self._balance()
         self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if blend_time_s > 0.0 else 0.0
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, including the model."""
         return {
             "model": self.model.to_dict(),
@@ -282,25 +282,22 @@ class Compensator(Stateful):
         """The filters in use."""
         return [part for part in (self._prefilter, self._reference_model) if part is not None]
 
-    def restore(self, memory: Mapping[str, Any]) -> None:
-        """Continue, to the last bit, from :meth:`memory`; ValueError names what is wrong."""
-        saved = json_file.convert(memory, CompensatorMemory)
-        model, state, drive = (
-            HysteresisCreepModel.from_file(saved["model"]),
-            OperatorState(saved["play"], saved["creep"]),
-            saved["drive"],
-        )
-        OperatorState.require(state, model.structure)
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue, to the last bit, from :meth:`get_state`; ValueError names what is wrong."""
+        saved = json_file.convert(state, CompensatorState)
+        model, drive = HysteresisCreepModel.from_file(saved["model"]), saved["drive"]
+        operators = OperatorState(saved["play"], saved["creep"])
+        OperatorState.require(operators, model.structure)
         # the last reference is NaN before the first one
         if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
-            raise ValueError("the memory of the drive must be six finite numbers, but for the last reference")
-        if not (np.all(np.isfinite(state.play)) and np.all(np.isfinite(state.creep)) and 0.0 <= saved["decay"] < 1.0):
+            raise ValueError("the state of the drive must be six finite numbers, but for the last reference")
+        if not (np.all(np.isfinite(operators.play)) and np.all(np.isfinite(operators.creep)) and 0.0 <= saved["decay"] < 1.0):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
-        self._use(model, state, drive, saved["decay"])
+        self._use(model, operators, drive, saved["decay"])
         self._balance()
         sizes, values = [part.state.size for part in self._filters], saved.get("prefilter", np.zeros(0))
         if values.shape != (sum(sizes),) or not np.all(np.isfinite(values)):
-            raise ValueError(f"the memory of the dynamics must be {sum(sizes)} finite numbers")
+            raise ValueError(f"the state of the dynamics must be {sum(sizes)} finite numbers")
         for part, of_part in zip(self._filters, np.split(values, np.cumsum(sizes)[:-1]), strict=False):
             part.state = of_part
 

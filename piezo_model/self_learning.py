@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks, compensator_file, json_file
-from piezo_model.compensator import Compensator, CompensatorMemory
+from piezo_model.compensator import Compensator, CompensatorState
 from piezo_model.compensator_file import LearnerFile
 from piezo_model.core import bindings
 from piezo_model.deployment import Deployment
 from piezo_model.json_file import Number
-from piezo_model.learning.driven_range import RangeMemory
+from piezo_model.learning.driven_range import RangeState
 from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
 from piezo_model.learning.learner import Learner
 from piezo_model.learning.settings import LearningSettings, Mode
@@ -34,18 +34,18 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 
-class LearnerMemory(TypedDict):
+class LearnerState(TypedDict):
     """State of the learner."""
 
     core: np.ndarray
-    driven: RangeMemory
+    driven: RangeState
 
 
-class Memory(TypedDict):
+class SavedState(TypedDict):
     """State of a self-learning compensator."""
 
-    compensator: CompensatorMemory
-    learning: LearnerMemory
+    compensator: CompensatorState
+    learning: LearnerState
     last_x: Number | None
     log: list[Event]
 
@@ -325,31 +325,31 @@ class SelfLearningCompensator(Learner):
             x[-1] = self.step(float(y_ref[-1]), np.nan)
         return x
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
         with self._core.exclusive():
             return {
-                "compensator": self.compensator.memory(),
-                "learning": {"core": self._core.block.copy(), "driven": self._driven.memory()},
+                "compensator": self.compensator.get_state(),
+                "learning": {"core": self._core.block.copy(), "driven": self._driven.get_state()},
                 "last_x": self._last_x,
                 "log": [asdict(event) for event in self.log],
             }
 
-    def restore(self, memory: Mapping[str, Any]) -> None:
-        """Continue, to the last bit, from the :meth:`memory` of a compensator of the same settings."""
-        state = json_file.convert(memory, Memory)
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue, to the last bit, from the :meth:`get_state` of a compensator of the same settings."""
+        saved = json_file.convert(state, SavedState)
         with self._core.exclusive():
-            self.compensator.restore(state["compensator"])
-            self._core.restore(state["learning"]["core"], bindings.learner_restore)
-            self._driven.restore(state["learning"]["driven"])
+            self.compensator.restore(saved["compensator"])
+            self._core.restore(saved["learning"]["core"], bindings.learner_restore)
+            self._driven.restore(saved["learning"]["driven"])
             self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
-            self._last_x = state["last_x"]
+            self._last_x = saved["last_x"]
             self.log.clear()
-            self.log.extend(state["log"])
+            self.log.extend(saved["log"])
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON, at any time; the file is replaced as a whole."""
-        compensator_file.write(path, asdict(self.settings), self.memory())
+        compensator_file.write(path, asdict(self.settings), self.get_state())
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SelfLearningCompensator:
@@ -389,17 +389,17 @@ class SelfLearningCompensator(Learner):
 
     @classmethod
     def _resumed(cls, path: str | Path) -> SelfLearningCompensator:
-        fields, memory = compensator_file.read(path)
+        fields, state = compensator_file.read(path)
         try:
-            state = json_file.convert(memory, Memory)
+            saved = json_file.convert(state, SavedState)
             settings = json_file.convert(fields, LearningSettings)
             options = {**(settings.solver_options or {}), "lane": "", "setting": ""}
             # a library could take a text for the name of a file to write
             if texts := [name for name, value in options.items() if value and isinstance(value, str | list | dict)]:
                 raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
-            model = HysteresisCreepModel.from_file(state["compensator"]["model"])
+            model = HysteresisCreepModel.from_file(saved["compensator"]["model"])
             learner = cls(model.structure, **asdict(settings), model=model)
-            learner.restore(memory)
+            learner.restore(state)
         except ValueError as error:
             raise ModelError(f"{path}: does not hold a whole compensator: {json_file.brief(error)}") from None
         return learner

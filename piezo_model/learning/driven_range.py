@@ -30,10 +30,10 @@ OVER, MARGIN = 1.1, 0.05
 UNDER = {6: 0.5, 60: 0.75}
 """Share of the range within which the driven range must stay to be narrowed, by the number of pieces: since a change
 discards one cycle of learning, a small gain requires a long observation."""
-MEMORY, PIECE_S = max(UNDER), 10.0
+LONGEST, PIECE_S = max(UNDER), 10.0
 
 
-class RangeMemory(TypedDict):
+class RangeState(TypedDict):
     """State of a :class:`DrivenRange`, as it is saved."""
 
     spans: list[tuple[Number, Number, Number, Number]]
@@ -57,7 +57,7 @@ class DrivenRange:
             before = self.spans.pop()
             x_low, x_high = min(x_low, before[0]), max(x_high, before[1])
             y_low, y_high = min(y_low, before[2]), max(y_high, before[3])
-        self.spans = [*self.spans, (x_low, x_high, y_low, y_high)][-MEMORY:]
+        self.spans = [*self.spans, (x_low, x_high, y_low, y_high)][-LONGEST:]
         self.observed += 1
         spans, whole = np.array(self.spans), self.observed % self.per_piece == 0
         ranges: dict[str, Any] = {}
@@ -86,13 +86,13 @@ class DrivenRange:
             self.spans.pop()
             self.observed -= self.observed % self.per_piece
 
-    def memory(self) -> RangeMemory:
+    def get_state(self) -> RangeState:
         """The state, as it is saved."""
         return {"spans": list(self.spans), "observed": self.observed}
 
-    def restore(self, memory: RangeMemory) -> None:
-        """Continue from a :meth:`memory`."""
-        self.spans, self.observed = memory["spans"], memory["observed"]
+    def restore(self, state: RangeState) -> None:
+        """Continue from a :meth:`get_state`."""
+        self.spans, self.observed = state["spans"], state["observed"]
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:

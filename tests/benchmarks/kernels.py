@@ -131,7 +131,7 @@ def learning_loop(repeats: int) -> list[Row]:
         one.replay(y_ref[: part.start], before[: part.start])
         if one.phase != phase:
             raise AssertionError(f"the loop is in phase {one.phase} and not in {phase}")
-        memory = one.memory()
+        memory = one.get_state()
         return (
             f"whole loop, {', '.join(map(str, options.values()))}: {phase}",
             fastest(lambda: one.replay(y_ref[part], before[part]), SHORT, 16 * repeats, lambda: one.restore(memory)),

@@ -125,7 +125,7 @@ class Bank:
     def piece(self) -> float:
         squares = 0.0
         for part in self.chunks():
-            y_ref, memory = self.y_ref[part], self.bank.memory()
+            y_ref, memory = self.y_ref[part], self.bank.get_state()
             first = self.bank.step(y_ref[0], self.before)
             self.bank.learning = False
             x = np.vstack([first, self.bank.run(y_ref[1:])])

@@ -159,7 +159,7 @@ def shown(thing: Any) -> Any:
     """All that can be seen of an object's state."""
     if isinstance(thing, DataBasis):
         return thing.P, thing.samples, thing.state.play, thing.state.creep, thing.excitation
-    return thing.memory() if hasattr(thing, "memory") else None
+    return thing.get_state() if hasattr(thing, "get_state") else None
 
 
 @pytest.mark.parametrize("form", WRONG)
@@ -225,7 +225,7 @@ def test_a_bank_refuses_and_is_as_it_was(call: Callable[[CompensatorBank], Any],
     other.run(y_ref, y_ref)
     with pytest.raises(ValueError, match=sentence):
         call(bank)
-    np.testing.assert_equal(bank.memory(), other.memory())
+    np.testing.assert_equal(bank.get_state(), other.get_state())
     np.testing.assert_array_equal(bank.run(y_ref, y_ref + 0.1), other.run(y_ref, y_ref + 0.1))
 
 

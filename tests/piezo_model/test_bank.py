@@ -215,7 +215,7 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
         (change("options", "forgetting_time_s", to=0.0), "forgetting_time_s must be a positive number of seconds"),
         (change("options", "forgetting_time_s", to="x"), "the field 'options.forgetting_time_s' is wrong"),
         (change("options", "speed", to=1), "there is no field 'options.speed'"),
-        (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the memory is of another number"),
+        (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the state is of another number"),
         (change("tiles", to=2**70), "the field 'tiles' is wrong"),
         (
             change("version", to=99),

@@ -98,5 +98,5 @@ def test_memory_and_restore_go_on_bit_for_bit(case: Case, cut: int) -> None:
     other = Compensator(
         HysteresisCreepModel.from_weights(s, s.straight_line), (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
     )
-    other.restore(one.memory())
+    other.restore(one.get_state())
     np.testing.assert_array_equal(np.concatenate([first, other.run(y_ref[cut:])]), whole.run(y_ref))

@@ -113,7 +113,7 @@ def test_a_copy_and_a_restored_compensator_continue_to_the_bit(gain: float) -> N
         compensator.correct(0.9 * y_ref)
         compensator.step(y_ref)
     restored = Compensator(model_of(TWO), rate_limit=2e4, integral_gain=gain)
-    restored.restore(compensator.memory())
+    restored.restore(compensator.get_state())
     copied, expected = copy.deepcopy(compensator), []
     for part in (compensator, restored, copied):
         drives = []
@@ -122,8 +122,8 @@ def test_a_copy_and_a_restored_compensator_continue_to_the_bit(gain: float) -> N
             part.correct(0.9 * y_ref)
         expected.append(drives)
     assert expected[0] == expected[1] == expected[2]
-    with pytest.raises(ValueError, match="the memory of the dynamics must be"):
-        restored.restore({**compensator.memory(), "prefilter": np.zeros(2)})
+    with pytest.raises(ValueError, match="the state of the dynamics must be"):
+        restored.restore({**compensator.get_state(), "prefilter": np.zeros(2)})
 
 
 def test_a_change_of_the_dynamics_begins_in_balance() -> None:

@@ -139,7 +139,7 @@ def test_deployments_and_learners_with_a_model_of_the_version_before_are_read(tm
     assert Deployment.load(tmp_path / "deployment.json").model.dynamics is None
 
     compensator = Compensator(model)
-    compensator.restore({**compensator.memory(), "model": earlier})
+    compensator.restore({**compensator.get_state(), "model": earlier})
     assert compensator.model.dynamics is None
 
 

@@ -49,10 +49,10 @@ def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
     """Numbers of damaged memories that were refused and that ran inside the limits, of 300."""
     random, refused, ran = np.random.default_rng(seed), 0, 0
     one, (low, high) = of_kind(kind)
-    good, y_ref = one.memory(), np.linspace(low, high, 150)
+    good, y_ref = one.get_state(), np.linspace(low, high, 150)
     for _ in range(300):
         damaged = (
-            one.memory()
+            one.get_state()
             if kind == "bank"
             else {**good, "learning": {**good["learning"], "core": good["learning"]["core"].copy()}}
         )

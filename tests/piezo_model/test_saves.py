@@ -73,7 +73,7 @@ def test_numbers_of_numpy_are_saved_and_loaded(
     if make is not bank:
         assert (tmp_path / "again").read_text() == (tmp_path / "file").read_text()
     else:
-        np.testing.assert_equal(other.memory(), one.memory())
+        np.testing.assert_equal(other.get_state(), one.get_state())
         assert other.options == one.options
 
 

@@ -93,7 +93,7 @@ def test_equal_learners_have_the_same_bytes_regardless_of_earlier_computations()
         rng = np.random.default_rng(size)  # leaves different numbers on the stack each time
         np.linalg.svd(rng.normal(size=(size, size)))
         learner = SelfLearningCompensator(structure_for(plant, n=3, m=1), build_s=0.5, learn_s=0.1)
-        states.add(pickle.dumps(learner.memory()))
+        states.add(pickle.dumps(learner.get_state()))
         plant.run(rng.normal(size=size))
     assert len(states) == 1
 
@@ -145,10 +145,10 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
     with pytest.raises(
         ModelError,
         match=r"version 6 is not 7, the one this program reads; save its model, the field "
-        r"memory\.compensator\.model, as",
+        r"state\.compensator\.model, as",
     ):
         SelfLearningCompensator.load(path)
-    (tmp_path / "model.json").write_text(json.dumps(content["memory"]["compensator"]["model"]))
+    (tmp_path / "model.json").write_text(json.dumps(content["state"]["compensator"]["model"]))
     np.testing.assert_array_equal(
         HysteresisCreepModel.load(tmp_path / "model.json").all_weights, learner.model.all_weights
     )
@@ -156,8 +156,8 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
 
 def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_path: Path) -> None:
     path, learner = tmp_path / "learner.json", fresh("cyclic", "box_active_set")
-    memory = learner.memory()
-    other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").memory()["learning"]["core"]
+    memory = learner.get_state()
+    other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").get_state()["learning"]["core"]
     for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
         memory["learning"]["core"] = core
         compensator_file.write(path, asdict(learner.settings), memory)
@@ -219,7 +219,7 @@ def test_options_that_the_solver_does_not_have_are_refused_before_anything_runs(
     solver: str, options: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:
     learner, path = fresh("cyclic", solver), tmp_path / "learner.json"
-    compensator_file.write(path, {**asdict(learner.settings), "solver_options": options}, learner.memory())
+    compensator_file.write(path, {**asdict(learner.settings), "solver_options": options}, learner.get_state())
     with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{re.escape(sentence)}[^\n]*$"):
         SelfLearningCompensator.load(path)
 
