@@ -27,12 +27,12 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from piezo_model.identification.direction import is_one_way, swapped
+from piezo_model.identification.direction import is_monotonic, swapped
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving, counted_from
 from piezo_model.identification.forward import ForwardFit, fit_forward
 from piezo_model.identification.report import Baseline, Fit, percent
-from piezo_model.identification.start import HEAD, moving_from
+from piezo_model.identification.start import HEAD, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
@@ -94,7 +94,7 @@ class Adequacy:
     """The reason against the model, one sentence without its full stop."""
     left_out: str | None
     """The resonance that the output has, in place of a refusal, if dynamics are ignored; a sentence likewise."""
-    one_way: bool
+    monotonic_drive: bool
     """Whether the data are nearly a single branch."""
 
 
@@ -147,7 +147,7 @@ def check_adequacy(
     # with many samples and few weights, the error of the fit is near that on held-out data
     held_out = cross_validate(recording, fitted, skip, solving, fit.span) if recording.length <= HEAD else None
     baseline = held_out or Baseline(fit.line_percent, fit.cubic_percent, fit.rms_percent, held_out=False)
-    counted = slice(skip, HEAD + moving_from(recording, skip))
+    counted = slice(skip, HEAD + first_motion(recording, skip))
     x, y = recording.x[counted], recording.y[counted]
     own = (y - s.y_centre - s.y_scale * fitted.y_model[counted]) / fit.span
     data = _Data(0.5 + 0.5 * s.unit_input(x), (y - y.mean()) / fit.span, own)
@@ -156,7 +156,8 @@ def check_adequacy(
     scattered = curve < EXACT or correlation(residual(curves(data.near_u), data.near_v)) < WHITE
     hidden = curve < EXACT or error > LOOPS * curve  # loops much smaller than the noise still lower the error
     on_curve = scattered and hidden and curve < 1.2 * error + EXACT and line < 0.8 * float(data.v.std())
-    compared = f"this model leaves {percent(100.0 * error)} of the range and a straight line {percent(100.0 * line)}"
+    own_error = f"{percent(100.0 * error)} with this model" if error < line else "and this model is no better"
+    compared = f"RMS residual {percent(100.0 * line)} of range with a straight line, {own_error}"
     poor = error > MUCH_BETTER * line
     good = error < GOOD and not poor
     refusal, left_out = outlier(recording, counted, s.output_unit), None
@@ -171,7 +172,7 @@ def check_adequacy(
         no_better = error >= (NO_BETTER if dynamics_ignored else HARDLY_BETTER) * line
         refusal = _mismatch(data, error, line, no_better, fit, compared)
     on_curve = on_curve and refusal is None and left_out is None
-    return Adequacy(baseline, not on_curve, on_curve and not baseline.pays, refusal, left_out, is_one_way(data.thin_u))
+    return Adequacy(baseline, not on_curve, on_curve and not baseline.is_significant, refusal, left_out, is_monotonic(data.thin_u))
 
 
 class _Data:
@@ -247,19 +248,19 @@ def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit,
     trend = rms(residual(polynomials(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
     if drifts and trend < MUCH_BETTER * min(error, cubic):
         return (
-            f"the output drifts with time and does not follow the drive, which leaves {percent(100.0 * trend)} of the "
-            f"range: {compared}"
+            f"the output drifts with time and does not follow the drive: RMS residual {percent(100.0 * trend)} of range "
+            f"with a polynomial in time, {compared.removeprefix('RMS residual ')}"
         )
     if no_better and correlation(data.near_v) < WHITE and line > NO_BETTER * float(data.v.std()):
         return f"the output is noise that does not follow the drive: {compared}"
     if no_better and cubic < NO_BETTER * line and data.is_valley:
         return (
             "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field: "
-            f"{compared}, a cubic {percent(100.0 * cubic)}"
+            f"{compared}, {percent(100.0 * cubic)} with a cubic"
         )
     left = correlation(data.near_own) > WHITE or line > NO_BETTER * float(data.v.std())  # more than the sensor's noise
     if (no_better and left) or cubic < MUCH_BETTER * error:
-        return f"the model class does not describe these data: {compared}, a cubic {percent(100.0 * cubic)}"
+        return f"the model class does not describe these data: {compared}, {percent(100.0 * cubic)} with a cubic"
     return None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezo_model.identification.error_model import Solving, one_thread
 from piezo_model.identification.report import percent
-from piezo_model.identification.start import USUAL, moving_from, prepare, structure_of, y_range
+from piezo_model.identification.start import USUAL, first_motion, prepare, structure_of, y_range
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.evidence import REASONS
 from solvers.arrays import Vector
@@ -26,7 +26,7 @@ ONE_WAY = 0.9
 """Smallest share of the drive's travel in one direction that counts as a single branch."""
 
 
-def is_one_way(x: Vector) -> bool:
+def is_monotonic(x: Vector) -> bool:
     """Whether a drive (N,) is nearly a single branch."""
     travel = np.diff(x)
     up, down = float(travel[travel > 0].sum()), -float(travel[travel < 0].sum())
@@ -48,11 +48,11 @@ def swapped(recording: Recording, skip: int, error_percent: float) -> str | None
     not."""
     if recording.uncounted.any():
         return None
-    own, other = errors_both_ways(recording.head(moving_from(recording, skip) + SAMPLES))
+    own, other = errors_both_ways(recording.head(first_motion(recording, skip) + SAMPLES))
     if min(own, error_percent) < STATED * other:
         return None
     return (
-        f"input and output seem to be swapped, since a model the other way round leaves {percent(other)} of the range"
+        f"input and output seem to be swapped, since a model the other way round has an RMS residual of {percent(other)}"
     )
 
 
@@ -69,15 +69,15 @@ def check_direction(recording: Recording) -> Recording:
         return recording
     part = recording.head(SAMPLES)
     errors = errors_both_ways(part)
-    either = f"{percent(errors[0])} of the range as they were guessed and {percent(errors[1])} the other way round"
-    if is_one_way(part.x) or is_one_way(part.y) or errors[1] < errors[0] <= CLEAR * errors[1]:
+    either = f"{percent(errors[0])} of range as they were guessed and {percent(errors[1])} the other way round"
+    if is_monotonic(part.x) or is_monotonic(part.y) or errors[1] < errors[0] <= CLEAR * errors[1]:
         raise RecordingError(
-            f"{recording.name}: cannot tell which column is the input and which the output: a model "
-            f"leaves {either}; name them with --input and --output"
+            f"{recording.name}: cannot tell which column is the input and which the output: the RMS "
+            f"residual of a model is {either}; name them with --input and --output"
         )
     reason = (
-        f"because a model leaves {percent(min(errors))} of the range that way and {percent(max(errors))} the "
-        "other way round"
+        f"because the RMS residual of a model is {percent(min(errors))} of range that way and "
+        f"{percent(max(errors))} the other way round"
     )
     reasons = {role: reason if role in ("input", "output") else why for role, why in recording.reasons.items()}
     return replace(recording if errors[0] <= errors[1] else recording.swapped(), reasons=reasons)

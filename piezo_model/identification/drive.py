@@ -12,7 +12,7 @@ from scipy.signal import csd
 
 from piezo_model.identification.adequacy import is_undersampled
 from piezo_model.identification.creep import Determined
-from piezo_model.identification.direction import is_one_way
+from piezo_model.identification.direction import is_monotonic
 from piezo_model.identification.report import Drive
 from piezo_model.recordings import Recording
 
@@ -28,7 +28,7 @@ FAINT = 1e-9
 def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:
     """What the drive of a recording can determine after the skipped samples."""
     x = recording.x[skip:]
-    hysteresis = not is_one_way(x) and not is_undersampled(x)
+    hysteresis = not is_monotonic(x) and not is_undersampled(x)
     return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest_frequency(recording))
 
 

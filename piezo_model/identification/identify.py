@@ -357,7 +357,7 @@ def _reported(
         hysteresis=verdict.hysteresis,
         refusal=verdict.refusal,
         left_out=verdict.left_out,
-        one_way=verdict.one_way,
+        monotonic_drive=verdict.monotonic_drive,
         excitation=problem.excitation_report(),
         certificate=None if straight else prove(problem, final.optimal),
         lag=lag,

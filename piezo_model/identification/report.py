@@ -93,7 +93,7 @@ class Baseline:
     """Whether they are those on held-out data, and not on the data of the fits."""
 
     @property
-    def pays(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the model is better than the line."""
         return self.model_percent < 0.9 * self.line_percent
 
@@ -108,7 +108,7 @@ class Lag:
     error_without_lag_percent: float
     at_edge: bool
     """Whether the best lag is the largest tried one: it may be larger."""
-    pays: bool
+    is_significant: bool
     """Whether the gain of its removal is clear."""
 
 
@@ -132,7 +132,7 @@ class Offset:
     error_without_offset_percent: float
 
     @property
-    def pays(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the constant lowers the error by more than two per cent of itself."""
         return self.error_percent < 0.98 * self.error_without_offset_percent
 
@@ -272,7 +272,7 @@ class FitReport:
     hysteresis: bool
     refusal: str | None
     left_out: str | None
-    one_way: bool
+    monotonic_drive: bool
     excitation: ExcitationReport
     certificate: Certificate | None
     lag: Lag | None
@@ -327,13 +327,12 @@ class FitReport:
             transient = fit.skipped_max_percent > FAR_MORE * fit.max_percent
             yield (
                 fit.skipped_max_percent,
-                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are left out; "
-                f"{'they hold a transient that no start explains: ' if transient else ''}"
-                f"the error there reaches {percent(fit.skipped_max_percent)}.",
+                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
+                f"{' as a switch-on transient' * transient}; the error there reaches {percent(fit.skipped_max_percent)}.",
             )
         if fit.samples < fit.skipped:
             yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on."
-        if self.one_way:
+        if self.monotonic_drive:
             yield (
                 90.0,
                 "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
@@ -348,7 +347,7 @@ class FitReport:
                 f"The {who} drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s{why}; this is no part of the "
                 f"model, and without it the RMS error is {percent(self.drift.rms_percent)} of the range.",
             )
-        if self.offset is not None and self.offset.pays:
+        if self.offset is not None and self.offset.is_significant:
             yield (
                 self.offset.error_without_offset_percent - self.offset.error_percent,
                 self.offset.sentence(s.input_unit),
@@ -357,7 +356,7 @@ class FitReport:
             without, behind = self.dynamics.held_out_percent
             for sentence in self.dynamics.sentences():
                 yield abs(without - behind), sentence
-        if self.lag is not None and self.lag.pays:
+        if self.lag is not None and self.lag.is_significant:
             yield self.lag.error_percent - self.lag.error_without_lag_percent, _lag_sentence(self.lag, s.sample_time)
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
@@ -365,9 +364,9 @@ class FitReport:
         yield self._drive_sentence
         if self.start in STARTS:
             yield STARTS[self.start]
-        if self.offset is not None and not self.offset.pays:
+        if self.offset is not None and not self.offset.is_significant:
             yield self.offset.sentence(s.input_unit)
-        if self.lag is not None and not self.lag.pays:
+        if self.lag is not None and not self.lag.is_significant:
             yield "The sensor shows no lag that is worth removing."
         if self.creep.determined and self.creep.chosen:
             rates = ", ".join(f"{rate:g}" for rate in s.creep_rates)
@@ -382,7 +381,7 @@ class FitReport:
             yield f"The data cannot separate the weights {names}."
         b = self.baseline
         yield (
-            f"On {'data left out, every second block of the drive' if b.held_out else 'the data of the fit'}: "
+            f"On {'held-out data, every second block of the drive' if b.held_out else 'the data of the fit'}: "
             f"{percent(b.line_percent)} with a line, "
             f"{percent(b.cubic_percent)} with a cubic, {percent(b.model_percent)} with this model."
         )
@@ -418,22 +417,22 @@ class FitReport:
                 f"{', '.join(self.excitation.unreached)} "
                 f"were never reached, and what the model says there is a guess."
             )
-        if self.one_way or self.fit.samples < self.fit.skipped:
+        if self.monotonic_drive or self.fit.samples < self.fit.skipped:
             yield "Record a few whole loops more."
         if self.lag is not None and self.lag.removed:
             yield "The model is without the lag of the sensor; a loop that the sensor closes has it."
-        elif self.lag is not None and self.lag.pays and self.lag.at_edge:
+        elif self.lag is not None and self.lag.is_significant and self.lag.at_edge:
             yield (
                 f"Align input and output first: the lag may be longer than the {self.lag.samples:.0f} samples that "
                 "are tried."
             )
-        elif self.lag is not None and self.lag.pays:
+        elif self.lag is not None and self.lag.is_significant:
             yield "Remove the lag of the sensor with the option --lag remove."
 
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
     samples = (
-        f"at least {lag.samples:.0f} samples, the longest lag that is tried,"
+        f"{lag.samples:.0f} samples or more, the search limit,"
         if lag.at_edge
         else f"{lag.samples:.2f} samples"
     )

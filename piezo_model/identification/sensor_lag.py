@@ -20,7 +20,7 @@ from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelati
 from piezo_model.identification.error_model import IdentificationError, Solving, counted_from, spans
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.report import Lag
-from piezo_model.identification.start import moving_from
+from piezo_model.identification.start import first_motion
 from piezo_model.recordings import Recording
 from solvers.arrays import Vector
 
@@ -94,12 +94,12 @@ def estimate_lag(
 ) -> Lag | None:
     """Return the delay of the output with the smallest error of the output, over the same samples for all delays.
 
-    Errors are shares of ``span``. The removal pays if the variance of the error falls by an F test, and the lag exceeds
+    Errors are shares of ``span``. The gain is significant if the variance of the error falls by an F test, and the lag exceeds
     its interval.
 
     None if the recording is too short, or the drive moves at its ends alone.
     """
-    head = recording.head(moving_from(recording, skip) + LAG_SAMPLES)
+    head = recording.head(first_motion(recording, skip) + LAG_SAMPLES)
     longest = min(LONGEST_LAG, (head.length - skip) // 20)
     counted = counted_from(without_lag(head, float(longest)), skip) & counted_from(without_lag(head, 0.0), skip)
     too_few = int(np.count_nonzero(counted)) <= fit.structure.d
@@ -133,8 +133,8 @@ def estimate_lag(
     with_lag, without = (scale * math.sqrt(each.cost) for each in (lagging, found))
     independent = lagging.independent
     chance = f_distribution.sf(lagging.cost / max(found.cost, EXACT), independent, independent)
-    pays = bool(lag > max(SMALLEST, DEVIATIONS * _deviation(searched)) and chance < CHANCE)
-    return Lag(lag, remove and lag > 0.0, with_lag, without, longest - lag <= RESOLUTION, pays)
+    is_significant = bool(lag > max(SMALLEST, DEVIATIONS * _deviation(searched)) and chance < CHANCE)
+    return Lag(lag, remove and lag > 0.0, with_lag, without, longest - lag <= RESOLUTION, is_significant)
 
 
 def _deviation(fit: ForwardFit) -> float:

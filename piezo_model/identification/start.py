@@ -8,8 +8,8 @@ these. Rest is left only for a clear gain, since one more unknown always fits a 
 plays, except where a known model is validated: there it may have been driven before, and had a level for each rate.
 Every part of a recording has a start of its own.
 
-First samples that no start explains, as of an amplifier that was switched on, have an error far larger than all later
-ones and are skipped.
+First samples of a switch-on transient, which no start explains, have an error far larger than all later ones and are
+skipped.
 
 Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
 """
@@ -131,7 +131,7 @@ def prepare(
         return _fitted(recording, s, skip or 0, solving, state)
     s = _signed(recording, _ranged(recording, s, skip or 0, fit_range), skip or 0, solving)
     single = len(recording.starts) == 1
-    head = recording.head(_settled_from(recording, s) + GRAM_SAMPLES) if single else recording
+    head = recording.head(_memory_erased_from(recording, s) + GRAM_SAMPLES) if single else recording
     found = _fitted(head, s, skip or 0, solving)
     longest = _longest_transient(head) if skip is None else 0
     if longest:
@@ -274,19 +274,19 @@ def require(recording: Recording, counted: Mask, s: ModelStructure, skip: int) -
             f"{recording.name}: only {left} of {recording.length} samples are counted"
             f"{f' after skipping {skip}' if skip else ''}, too few for {s.d} weights"
         )
-    if skip and moving_from(recording, skip) == recording.length:
+    if skip and first_motion(recording, skip) == recording.length:
         raise IdentificationError(
             f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped"
         )
 
 
-def moving_from(recording: Recording, skip: int) -> int:
+def first_motion(recording: Recording, skip: int) -> int:
     """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if
     it stays at rest."""
-    return _covered_from(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
+    return _index_after_travel(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
 
 
-def _covered_from(recording: Recording, span: float, skip: int = 0) -> int:
+def _index_after_travel(recording: Recording, span: float, skip: int = 0) -> int:
     """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
     never does."""
     x = recording.x[skip:]
@@ -294,16 +294,16 @@ def _covered_from(recording: Recording, span: float, skip: int = 0) -> int:
     return skip + int(covered[0]) if covered.size else recording.length
 
 
-def _settled_from(recording: Recording, s: ModelStructure) -> int:
+def _memory_erased_from(recording: Recording, s: ModelStructure) -> int:
     """Index of the first sample at which every play that the drive moves is independent of its initial state."""
     span = recording.x_range[1] - recording.x_range[0]
     widths = (2.0 * r * s.x_scale for r in s.play_thresholds)
-    return _covered_from(recording, max((width for width in widths if width < span), default=0.0))
+    return _index_after_travel(recording, max((width for width in widths if width < span), default=0.0))
 
 
-def head_of(recording: Recording, s: ModelStructure, skip: int = 0) -> Recording:
+def initial_segment(recording: Recording, s: ModelStructure, skip: int = 0) -> Recording:
     """The samples that decide about the start, not counting the first ``skip``."""
-    return recording.head(skip + _settled_from(recording, s) + HEAD)
+    return recording.head(skip + _memory_erased_from(recording, s) + HEAD)
 
 
 def y_range(recording: Recording, skip: int) -> tuple[float, float]:
@@ -315,7 +315,7 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
 def _longest_transient(recording: Recording) -> int:
     """Largest number of samples at the start that may be a transient; 0 if the drive does not move after them."""
     longest = int(TRANSIENT_SHARE * spans(recording)[0].stop)
-    return longest if longest and moving_from(recording, longest) < recording.length else 0
+    return longest if longest and first_motion(recording, longest) < recording.length else 0
 
 
 def _transient(whole: Vector, later: Vector, longest: int) -> int:
@@ -378,7 +378,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
     v, sweeps = s.inverse_slope_map @ model.weights, list(recording.sweeps())
     known, parameters = model.starts, _known(model)
     if report is not None and len(known) == len(sweeps):
-        head = head_of(recording, s) if len(sweeps) == 1 else recording
+        head = initial_segment(recording, s) if len(sweeps) == 1 else recording
         counted = counted_from(head, report["skipped"])
         if counted.any():
             own = fit_forward(head, counted, s, known, v, solving, steps=0, weights_known=True, parameters=parameters)
@@ -394,7 +394,7 @@ def _start_and_transient(
 ) -> tuple[OperatorState, int]:
     """The same of one part."""
     s, parameters = model.structure, _known(model)
-    head = head_of(part, s)
+    head = initial_segment(part, s)
     shift, longest = Columns.of(np.ones(head.length)), _longest_transient(head)
 
     def fitted(skip: int) -> tuple[ForwardFit, Vector]:

@@ -18,11 +18,11 @@ TIME = np.arange(SECONDS * 1000) * T
 PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "solve_delay_samples": 5}
 
 
-def structure_of(name: str, falling: bool = False) -> ModelStructure:
+def structure_of(name: str, negative_gain: bool = False) -> ModelStructure:
     plant = plants.get(name, sample_time=T)
     low, high = plant.y_range
     return ModelStructure.equidistant(
-        5, 3, plant.x_range, (high, low) if falling else (low, high), (100.0, 10.0, 1.0, 0.1), T, offset=True
+        5, 3, plant.x_range, (high, low) if negative_gain else (low, high), (100.0, 10.0, 1.0, 0.1), T, offset=True
     )
 
 
@@ -99,7 +99,7 @@ def test_a_descending_range_learns_a_falling_output_as_an_ascending_one_a_rising
     y_ref, errors = wanted(name, SINE), []
     low, high = plants.get(name, sample_time=T).y_range
     for gain in (1.0, -1.0):
-        learner = learner_of(structure_of(name, falling=gain < 0.0), mode, solver)
+        learner = learner_of(structure_of(name, negative_gain=gain < 0.0), mode, solver)
         reference = 0.5 * (low + high) + gain * (y_ref - 0.5 * (low + high))
         _, y = learner.run(reference, measured(name, gain, noise=0.0))
         assert learner.counts["hand_overs"] > 0

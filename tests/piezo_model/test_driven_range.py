@@ -11,7 +11,7 @@ from learning_loops import error_of, learner_for, sensor, structure_for
 from random_models import drive
 
 from piezo_model import HysteresisCreepModel, OperatorState, SelfLearningCompensator
-from piezo_model.learning.driven_range import MEMORY, UNDER, DrivenRange, carried_over
+from piezo_model.learning.driven_range import LONGEST, UNDER, DrivenRange, carried_over
 from piezo_model.structure import ModelStructure
 
 
@@ -51,8 +51,8 @@ def test_a_range_grows_at_once_and_shrinks_with_patience_and_an_axis_at_a_time()
     assert shrunk.y_scale == s.y_scale
     # if only a quarter of the range is unused, the whole memory is required
     driven = DrivenRange()
-    patient = [driven.observe((-0.7, 0.7, -0.9, 0.9), s) for _ in range(MEMORY)]
-    assert [structure is None for structure in patient] == [True] * (MEMORY - 1) + [False]
+    patient = [driven.observe((-0.7, 0.7, -0.9, 0.9), s) for _ in range(LONGEST)]
+    assert [structure is None for structure in patient] == [True] * (LONGEST - 1) + [False]
     assert patient[-1].x_scale == pytest.approx(5.0 * 0.7 * 1.1)
 
 

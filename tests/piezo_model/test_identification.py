@@ -117,7 +117,7 @@ def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
 def test_a_lag_beyond_the_longest_tried_one_is_reported_as_a_lower_bound() -> None:
     s, x = structure(creep_rates=()), a_drive()
     model = identify(x[20:], true_model(s).simulate(x)[5:-15], s, force=True)  # refused as a delay otherwise
-    assert sentences(model, "lags by at least 10 samples, the longest lag that is tried")
+    assert sentences(model, "lags by 10 samples or more, the search limit")
 
 
 def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeypatch: pytest.MonkeyPatch) -> None:

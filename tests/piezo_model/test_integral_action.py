@@ -18,10 +18,10 @@ MODEL = HysteresisCreepModel.from_weights(
 LIMITS = (0.0, 150.0)
 
 
-def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, reversed_output: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Drives and errors (N,) of the closed loop with an actuator that the model describes exactly and a disturbance
     ``added`` to its output."""
-    model = replace(MODEL, structure=STRUCTURE.reversed_output()) if turned else MODEL
+    model = replace(MODEL, structure=STRUCTURE.reversed_output()) if reversed_output else MODEL
     compensator = Compensator(model, LIMITS, integral_gain=gain / T)
     state, x, error = compensator.state.copy(), np.empty(y_ref.size), np.empty(y_ref.size)
     for k in range(y_ref.size):
@@ -33,10 +33,10 @@ def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, turned: bool = Fal
     return x, error
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_step_of_a_disturbance_decays_by_the_gain_each_sample_whatever_the_hysteresis(turned: bool) -> None:
+@pytest.mark.parametrize("reversed_output", [False, True])
+def test_a_step_of_a_disturbance_decays_by_the_gain_each_sample_whatever_the_hysteresis(reversed_output: bool) -> None:
     y_ref = 6.0 * np.sin(np.arange(80) / 9.0)
-    error = closed(y_ref, np.where(np.arange(80) >= 40, 0.5, 0.0), GAIN, turned)[1]
+    error = closed(y_ref, np.where(np.arange(80) >= 40, 0.5, 0.0), GAIN, reversed_output)[1]
     np.testing.assert_allclose(error[:40], 0.0, atol=1e-11)
     np.testing.assert_allclose(error[40:], -0.5 * (1.0 - GAIN) ** np.arange(40), atol=1e-11)
 

@@ -57,14 +57,14 @@ def test_a_slow_drive_whose_first_samples_are_a_short_arc_is_judged_by_all_sampl
     assert identify(recording(DESCRIBABLE["a slow sine and a lag"], seed)).report["fit"]["samples"] > 50_000
 
 
-@pytest.mark.parametrize("where", ["On data left out, every second", "On the data of the fit: "])
+@pytest.mark.parametrize("where", ["On held-out data, every second", "On the data of the fit: "])
 def test_errors_are_said_to_be_on_data_left_out_only_if_some_were(monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     made = recording(DESCRIBABLE["hysteresis"], SEED)
     if "fit" in where:
         monkeypatch.setattr(adequacy, "HEAD", made.length - 1)
     report = identify(made, n=2, m=0, creep_rates=()).report
     assert [sentence.startswith(where) for sentence in report["sentences"]].count(True) == 1
-    assert report["baseline"]["held_out"] == ("left out" in where)
+    assert report["baseline"]["held_out"] == ("held-out" in where)
 
 
 def levels(rng: np.random.Generator, size: int, hold: int) -> np.ndarray:
@@ -77,7 +77,7 @@ def test_a_model_that_is_hardly_better_than_a_line_is_refused_with_the_reason(se
     rng = np.random.default_rng(seed)
     u = levels(rng, 20_000, 200)
     made = Recording.from_arrays(u, noisy(rng, resonant(loops(rng, u, 0.2), 300.0, 0.7, 1e-4), 5e-4), 1e-4)
-    with pytest.raises(IdentificationError, match=r"this model leaves .* of the range and a straight line"):
+    with pytest.raises(IdentificationError, match=r"RMS residual .* of range with a straight line, "):
         identify(made)
     report = identify(made, force=True).report
     assert report["fit"]["rms_percent"] > 0.7 * report["fit"]["line_percent"]

@@ -108,20 +108,20 @@ def two_columns(folder: Path, first: np.ndarray, second: np.ndarray) -> Path:
     return path
 
 
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("swapped", [False, True])
 @pytest.mark.parametrize(("kind", "seed"), [("saturation and hysteresis", 11), ("Bouc-Wen", 3)])
 def test_a_guess_by_the_loops_is_reversed_if_the_fit_contradicts_it(
-    tmp_path: Path, kind: str, seed: int, turned: bool
+    tmp_path: Path, kind: str, seed: int, swapped: bool
 ) -> None:
     x, y = (signal[:1500] for signal in DESCRIBABLE[kind](np.random.default_rng(seed)))
-    guessed = Recording.open(two_columns(tmp_path, *((y, x) if turned else (x, y))), sample_time=1e-3)
-    drive = "column 2" if turned else "column 1"
+    guessed = Recording.open(two_columns(tmp_path, *((y, x) if swapped else (x, y))), sample_time=1e-3)
+    drive = "column 2" if swapped else "column 1"
     assert guessed.columns["output"] == drive  # the wrong way round
     checked = check_direction(guessed)
     assert checked.columns["input"] == drive
     np.testing.assert_allclose(checked.x, x, rtol=1e-8)
     assert checked.x_range == guessed.y_range
-    assert "guessed: input, output because a model leaves" in checked.describe()
+    assert "guessed: input, output because the RMS residual of a model is" in checked.describe()
     assert check_direction(checked) is checked
 
 
@@ -130,7 +130,7 @@ def test_columns_that_a_fit_cannot_distinguish_have_to_be_named(tmp_path: Path) 
     y = noisy(rng, np.tanh(1.5 * creeping(rng, x)), 0.0005)  # hardly more than one way up, which any curve describes
     recording = Recording.open(two_columns(tmp_path, x, y), sample_time=1e-3)
     with pytest.raises(
-        RecordingError, match="cannot tell which column is the input and which the output: a model leaves"
+        RecordingError, match="cannot tell which column is the input and which the output: the RMS residual of a model"
     ) as caught:
         identify(recording)
     assert "name them with --input and --output" in str(caught.value)
