@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks
 from piezo_model.atomic_file import replacing
-from piezo_model.compensator import drive_memory, drive_settings, blend_factor
+from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.json_file import LARGEST, Number, Versioned, decoded, packed
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
@@ -119,7 +119,9 @@ class CompensatorBank(Stateful):
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
         checks.whole(1, count=count, threads=threads)
-        require_seconds(forgetting_time_s=forgetting_time_s, hand_over_s=hand_over_s, reset_s=reset_s, blend_time_s=blend_time_s)
+        require_seconds(
+            forgetting_time_s=forgetting_time_s, hand_over_s=hand_over_s, reset_s=reset_s, blend_time_s=blend_time_s
+        )
         options = {
             "forgetting_time_s": forgetting_time_s,
             "hand_over_s": hand_over_s,

@@ -291,7 +291,9 @@ class Compensator(Stateful):
         # the last reference is NaN before the first one
         if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
             raise ValueError("the state of the drive must be six finite numbers, but for the last reference")
-        if not (np.all(np.isfinite(operators.play)) and np.all(np.isfinite(operators.creep)) and 0.0 <= saved["decay"] < 1.0):
+        if not (
+            np.all(np.isfinite(operators.play)) and np.all(np.isfinite(operators.creep)) and 0.0 <= saved["decay"] < 1.0
+        ):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
         self._use(model, operators, drive, saved["decay"])
         self._balance()

@@ -22,8 +22,8 @@ bindings: Any = solvers.core.load(Path(__file__).parents[1], solvers.core.bindin
 class State:
     """A state of the core with views of its vectors, ``state["play"]``; all copies are independent.
 
-    A copy in the making counts as use (:meth:`exclusive`). Whoever owns a state stores no view of it, since a copy of the
-    owner would have a view of other memory.
+    A copy in the making counts as use (:meth:`exclusive`). Whoever owns a state stores no view of it, since a copy of
+    the owner would have a view of other memory.
 
     Parameters
     ----------

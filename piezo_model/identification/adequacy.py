@@ -172,7 +172,9 @@ def check_adequacy(
         no_better = error >= (NO_BETTER if dynamics_ignored else HARDLY_BETTER) * line
         refusal = _mismatch(data, error, line, no_better, fit, compared)
     on_curve = on_curve and refusal is None and left_out is None
-    return Adequacy(baseline, not on_curve, on_curve and not baseline.is_significant, refusal, left_out, is_monotonic(data.thin_u))
+    return Adequacy(
+        baseline, not on_curve, on_curve and not baseline.is_significant, refusal, left_out, is_monotonic(data.thin_u)
+    )
 
 
 class _Data:
@@ -248,8 +250,8 @@ def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit,
     trend = rms(residual(polynomials(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
     if drifts and trend < MUCH_BETTER * min(error, cubic):
         return (
-            f"the output drifts with time and does not follow the drive: RMS residual {percent(100.0 * trend)} of range "
-            f"with a polynomial in time, {compared.removeprefix('RMS residual ')}"
+            f"the output drifts with time and does not follow the drive: RMS residual {percent(100.0 * trend)} of "
+            f"range with a polynomial in time, {compared.removeprefix('RMS residual ')}"
         )
     if no_better and correlation(data.near_v) < WHITE and line > NO_BETTER * float(data.v.std()):
         return f"the output is noise that does not follow the drive: {compared}"

@@ -51,9 +51,7 @@ def swapped(recording: Recording, skip: int, error_percent: float) -> str | None
     own, other = errors_both_ways(recording.head(first_motion(recording, skip) + SAMPLES))
     if min(own, error_percent) < STATED * other:
         return None
-    return (
-        f"input and output seem to be swapped, since a model the other way round has an RMS residual of {percent(other)}"
-    )
+    return f"input and output seem to be swapped, since a model the other way round errs by {percent(other)} RMS"
 
 
 @one_thread

@@ -324,11 +324,11 @@ class FitReport:
                 f"{percent(fit.rms_percent)}.",
             )
         if fit.skipped:
-            transient = fit.skipped_max_percent > FAR_MORE * fit.max_percent
+            cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
             yield (
                 fit.skipped_max_percent,
-                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
-                f"{' as a switch-on transient' * transient}; the error there reaches {percent(fit.skipped_max_percent)}.",
+                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded{cause}"
+                f"; the error there reaches {percent(fit.skipped_max_percent)}.",
             )
         if fit.samples < fit.skipped:
             yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on."
@@ -431,11 +431,7 @@ class FitReport:
 
 
 def _lag_sentence(lag: Lag, sample_time: float) -> str:
-    samples = (
-        f"{lag.samples:.0f} samples or more, the search limit,"
-        if lag.at_edge
-        else f"{lag.samples:.2f} samples"
-    )
+    samples = f"{lag.samples:.0f} samples or more, the search limit," if lag.at_edge else f"{lag.samples:.2f} samples"
     how = (
         f"The sensor lags by {samples} ({quantity(lag.samples * sample_time, 's', 3)}): the RMS error of the output is "
         f"{lag.error_percent:.3f} % with the lag and {lag.error_without_lag_percent:.3f} % without"

@@ -94,8 +94,8 @@ def estimate_lag(
 ) -> Lag | None:
     """Return the delay of the output with the smallest error of the output, over the same samples for all delays.
 
-    Errors are shares of ``span``. The gain is significant if the variance of the error falls by an F test, and the lag exceeds
-    its interval.
+    Errors are shares of ``span``. The gain is significant if the variance of the error falls by an F test, and
+    the lag exceeds its interval.
 
     None if the recording is too short, or the drive moves at its ends alone.
     """

@@ -6,8 +6,8 @@
 A piece is a cycle, or PIECE_S of continuous operation. The new range is the union of the old and the driven one, or the
 range of those pieces, with MARGIN on both sides. The thresholds keep their normalised values and the model is
 converted: with x̃ = h + g x̃' the play of threshold r is h + g times the play of threshold r/g, so the weights follow
-from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; likewise for creep. S⁻¹ gets the mean slopes of the old
-one between the new thresholds, and the constant the shifts.
+from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; likewise for creep. S⁻¹ gets the mean
+slopes of the old one between the new thresholds, and the constant the shifts.
 """
 
 from collections.abc import Iterable

@@ -69,7 +69,9 @@ class Learner(Stateful):
 
     def _continuous_numbers(self) -> tuple[int, dict[str, float]]:
         s, settings = self.compensator.model.structure, self.settings
-        block, numbers = layout.continuous_numbers(s, settings.hand_over_s, settings.forgetting_time_s, settings.reset_s)
+        block, numbers = layout.continuous_numbers(
+            s, settings.hand_over_s, settings.forgetting_time_s, settings.reset_s
+        )
         if settings.solver not in EXACT_SOLVERS:
             numbers["solver"] = ANSWERED
         return block, numbers

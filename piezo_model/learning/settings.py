@@ -55,7 +55,9 @@ class LearningSettings:
                 object.__setattr__(self, name, value.item())
         checks.one_of(get_args(Mode), mode=self.mode)
         require_seconds(reset_s=self.reset_s, build_s=self.build_s, learn_s=self.learn_s)
-        require_seconds(forgetting_time_s=self.forgetting_time_s, hand_over_s=self.hand_over_s, blend_time_s=self.blend_time_s)
+        require_seconds(
+            forgetting_time_s=self.forgetting_time_s, hand_over_s=self.hand_over_s, blend_time_s=self.blend_time_s
+        )
         checks.share(proximal=self.proximal)
         if self.x_limits is not None:
             checks.ascending(x_limits=self.x_limits)

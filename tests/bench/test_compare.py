@@ -138,7 +138,7 @@ def test_if_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_the_compar
 def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_cannot_be_compared(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
-    def exclusive(rows: pd.DataFrame) -> pd.DataFrame:
+    def alone(rows: pd.DataFrame) -> pd.DataFrame:
         return rows[of_solver(rows) | (rows.solver == "null")]
 
     before = wide_race.copied(tmp_path / "before", alone)

@@ -248,7 +248,10 @@ WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
     "a model for a structure": (lambda: SelfLearningCompensator(MODEL), "structure must be a ModelStructure"),
     "a structure for its model": (lambda: SelfLearningCompensator(STRUCTURE, model=STRUCTURE), "model must be a model"),
     "words for flags": (lambda: SelfLearningCompensator(STRUCTURE, adapt_range="no"), "adapt_range must be True or"),
-    "a time of a word": (lambda: SelfLearningCompensator(STRUCTURE, forgetting_time_s="2 s"), "forgetting_time_s must be a positive"),
+    "a time of a word": (
+        lambda: SelfLearningCompensator(STRUCTURE, forgetting_time_s="2 s"),
+        "forgetting_time_s must be a positive",
+    ),
     "options of a word": (lambda: SelfLearningCompensator(STRUCTURE, solver_options="a"), "solver_options must be a M"),
     "a count of actuators": (lambda: CompensatorBank(STRUCTURE, 2.0), "count must be a whole number of at least 1"),
     "words for weights": (lambda: HysteresisCreepModel.from_weights(STRUCTURE, "a"), "w must be made of real numbers"),

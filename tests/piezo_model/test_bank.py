@@ -219,7 +219,7 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
         (change("tiles", to=2**70), "the field 'tiles' is wrong"),
         (
             change("version", to=99),
-            "version 99 is not 5, the one this program reads; load it with the program",
+            "version 99 is not 6, the one this program reads; load it with the program",
         ),
         (lambda parts: parts.update(slots=np.arange(13) + 4), "slots must be different whole numbers from 0 to 15"),
         (

@@ -41,10 +41,14 @@ def test_hours_at_rest_cause_no_wind_up() -> None:
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.1 * before
 
 
-def learned_with_noise(noise: float, forgetting_time_s: float, negative_gain: bool = False) -> tuple[SelfLearningCompensator, float]:
+def learned_with_noise(
+    noise: float, forgetting_time_s: float, negative_gain: bool = False
+) -> tuple[SelfLearningCompensator, float]:
     """A learner on an actuator of its own structure with a noisy sensor, as a share of the range, and the RMS error of
     what it learned in units of the noise."""
-    s = ModelStructure.equidistant(5, 3, (0.0, 100.0), (24.0, -2.0) if negative_gain else (-2.0, 24.0), (), T, offset=True)
+    s = ModelStructure.equidistant(
+        5, 3, (0.0, 100.0), (24.0, -2.0) if negative_gain else (-2.0, 24.0), (), T, offset=True
+    )
     weights = [0.05, 0.08, 0.04, 0.06, 0.05, 0.03, -0.02, 0.04, 1.12, -0.05, 0.06, 0.03, 0.02]
     truth, start = HysteresisCreepModel.from_weights(s, weights), OperatorState.settled_at(s, 0.0)
     x = multi_sine(duration_s=20.0, highest_Hz=6.0, sample_time=T, low=0.0, high=100.0)
@@ -55,7 +59,9 @@ def learned_with_noise(noise: float, forgetting_time_s: float, negative_gain: bo
         clean, state = truth.advance(x, state)
         return clean + noise * np.ptp(y) * random.normal(size=x.size)
 
-    learner = SelfLearningCompensator(s, mode="continuous", forgetting_time_s=forgetting_time_s, state=start.copy(), adapt_range=False)
+    learner = SelfLearningCompensator(
+        s, mode="continuous", forgetting_time_s=forgetting_time_s, state=start.copy(), adapt_range=False
+    )
     learner.run(y.mean() + 0.97 * (y - y.mean()), measured)
     error = HysteresisCreepModel.from_weights(s, learner.learned_weights).simulate(x, start) - y
     return learner, float(np.sqrt(np.mean(error**2)) / (noise * np.ptp(y)))

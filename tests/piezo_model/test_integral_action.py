@@ -18,7 +18,9 @@ MODEL = HysteresisCreepModel.from_weights(
 LIMITS = (0.0, 150.0)
 
 
-def closed(y_ref: np.ndarray, added: np.ndarray, gain: float, reversed_output: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def closed(
+    y_ref: np.ndarray, added: np.ndarray, gain: float, reversed_output: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """Drives and errors (N,) of the closed loop with an actuator that the model describes exactly and a disturbance
     ``added`` to its output."""
     model = replace(MODEL, structure=STRUCTURE.reversed_output()) if reversed_output else MODEL

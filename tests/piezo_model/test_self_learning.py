@@ -144,7 +144,7 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
     path.write_text(json.dumps({**content, "version": 6}))
     with pytest.raises(
         ModelError,
-        match=r"version 6 is not 7, the one this program reads; save its model, the field "
+        match=r"version 6 is not 8, the one this program reads; save its model, the field "
         r"state\.compensator\.model, as",
     ):
         SelfLearningCompensator.load(path)
@@ -157,7 +157,9 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
 def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_path: Path) -> None:
     path, learner = tmp_path / "learner.json", fresh("cyclic", "box_active_set")
     memory = learner.get_state()
-    other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").get_state()["learning"]["core"]
+    other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").get_state()["learning"][
+        "core"
+    ]
     for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
         memory["learning"]["core"] = core
         compensator_file.write(path, asdict(learner.settings), memory)
