@@ -29,12 +29,13 @@ IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
 """Settings that do not affect the comparison, or whose effect the times show."""
 DEFINITIONS = (
     "ratio: update and solve in the second run over the first at equal settings, median over the problems; "
-    "interleaved with the other solvers where both runs have such times, hot otherwise. What the field has in common "
+    "hot or interleaved with the other solvers, whichever deviates less. What the field has in common "
     "on a problem is taken for the machine's and divided out.",
     "interval: 95 % by bootstrap over the problems, wider by five median absolute deviations of the solver lanes at "
     "either end, since most of them do not change and yet differ. A lane is slower or faster where it excludes 1.",
     "cannot tell: the interval holds 1 and the smallest ratio that matters, too, or the lanes deviate by more than 3 "
-    "% (a sixth of that ratio's logarithm), or there are fewer than five lanes, or three problems of one.",
+    "% (a sixth of that ratio's logarithm), or there are fewer than three lanes, or three problems of one. Three or "
+    "four lanes are taken to deviate by at least 4 %.",
     "tiers: a tier is lost for which one setting was right on every problem in the first run and none is in the "
     "second, unless by chance. Each run draws the data of its timed answers anew: six problems more have to become "
     "wrong, or with the same seed one by its first answer.",

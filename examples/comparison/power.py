@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from simulated_pairs import pair, ratios, resampled
 
-from bench.comparison.compare import BETTER, BLOCK, CANNOT_TELL, NAMES, SAME, SOLVER_LANE, compare_times, levels
-from bench.derived.measurements import Measurements
+from bench.comparison.compare import BLOCK, CANNOT_TELL, NAMES, SAME, SOLVER_LANE, compare_times, levels
+from bench.derived.measurements import INTERLEAVED, Measurements
 from bench.derived.table import ONESHOT
 from bench.store import Run
 from solvers.arrays import Vector
@@ -45,7 +45,7 @@ def noise_of(a: Run, b: Run) -> list[Vector]:
     """Change of each lane relative to the field on each problem of two runs."""
     both = [levels(Measurements(run.rows(ONESHOT), run.times())) for run in (a, b)]
     found = both[0].merge(both[1], on=[*NAMES, "timed"], suffixes=("_a", "_b"))
-    found = found[found.timed == BETTER]
+    found = found[found.timed == INTERLEAVED]
     own = (found.level_b - found.level_a).groupby([found[name] for name in [*BLOCK, *SOLVER_LANE]]).median().dropna()
     own -= own.groupby(level=BLOCK).transform("median")
     return [part.to_numpy() for _, part in own.groupby(level=SOLVER_LANE)]

@@ -13,18 +13,34 @@ from bench.problem_files.miss import Miss
 from bench.problems import all_sets
 from solvers import Lane, get
 
+SOMETIMES = '''"""A solver that is off by a thousandth on the paper's problems, and right on measured ones."""
+
+from solvers.direct.daqp import Daqp
+
+
+class Sometimes(Daqp):
+    name = "sometimes"
+
+    def solve(self, warm_start=None):
+        x = super().solve(warm_start)
+        return x if x.size == 19 else 1.001 * x
+'''
+
 
 @pytest.fixture(scope="module")
 def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    """A race in which two solvers miss 1e-9 on some problems."""
+    """A race in which a solver misses 1e-9 on two of four problems."""
+    folder = tmp_path_factory.mktemp("misses")
+    (folder / "sometimes.py").write_text(SOMETIMES)
     words = ("--limit", 2, "--set", "measured", "--set", "paper", "--scaling", "scaled", "--rounds", 0)
-    lanes = ("--lane", "direct", "--solver", "daqp", "--solver", "mujoco", "--solver", "scipy_slsqp")
-    return race_of(piezobench, tmp_path_factory.mktemp("misses"), "run", *words, *lanes)
+    return race_of(
+        piezobench, folder, "run", *words, "--lane", "direct", "--solver", "daqp", "--solver", folder / "sometimes.py"
+    )
 
 
 def test_each_lane_that_misses_some_problems_has_its_worst_miss_kept(race: Race) -> None:
     found = misses(race.found)
-    assert len(found)
+    assert set(found.problem_set[found.solver == "sometimes"]) == {"paper"}
     kept = {path.name for path in (race.run.path / "misses").iterdir()}
     assert {name.split("-")[0] for name in kept} == set(found.solver)
     assert len(kept) == len(found.drop_duplicates(["solver", "lane"]))

@@ -209,11 +209,13 @@ def _unrepeatable(measurements: Measurements) -> list[str]:
 
 
 def _reproduction(run: Run, files: Iterable[str]) -> list[str]:
-    """The lines of Python that solve a missed program again."""
+    """The lines of Python that solve a missed program again; the user's own solver files are registered first."""
+    own = run.settings_in_force.get("solver_files", ())
+    register = "".join(["import solvers; ", *(f"solvers.add_file({path!r}); " for path in own)]) if own else ""
     return [
         f"{len([*files])} missed answers are kept in {run.path / 'misses'}, each with its program and the proven "
         "optimum. To solve the first again: "
-        f"from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / file)!r}); "
+        f"{register}from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / file)!r}); "
         "print(miss.gap(miss.x), miss.gap(miss.solve()))"
         for file in [*files][:1]
     ]
