@@ -56,7 +56,7 @@ class Checked:
         return self.why or f"called solved, error {self.error:.1e}"
 
 
-def settings_of(entry: Entry) -> Mapping[str, bool]:
+def checked_settings(entry: Entry) -> Mapping[str, bool]:
     """Names of the settings to check, and whether each is the finest rung."""
     return {"default": False, "finest": True} if len(entry.load().ladder(1.0)) > 1 else {"default": False}
 

@@ -17,11 +17,12 @@ from bench.cli.options import installed, positive, refuse
 from bench.problem_files import ProblemFileError, read
 from bench.problem_files.program import about, require
 from bench.problems import make
-from bench.problems.certifying import ProverLost, prove, require_size, start
+from bench.problems.certifying import ProverLost, prove, require_size
+from bench.problems.proofs import start
 from bench.processes.forked_child import ForkedChild
 from bench.processes.solver_child import entry_of_file
 from bench.report.console import AsJson, check_writable, console, print_json, print_result, print_table, progress_bar
-from bench.solver_check import LEVELS, checked, row, settings_of, worst
+from bench.solver_check import LEVELS, checked, checked_settings, row, worst
 from piezo_model.atomic_file import write_text
 from solvers import find
 from solvers.arrays import Vector
@@ -92,7 +93,7 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
     rows, lines, results, wrong = [], [], [], 0
     for entry in entries:
         right = False
-        for setting, finest in settings_of(entry).items():
+        for setting, finest in checked_settings(entry).items():
             with progress_bar() as progress:
                 answers = checked(entry, finest, problems, progress)
             counted = row(answers)

@@ -1,12 +1,10 @@
-"""Proofs of foreign programs, several in parallel, each within a limit on its work.
+"""Proofs of foreign programs in processes of their own, several in parallel, each within a limit on its work.
 
-A foreign program may be nonconvex, infeasible, unbounded or huge, and may crash the library that computes the start, so
-proofs are found in subprocesses. Work is counted in bit operations, so that the result does not depend on the load of
-the machine.
+A foreign program may be nonconvex, infeasible, unbounded or huge, and may crash the library that computes the start.
+Work is counted in bit operations, so that the result does not depend on the load of the machine.
 """
 
 import time
-import warnings
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -14,25 +12,20 @@ from queue import SimpleQueue
 from typing import Any, TypeVar
 
 import numpy as np
-import qpsolvers
 from qpsolvers import Problem
-from qpsolvers.exceptions import QPError
 
+from bench.problems.proofs import proof
 from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
 from piezo_model.child_process import LateError, LostError
 from solvers.arrays import Vector
-from solvers.certificate import Certificate, NotCertified, certify
+from solvers.certificate import Certificate, NotCertified
 
 S = TypeVar("S")
 T = TypeVar("T")
 
 LARGEST = 4_000_000
 """Largest number of elements of a proof's dense optimality system; each becomes an integer of many digits."""
-STARTERS = ("clarabel", "piqp", "highs", "daqp", "quadprog")
-"""Solvers that compute a start, in order of preference; the proof does not depend on it."""
-
-
 HANG_S = 3600.0
 """Time limit for the library that computes a start; no proof takes that long."""
 
@@ -124,19 +117,5 @@ def both_proofs(raw: Problem, scaled: Problem, unit: Vector, work: float) -> tup
     NotCertified
         Not convex, infeasible, unbounded, or too much work.
     """
-    proof = certify(raw, unit * start(scaled), work=work)
-    return proof, certify(scaled, np.array(proof.x) / unit, work=work)
-
-
-def start(qp: Problem) -> Vector:
-    """A solver's approximate answer (d,), or zeros."""
-    for solver in STARTERS:
-        if solver in qpsolvers.available_solvers:
-            try:
-                with warnings.catch_warnings(action="ignore"):  # of converted matrices and missing answers
-                    x = qpsolvers.solve_problem(qp, solver).x
-            except QPError:  # the next solver may have an answer
-                continue
-            if x is not None and np.all(np.isfinite(x)):
-                return np.asarray(x, dtype=np.float64)
-    return np.zeros(qp.q.size)
+    found = proof(scaled, work=work)
+    return proof(raw, lambda _: unit * np.array(found.x), work), found

@@ -4,7 +4,7 @@ qpbenchmark.
 They have equalities, general rows, ranges, free variables and sparse matrices, which stay sparse; a solver that does
 not support them reports it. The raw form is the program as given, the scaled form is equilibrated by powers of two (see
 `equilibration`). A program is raced only if its optimum is certified within ``work`` bit operations; the others are in
-``left_out`` with the reason. Proofs are cached between races (see `proof_cache`). Problems saved by this package are
+``left_out`` with the reason. Proofs are cached between races (see `proofs`). Problems saved by this package are
 recognised, and their proofs are verified.
 """
 
@@ -26,7 +26,6 @@ from bench.problem_files import READERS, ProblemFileError, ReadProgram, read, su
 from bench.problem_files.npz import opened
 from bench.problem_files.program import about, checked, require
 from bench.problem_files.qpbenchmark_set import read_test_set
-from bench.problems import proof_cache
 from bench.problems.certifying import ProverLost, both_proofs, prove, proven, require_size
 from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
@@ -92,10 +91,7 @@ class ForeignPrograms(ProblemSet):
     def _certified(self, name: str, program: ReadProgram, child: ForkedChild) -> RaceProblem:
         require_size(program.qp)
         scaled = equilibrated(program.qp)
-        raw_proof, proof = proof_cache.cached(
-            proof_cache.key([program.qp, scaled.qp], self.work),
-            partial(prove, child, both_proofs, program.qp, scaled.qp, scaled.unit, self.work),
-        )
+        raw_proof, proof = prove(child, both_proofs, program.qp, scaled.qp, scaled.unit, self.work)
         return RaceProblem(
             self.name,
             name,

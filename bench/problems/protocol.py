@@ -15,16 +15,16 @@ import msgspec
 import numpy as np
 from qpsolvers import Problem
 
-import solvers
 from bench.problem_files.npz import opened, packed, packed_program, unpacked, unpacked_program
 from bench.problem_files.program import ProblemFileError, doubles
+from bench.problems import proofs
 from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import FileName, decoded
 from solvers.arrays import Matrix, Vector
-from solvers.certificate import Certificate, certify
+from solvers.certificate import Certificate
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
 STARTS = ("line", "warm")
@@ -214,7 +214,7 @@ class RaceProblem:
             for scaling, text in meta["certificates"].items():
                 qp = unpacked_program(data, f"{scaling}/")
                 starts = {name: unpacked(data, f"{scaling}/{name}_start") for name in STARTS}
-                proof = Certificate.from_json(text) if text else certify(qp, starting_point(qp))
+                proof = Certificate.from_json(text) if text else proofs.proof(qp)
                 forms[scaling] = CertifiedForm(
                     qp,
                     meta["c"][scaling],
@@ -241,16 +241,6 @@ def _windows(data: Any, prefix: str) -> tuple[Window, ...]:
     return tuple(Window(P, q, float(c)) for P, q, c in zip(*(data[f"{prefix}{name}"] for name in "Pqc"), strict=True))
 
 
-def starting_point(qp: Problem) -> Vector:
-    """An approximate answer (d,) from which a proof starts, or zeros."""
-    if qp.G is not None or qp.A is not None or not isinstance(qp.P, np.ndarray):
-        return np.zeros(qp.q.size)
-    solver = solvers.get("box_active_set")
-    solver.setup(qp)
-    start = np.array(solver.solve())
-    return start if np.isfinite(start).all() else np.zeros(qp.q.size)
-
-
 def certified(
     set_name: str,
     name: str,
@@ -274,7 +264,7 @@ def certified(
             form.qp,
             form.c,
             form.to_weights,
-            certify(form.qp, starting_point(form.qp)),
+            proofs.proof(form.qp),
             {name: np.maximum(form.variables(w), form.qp.lb) for name, w in starts.items()},
             windows=tuple(Window(other.qp.P, other.qp.q, other.c) for other in others),
         )

@@ -33,10 +33,11 @@ from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.certifying import prove, proven
 from bench.problems.equilibration import equilibrated
 from bench.problems.foreign import ForeignPrograms, Source
+from bench.problems.proofs import proof
 from bench.problems.protocol import SCALINGS
 from bench.races.metrics import judge
 from bench.store import Run
-from solvers.certificate import verify
+from solvers.certificate import NotCertified, verify
 
 
 @pytest.fixture(scope="module")
@@ -175,19 +176,29 @@ def test_work_limits_the_proof_and_the_question_of_uniqueness_in_a_race_and_in_t
             make("foreign", options={"folder": str(tmp_path), "work": work})
 
 
-def test_proofs_and_refusals_are_cached_by_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.25]), lb=np.zeros(2))
-    np.savez(tmp_path / "endless.npz", P=np.diag([2.0, 0.0]), q=np.array([-1.0, -1.25]), lb=np.zeros(2))
-    first = problems_of(tmp_path)[0]["good"]
+def test_proofs_and_refusals_are_cached_by_the_data_and_a_proof_is_verified_when_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    good, other, endless = (
+        Problem(np.diag([2.0, curvature]), np.array([-1.0, q]), lb=np.zeros(2))
+        for curvature, q in ((3.0, 1.25), (3.0, -1.5), (0.0, -1.25))
+    )
+    first = proof(good)
+    (file,) = tmp_path.rglob("*.json")
+    whole = file.read_bytes()
+    proof(other)
+    (of_other,) = {*tmp_path.rglob("*.json")} - {file}
+    with pytest.raises(NotCertified, match="falls without bound"):
+        proof(endless)
     with monkeypatch.context() as patch:
-        patch.setattr("bench.problems.foreign.prove", lambda *_: pytest.fail("a proof was searched again"))
-        again, left_out = problems_of(tmp_path)
-        assert same_problem(again["good"], first)
-        assert "falls without bound" in left_out["endless"]
-    np.savez(tmp_path / "good.npz", P=np.diag([2.0, 3.0]), q=np.array([-1.0, 1.5]), lb=np.zeros(2))
-    other = problems_of(tmp_path)[0]["good"]
-    assert other.forms["raw"].certificate.problem != first.forms["raw"].certificate.problem
-    verify(other.forms["raw"].qp, other.forms["raw"].certificate)
+        patch.setattr("bench.problems.proofs.certify", lambda *_, **__: pytest.fail("a proof was searched again"))
+        assert proof(good) == first
+        with pytest.raises(NotCertified, match="falls without bound"):
+            proof(endless)
+    for wrong in (of_other.read_bytes(), whole.replace(b'"unique": true', b'"unique": false')):
+        file.write_bytes(wrong)
+        assert proof(good) == first
 
 
 def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(tmp_path: Path) -> None:

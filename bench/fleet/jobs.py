@@ -1,0 +1,211 @@
+"""Identification, validation and compensation with the options of the command line, of one recording or of each of a
+fleet."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.fleet.storage import model_of
+from bench.messages.progress import Progress, silent
+from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify
+from piezo_model.deployment import open_model
+from piezo_model.identification.direction import check_direction
+from piezo_model.identification.dynamics import DynamicsChoice
+from piezo_model.identification.fit_review import Review, review
+from piezo_model.identification.identify import Estimator, LagChoice
+from piezo_model.identification.validation import Validation
+from piezo_model.model import ModelError, StartChoice
+from piezo_model.recordings import RecordingError, read_reference, write_table
+
+
+class Job(ABC):
+    """A processing step of one recording; subclasses are frozen dataclasses of settings, sent to workers."""
+
+    product = ""
+    """Name of the file that is written, with {} for the recording's name, or ""."""
+
+    def reads(self, name: str) -> Sequence[str]:
+        """Places of the other files that are read for a recording of this name."""
+        return ()
+
+    @abstractmethod
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Process a recording, write the product to the target, and return figures."""
+
+    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> Review | None:
+        """Content of the page of a recording; None if it has no page."""
+        return None
+
+
+@dataclass(frozen=True)
+class Identifying(Job):
+    """Settings of `identify`, which chooses orders and rates that are None, and keywords of ``Recording.open``."""
+
+    opening: Mapping[str, Any] = field(default_factory=dict)
+    n: int | None = None
+    m: int | None = None
+    creep_rates: tuple[float, ...] | None = None
+    skip: int | None = None
+    lag: LagChoice = "estimate"
+    dynamics: DynamicsChoice = "estimate"
+    estimator: Estimator = "forward"
+    solver: str = "box_active_set"
+    force: bool = False
+    product = "{}.json"
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Write the model; return figures of the fit, and the weights in unit amplitudes."""
+        model = self.of(self.opened(recording))
+        model.save(target)
+        s, fit = model.structure, model.report["fit"]
+        figures = {
+            name: fit[name]
+            for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")
+        }
+        return {
+            **figures,
+            "forced": model.warning,
+            "output_unit": s.output_unit,
+            "sample_time_s": s.sample_time,
+            "n": s.n,
+            "m": s.dead_zones // 2,
+            **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
+        }
+
+    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> Review:
+        """Fit of the model that was written."""
+        return review(self.opened(recording), HysteresisCreepModel.load(product))
+
+    def opened(self, recording: Path | None) -> Recording:
+        """Open the recording, without a path that in two files; a fit decides which column is the input if the names do
+        not."""
+        return check_direction(Recording.open(recording, **self.opening))
+
+    def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
+        """Identify the model of a recording."""
+        return identify(
+            recording,
+            n=self.n,
+            m=self.m,
+            creep_rates=self.creep_rates,
+            skip=self.skip,
+            lag=self.lag,
+            dynamics=self.dynamics,
+            estimator=self.estimator,
+            solver=self.solver,
+            force=self.force,
+            progress=progress,
+        )
+
+
+@dataclass(frozen=True)
+class WithModel(Job):
+    """Job that needs a model: ``model`` is the place of one, or of a folder with NAME.json for each recording;
+    ``opening`` are keywords of ``Recording.open`` or ``read_reference``."""
+
+    model: str
+    opening: Mapping[str, Any] = field(default_factory=dict)
+
+    def reads(self, name: str) -> Sequence[str]:
+        """Place of the model."""
+        return (model_of(self.model, name),)
+
+
+@dataclass(frozen=True)
+class Validating(WithModel):
+    """Validation of a model on a recording."""
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Return figures of the fit, and the constant shift of the output."""
+        _, model, found = self.judged(recording, further[0])
+        fit = asdict(found.fit)
+        return {
+            **{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
+            "forced": model.warning,
+            "shift": found.shift,
+            "units": found.units,
+            "beyond_percent": found.beyond_percent,
+            "own": found.own,
+            "output_unit": model.structure.output_unit,
+        }
+
+    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> Review:
+        """Fit of the model."""
+        return review(*self.judged(recording, further[0]))
+
+    def judged(self, recording: Path | None, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
+        """The recording, the model and its validation."""
+        loaded, _ = open_model(model)
+        opened = check_direction(Recording.open(recording, **self.opening))
+        result = loaded.validate(opened)
+        return opened, result.model, result
+
+
+FOLLOWED = 1e-3
+"""Largest error, as a share of the output's range, at which a reference counts as followed."""
+
+
+@dataclass(frozen=True)
+class Compensating(WithModel):
+    """Drive for a reference: its limits, by default those of a deployment or the model's range, its start, and whether
+    the dynamics of the model are inverted; with ``preview`` without lag, which anticipates the reference."""
+
+    low: float | None = None
+    high: float | None = None
+    rate_limit: float | None = None
+    start: StartChoice = "rest"
+    x_start: float | None = None
+    dynamics: bool = True
+    preview: bool = False
+    product = "{}-drive.csv"
+
+    def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
+        """Write the drive; return how well the model follows the reference with it, and the share at the limits.
+
+        The reference counts after the lag of the output. RecordingError if the limits are not ascending, or the drive
+        does not start within them; ModelError if the model has not the states that it is to start with, or no dynamics
+        for a preview; UnitError if the reference is in a unit that cannot be converted to the model's.
+        """
+        (model, deployed), read = open_model(further[0]), read_reference(recording, **self.opening)
+        reference = read.suited(model.structure.output_unit)
+        with checks.refusing(ModelError, f"{further[0]} with {recording}: "):
+            model = model.at(read.sample_time)
+        s = model.structure
+        lowest, highest = deployed.x_limits if deployed else s.x_range
+        limits = (lowest if self.low is None else self.low, highest if self.high is None else self.high)
+        if not limits[0] < limits[1]:
+            raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
+        known = None if self.start == "rest" else model.initial_state(self.start)
+        wanted, inverted = reference.values, self.dynamics and not self.preview
+        if self.preview:
+            if model.dynamics is None:
+                raise ModelError(f"{further[0]}: the model has no dynamics, so --preview has nothing to anticipate")
+            wanted = model.dynamics.anticipated(wanted, s.sample_time)
+        compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start, dynamics=inverted)
+        state, lag = compensator.state.copy(), compensator.lag_s
+        x = compensator.run(wanted)
+        times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")
+        write_table(target, {"time_s": times, name: x}, model.warning)
+        late = np.interp(times - lag, times, reference.values)
+        error, span = np.abs(model.simulate(x, state) - late), 2.0 * abs(s.y_scale)
+        return {
+            "forced": model.warning,
+            "units": reference.units,
+            "start": self.start,
+            "lag_s": lag,
+            "x_start": float(s.x_centre + s.x_scale * state.play[0]),
+            "samples": x.size,
+            "lowest": float(x.min()),
+            "highest": float(x.max()),
+            "unit": s.input_unit,
+            "share_at_limits": float(np.mean((x <= limits[0]) | (x >= limits[1]))),
+            "share_followed": float(np.mean(error <= FOLLOWED * span)),
+            "largest_error": float(error.max()),
+            "output_unit": s.output_unit,
+            "rms_percent": 100.0 * float(np.sqrt(np.mean(error**2))) / span,
+            "max_percent": 100.0 * float(error.max()) / span,
+        }
