@@ -201,8 +201,13 @@ def race_verb(
     time_limit: Annotated[float, typer.Option(min=0.1, help="Longest duration of a task in s.")] = 20.0,
     memory: Annotated[int, typer.Option(min=16, help="Most memory that a solver may allocate, MB.")] = 2048,
     repeats: Annotated[
-        int, typer.Option(min=1, help="Number of times that each solver is measured, each in a fresh process.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            min=1,
+            help="Number of times that each solver is measured, each in a fresh process; 1 by default, and 3 for a "
+            "batch, in one process.",
+        ),
+    ] = None,
     workers: WorkerCount = 1,
     backend: WorkerBackend = Backend.LOCAL,
     scheduler: Scheduler = "",

@@ -1,12 +1,8 @@
 """The batch race, with real contestants in real processes; no test depends on the speed of the machine."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,9 +17,9 @@ from programs import that_load
 from bench.messages.progress import silent
 from bench.races.batch import summary
 from bench.races.batch.contestant import Contestant
-from bench.races.batch.programs import Programs, reserved
+from bench.races.batch.programs import Programs
 from bench.races.batch.race import BATCH, SKIPPED, BatchRace, BatchSettings, skip_reason, task_of
-from bench.races.batch.worker import WARM_UP, Batched, BatchRequest, Files
+from bench.races.batch.worker import WARM_UP, Batched, BatchRequest, Families
 from bench.races.kind import kinds
 from bench.store import Run
 from bench.timing import cores
@@ -31,7 +27,7 @@ from bench.timing.clock import Effort
 from solvers import BoxBatch, find
 from solvers.registry import OURS
 
-TINY = ("--race", "batch", "--limit", 2, "--largest", 4, "--turns", 1, "--budget", 0.001)
+TINY = ("--race", "batch", "--limit", 2, "--largest", 4, "--repeats", 1, "--budget", 0.001)
 FIELD = ("box_batch", "box_active_set", "daqp", "mujoco", *that_load("proxsuite"))
 LIAR = '''
 """Answers zero, and aborts on a large batch."""
@@ -66,7 +62,7 @@ def raced(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> 
     return run
 
 
-def test_every_contestant_has_a_row_for_each_batch_and_turn(raced: Run) -> None:
+def test_every_contestant_has_a_row_for_each_batch_and_repeat(raced: Run) -> None:
     rows = raced.rows(BATCH)
     assert not rows.duplicated(["d", "solver", "lane", "threads", "batch", "repeat"]).any()
     one = rows[rows.threads == 1]
@@ -115,26 +111,20 @@ def test_a_batch_that_would_take_too_long_is_skipped_with_the_reason() -> None:
     assert skip_reason({**before, "status": "crashed"}, 16, 4.0) == "the batch of 4 ended as crashed"
 
 
-@pytest.fixture
-def shared_folder() -> Iterator[Path]:
-    with reserved([18], 300) as folder:
-        yield folder
-
-
-def row_of(run: Run, programs: Programs, judged: int, batch: int, turn: int, outcome: Batched) -> dict[str, Any]:
+def row_of(run: Run, programs: Programs, judged: int, batch: int, repeat: int, outcome: Batched) -> dict[str, Any]:
     """The row of an outcome with ``judged`` judged answers."""
     race = BatchRace(run, BatchSettings(judged=judged), silent)
     race.programs = {18: programs}
-    (row,) = race.rows(task_of(find("daqp", "direct"), 18, batch, 1, turn), outcome)
+    (row,) = race.rows(task_of(find("daqp", "direct"), 18, batch, 1, repeat), outcome)
     return row
 
 
-def test_no_two_programs_are_alike_and_answers_are_judged_by_proven_optima(raced: Run, shared_folder: Path) -> None:
-    programs = Programs(raced, 18, 300, 0, shared_folder, 2, silent)
-    P, q, lb, ub = programs.files.mapped(0, 300)
+def test_no_two_programs_are_alike_and_answers_are_judged_by_proven_optima(raced: Run) -> None:
+    programs = Programs(raced, 18, 300, 0, 2, silent)
+    P, q, lb, ub = programs.families.block(0, 300)
     assert len(np.unique(P.reshape(300, -1), axis=0)) == len(np.unique(q, axis=0)) == 300
-    P[:] = 0.0  # a private copy
-    P, q, lb, ub = programs.files.mapped(0, 300)
+    for part, whole in zip(programs.families.block(100, 200), (P, q, lb, ub), strict=True):
+        np.testing.assert_array_equal(part, whole[100:200])
     x, _ = BoxBatch(18).solve(P, q, lb, ub)
 
     def judged(answers: np.ndarray) -> dict[str, float]:
@@ -163,13 +153,13 @@ class Later:
 
 
 class Notes(Contestant):
-    """Answers lazily with q, which is the number of the program, and records the programs of each call."""
+    """Answers lazily with q, and records that of each call."""
 
     algorithm, licence, distribution = "none", "MIT", "notes"
-    given: ClassVar[list[list[int]]] = []
+    given: ClassVar[list[list[float]]] = []
 
     def solve(self, P: np.ndarray, q: np.ndarray, lb: np.ndarray, ub: np.ndarray) -> Any:
-        self.given.append([int(number) for number in q[:, 0]])
+        self.given.append(q[:, 0].tolist())
         return Later(q)
 
 
@@ -178,41 +168,40 @@ class Compiles(Notes):
 
 
 @pytest.fixture
-def numbered(tmp_path: Path) -> Files:
-    """Programs of one variable whose q is their number."""
-    files = Files(tmp_path, 1, 400 + WARM_UP)
-    files.reserve()
-    _, q, _, _ = files.mapped(0, files.count, "r+")
-    q[:, 0] = np.arange(files.count)
-    return files
+def families() -> Families:
+    """Programs of one variable, each with another q."""
+    nothing = np.full((2, 1), np.inf)
+    return Families(np.ones((2, 3, 1, 1)), np.arange(6.0).reshape(2, 3, 1), -nothing, nothing, (0,), 400 + WARM_UP)
 
 
-def timed(cls: type[Notes], files: Files, size: int) -> Batched:
+def timed(cls: type[Notes], families: Families, size: int) -> Batched:
     cls.given.clear()
-    outcome = BatchRequest(files, size, 100, 400, 1, Effort(1.0)).answer(cls, True)
+    outcome = BatchRequest(families, size, 100, 400, 1, Effort(1.0)).answer(cls, True)
     assert isinstance(outcome, Batched), outcome.message
-    assert np.array_equal(outcome.answers[:, 0], np.arange(100, 100 + len(outcome.answers)))
+    assert np.array_equal(outcome.answers, families.block(100, 100 + len(outcome.answers))[1])
     return outcome
 
 
 @pytest.mark.parametrize(("cls", "size", "most"), [(Notes, 2, 2), (Notes, 100, WARM_UP), (Compiles, 100, 100)])
 def test_a_contestant_warms_up_on_programs_that_are_not_timed(
-    numbered: Files, cls: type[Notes], size: int, most: int
+    families: Families, cls: type[Notes], size: int, most: int
 ) -> None:
-    timed(cls, numbered, size)
+    timed(cls, families, size)
     first, *others = cls.given
-    assert set(first) <= set(range(400, numbered.count))
+    q = families.block(0, families.count)[1][:, 0]
+    assert len({*q}) == families.count
+    assert {*first} <= {*q[400:]}
     assert len(first) == most  # a contestant that compiles gets a batch of the full size
-    assert all(100 <= number < 400 for given in others for number in given)
+    assert {*np.concatenate(others)} <= {*q[100:400]}
 
 
-def test_a_lazy_answer_is_computed_inside_its_time(numbered: Files) -> None:
-    assert (timed(Notes, numbered, 100).wall_ns >= 500_000).all()
+def test_a_lazy_answer_is_computed_inside_its_time(families: Families) -> None:
+    assert (timed(Notes, families, 100).wall_ns >= 500_000).all()
 
 
-def test_times_are_medians_of_the_groups_of_calls_and_of_the_turns(raced: Run, shared_folder: Path) -> None:
-    programs, rows = Programs(raced, 18, 300, 0, shared_folder, 2, silent), []
-    for turn, ns in enumerate(([1000, 3000, 9000], [5000, 5000, 5000], [1000, 1000, 1000])):
+def test_times_are_medians_of_the_groups_of_calls_and_of_the_repeats(raced: Run) -> None:
+    programs, rows = Programs(raced, 18, 300, 0, 2, silent), []
+    for repeat, ns in enumerate(([1000, 3000, 9000], [5000, 5000, 5000], [1000, 1000, 1000])):
         outcome = Batched(
             found=True,
             answers=np.zeros((3, 18)),
@@ -220,7 +209,7 @@ def test_times_are_medians_of_the_groups_of_calls_and_of_the_turns(raced: Run, s
             cpu_ns=np.array(ns),
             programs=np.ones(3, dtype=np.int64),
         )
-        rows.append(row_of(raced, programs, 1, 1, turn, outcome))
+        rows.append(row_of(raced, programs, 1, 1, repeat, outcome))
     assert [row["cpu_us_p50"] for row in rows] == [3.0, 5.0, 1.0]
     line = summary.summary(pd.DataFrame(rows)).iloc[0]
     assert (line.core_rate, line.rate) == (1e6 / 3.0, 1e6 / 6.0)
@@ -234,60 +223,6 @@ def test_an_unknown_contestant_is_refused(piezobench: CommandLine, tmp_path: Pat
     ).refusal
     assert "none.py: is not a file" in refusal
     assert not (tmp_path / "results").exists()
-
-
-ONE = (
-    "--race",
-    "batch",
-    "--limit",
-    1,
-    "--largest",
-    256,
-    "--turns",
-    1,
-    "--budget",
-    0.001,
-    "--solver",
-    "box_batch",
-    "--lane",
-    "kernel",
-    "--name",
-    "run",
-)
-SMALL_MEMORY = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]), "sh", "-c"]
-"""A shell with its own mount namespace."""
-MOUNT = "mount -t tmpfs -o size=64m tmpfs /dev/shm"
-may_mount = subprocess.run([*SMALL_MEMORY, MOUNT], capture_output=True, check=False).returncode == 0
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not may_mount, reason="this user may not mount a file system, not even one of its own")
-def test_programs_that_do_not_fit_into_shared_memory_are_in_the_folder_of_temporary_files_as_the_report_states(
-    tmp_path: Path,
-) -> None:
-    words = [sys.executable, "-m", "bench", "race", *map(str, ONE), "--out", str(tmp_path)]
-    done = subprocess.run(
-        [*SMALL_MEMORY, f'{MOUNT} && exec "$@"', "sh", *words],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)},
-    )
-    assert done.returncode == 0, done.stderr
-    assert "solves" in done.stdout
-    assert f"The programs were in {tmp_path}, since /dev/shm had no space for them" in " ".join(done.stdout.split())
-    assert not list(tmp_path.glob("piezobench-batch-*"))
-
-
-def test_programs_without_space_are_refused_in_one_sentence_and_leave_nothing(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
-    refusal = piezobench("race", *ONE, "--out", tmp_path, largest_file=2**24).refusal
-    assert re.search(
-        r"the programs need \d+ MB in /dev/shm or in \S+, and neither has the space; .* --largest", refusal
-    )
-    assert not list(tmp_path.iterdir())
-    assert not list(piezobench.folder.glob("piezobench-batch-*"))
 
 
 @pytest.mark.parametrize("labels", [True, pytest.param(False, marks=pytest.mark.slow)])

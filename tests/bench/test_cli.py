@@ -184,7 +184,7 @@ READS = {
     "anytime": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
     "stream": {"tier", "settings", "repeats", "samples"},
     "loop": {"tier", "settings", "repeats"},
-    "batch": {"limit", "budget", "largest", "turns"},
+    "batch": {"limit", "budget", "largest", "repeats"},
 }
 """Options of each kind of race, besides those of every kind."""
 VALUES = {
@@ -205,7 +205,6 @@ VALUES = {
     "keep-misses": 0,
     "samples": 100,
     "largest": 4,
-    "turns": 1,
     "solver": "nobody",
     "lane": "direct",
     "seed": 1,

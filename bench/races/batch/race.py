@@ -1,6 +1,6 @@
 """The batch race: small box programs per second and core, solved to a proven optimum, by batch size.
 
-Every contestant gets each batch size in turn, and the whole sequence is repeated ``turns`` times. A contestant runs in
+Every contestant gets each batch size, and the whole sequence is ``repeats`` times. A contestant runs in
 its own process with one thread on the core that the race has claimed; contestants of the lane kernel run a second time
 with a thread on every core. The parent judges a sample of the timed answers. A batch is skipped, and its row states it,
 if the next smaller batch failed or predicts more than ``longest_s``.
@@ -22,12 +22,12 @@ from bench.messages.verdict import Status, Tier
 from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races.batch.contestant import contestants, of_file
-from bench.races.batch.programs import ORDERS, SET, SHARED_MEMORY, Programs, reserved
+from bench.races.batch.programs import ORDERS, SET, Programs
 from bench.races.batch.worker import WARM_UP, Batched, BatchRequest
 from bench.races.driver import Part, TaskRace
 from bench.races.field import chosen
 from bench.races.metrics import relative_gap
-from bench.races.settings import OwnProblemSettings, Positive, fixed, option
+from bench.races.settings import OwnProblemSettings, Positive, option
 from bench.store import Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
@@ -68,7 +68,7 @@ BATCH = Schema(
     ("d", "lane", "solver", "threads", "batch", "repeat"),
     types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), COUNT),
 )
-"""One row per contestant, number of threads, batch size and turn. Times are per program, medians over the groups of
+"""One row per contestant, number of threads, batch size and repeat. Times are per program, medians over the groups of
 calls. ``bytes``: size of a program's data and answer; ``grown_mb``: increase of the peak memory during the calls."""
 
 
@@ -76,11 +76,11 @@ calls. ``bytes``: size of a program's data and answer; ``grown_mb``: increase of
 class BatchSettings(OwnProblemSettings):
     """Settings of a batch race; stored with the run, so that it can be resumed."""
 
-    repeats: Positive = fixed(1)
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.005, fewest=3, most=100))
     sizes: tuple[int, ...] = tuple(ORDERS)
     largest: int = option(65_536, "Programs of the largest batch; smaller ones have a quarter each.")
-    turns: int = option(3, "Times that each contestant gets each batch.")
+    repeats: Positive = 3
+    """Number of times that each contestant gets each batch, in the same process."""
     judged: int = 8
     """Number of answers per task that are judged."""
     longest_s: float = 2.0
@@ -92,7 +92,7 @@ class BatchSettings(OwnProblemSettings):
 
 
 class BatchRace(TaskRace[BatchSettings]):
-    """Contestants take turns at each size of a batch."""
+    """Contestants are interleaved at each size of a batch."""
 
     schema = BATCH
     preload = ("bench.races.batch.worker",)
@@ -105,27 +105,21 @@ class BatchRace(TaskRace[BatchSettings]):
     @property
     def count(self) -> int:
         """Number of programs of each size."""
-        return max(FEWEST, self.settings.batches[-1]) + self.settings.turns + WARM_UP
+        return max(FEWEST, self.settings.batches[-1]) + self.settings.repeats + WARM_UP
 
     @property
     def child(self) -> ChildSettings:
-        """The memory limit excludes the mapped programs."""
+        """The memory limit excludes the programs."""
         child = super().child
         return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes) ** 2 // 2**20)
 
     def prepare(self, resources: ExitStack) -> None:
-        """Write the programs."""
+        """Make the families."""
         settings = self.settings
-        folder = resources.enter_context(reserved(settings.sizes, self.count))
         self.programs = {
-            d: Programs(self.run, d, self.count, settings.seed, folder, settings.limit or None, self.progress)
+            d: Programs(self.run, d, self.count, settings.seed, settings.limit or None, self.progress)
             for d in settings.sizes
         }
-        if folder.parent != SHARED_MEMORY:
-            self.warnings = [
-                f"The programs were in {folder.parent}, since {SHARED_MEMORY} had no space for them; "
-                "disk activity may have disturbed the race."
-            ]
         several = [entry for entry in self.entrants.values() if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
         self.parallel = resources.enter_context(SolverPool(several, replace(self.child, preload=self.preload)))
 
@@ -135,15 +129,16 @@ class BatchRace(TaskRace[BatchSettings]):
         if (many := len(cores.usable())) > 1:
             players += [(many, solver) for solver in field if solver.lane is Lane.KERNEL]
 
-        def part(turn: int, d: int, batch: int) -> Part:
-            order = random.Random(f"{self.settings.seed} {turn} {d} {batch}").sample(players, len(players))
+        def part(repeat: int, d: int, batch: int) -> Part:
+            order = random.Random(f"{self.settings.seed} {repeat} {d} {batch}").sample(players, len(players))
             return self.part(
-                f"batch-{turn}-{d}-{batch}", *(task_of(solver, d, batch, threads, turn) for threads, solver in order)
+                f"batch-{repeat}-{d}-{batch}",
+                *(task_of(solver, d, batch, threads, repeat) for threads, solver in order),
             )
 
         yield [
-            part(turn, d, batch)
-            for turn in range(self.settings.turns)
+            part(repeat, d, batch)
+            for repeat in range(self.settings.repeats)
             for d in self.settings.sizes
             for batch in self.settings.batches
         ]
@@ -157,13 +152,13 @@ class BatchRace(TaskRace[BatchSettings]):
         return super().measure(task, pool if task.more["threads"] == 1 else self.parallel)
 
     def request(self, task: Task) -> Request:
-        """The programs from the one with the number of the turn on."""
-        batch, turn = task.more["batch"], task.repeat
+        """The programs from the one with the number of the repeat on."""
+        batch, repeat = task.more["batch"], task.repeat
         return BatchRequest(
-            self.programs[task.d].files,
+            self.programs[task.d].families,
             batch,
-            turn,
-            turn + max(FEWEST, batch),
+            repeat,
+            repeat + max(FEWEST, batch),
             task.more["threads"],
             self.settings.effort,
         )
@@ -202,10 +197,10 @@ class BatchRace(TaskRace[BatchSettings]):
         return np.array(errors)
 
 
-def task_of(entry: Entry | Described, d: int, batch: int, threads: int, turn: int) -> Task:
+def task_of(entry: Entry | Described, d: int, batch: int, threads: int, repeat: int) -> Task:
     """The task of a contestant for a batch size."""
     return Task(
-        SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, {"batch": batch, "threads": threads}, turn, d=d
+        SET, f"d{d}", "scaled", entry.name, entry.lane, NO_SETTING, {"batch": batch, "threads": threads}, repeat, d=d
     )
 
 

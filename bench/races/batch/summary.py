@@ -1,11 +1,11 @@
 """Numbers and sentences of a batch race; `report` renders them.
 
-A row of the *summary* is one contestant with a number of threads at one batch size, over its turns. Programs
+A row of the *summary* is one contestant with a number of threads at one batch size, over its repeats. Programs
 per second come from wall time; programs per second and core from CPU time, on which other load of the machine has far
 less influence:
 
     rate = 1 / wall time of a program,   core rate = 1 / CPU time of a program,   both medians over the groups of calls
-    and over the turns, GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
+    and over the repeats, GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
 """
 
 import numpy as np

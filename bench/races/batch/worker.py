@@ -1,64 +1,77 @@
 """The child's side of the batch race: times one contestant on batches of one size, call by call.
 
-Every call gets programs that no earlier call got, until all programs have been used; they are read once beforehand, so
-that they are in memory. Calls are timed in groups of at least GROUP_NS, in wall time and in CPU time of all threads of
+Every call gets programs that no earlier call got, until all programs of the request have been used; they are mixed
+beforehand. Calls are timed in groups of at least GROUP_NS, in wall time and in CPU time of all threads of
 the process. An answer is copied into an array inside its time, so that a lazy result is computed there. Compiling,
 loading and allocating are not timed; they happen on programs that are not timed later.
 """
 
-import math
-import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.messages.solver_info import real
 from bench.messages.task import Outcome, Request
 from bench.races.batch.contestant import Contestant, OneByOne
 from bench.timing.clock import Effort, no_garbage_collection
-from solvers.arrays import Matrix, Nanoseconds
+from solvers.arrays import Index, Matrix, Nanoseconds
 from solvers.protocol import Solver
 
 GROUP_NS = 1_000_000
 """Shortest group of calls that is timed as one."""
 WARM_UP = 64
-"""Number of programs at the end of the files that are used for the warm-up and not timed; they are repeated for a
-contestant that compiles for a larger batch."""
+"""Number of programs at the end that are used for the warm-up and not timed; they are repeated for a contestant that
+compiles for a larger batch."""
+CHUNK = 512
+"""Number of programs that are mixed at once, which bounds the memory."""
 
 
 @dataclass(frozen=True)
-class Files:
-    """Files with the arrays of all programs of one size, which a child maps."""
+class Families:
+    """The windows of F families of programs of one size, and the seed from which ``count`` programs are drawn."""
 
-    folder: Path
-    d: int
+    P: NDArray[np.float64]
+    """Shape (F, windows, d, d)."""
+    q: NDArray[np.float64]
+    """Shape (F, windows, d)."""
+    lb: Matrix
+    ub: Matrix
+    """Shape (F, d)."""
+    seed: tuple[int, ...]
     count: int
 
     @property
-    def _shapes(self) -> list[tuple[Path, tuple[int, ...]]]:
-        """Each file with the shape of its array for one program."""
-        shapes = {"P": (self.d, self.d), "q": (self.d,), "lb": (self.d,), "ub": (self.d,)}
-        return [(self.folder / f"{name}-{self.d}", shape) for name, shape in shapes.items()]
+    def d(self) -> int:
+        """Number of variables of a program."""
+        return self.lb.shape[1]
 
-    def reserve(self) -> None:
-        """Create the files at their full size; OSError if there is no space for them."""
-        for path, shape in self._shapes:
-            with path.open("xb") as file:
-                os.posix_fallocate(file.fileno(), 0, 8 * self.count * math.prod(shape))
-
-    def mapped(self, first: int, last: int, mode: Literal["c", "r+"] = "c") -> tuple[Matrix, ...]:
-        """P (n, d, d), q, lb and ub (n, d) of programs ``first`` to ``last`` − 1; by default writes stay in the
-        process."""
-        return tuple(
-            np.memmap(path, np.float64, mode, 8 * first * math.prod(shape), (last - first, *shape))
-            for path, shape in self._shapes
+    def drawn(self) -> tuple[Index, Matrix]:
+        """The family (count,) of each program, and the shares (count, windows) of its windows."""
+        random = np.random.default_rng(self.seed)
+        return (
+            random.integers(len(self.P), size=self.count),
+            random.dirichlet(np.ones(self.P.shape[1]), size=self.count),
         )
+
+    def block(self, first: int, last: int) -> tuple[NDArray[np.float64], Matrix, Matrix, Matrix]:
+        """P (n, d, d), q, lb and ub (n, d) of programs ``first`` to ``last`` − 1."""
+        family, shares = (array[first:last] for array in self.drawn())
+        P, q = np.zeros((last - first, self.d, self.d)), np.zeros((last - first, self.d))
+        for f in range(len(self.P)):
+            members = np.flatnonzero(family == f)
+            for at in range(0, members.size, CHUNK):
+                chunk = members[at : at + CHUNK]
+                for share, window_P, window_q in zip(shares[chunk].T, self.P[f], self.q[f], strict=True):
+                    P[chunk] += share[:, None, None] * window_P
+                    q[chunk] += share[:, None] * window_q
+        return P, q, self.lb[family], self.ub[family]
 
 
 @dataclass
@@ -82,7 +95,7 @@ class Batched(Outcome):
 class BatchRequest(Request):
     """Solve programs ``first`` to ``last`` − 1 in batches of ``size``, with ``threads`` threads."""
 
-    files: Files
+    families: Families
     size: int
     first: int
     last: int
@@ -91,14 +104,12 @@ class BatchRequest(Request):
 
     def answer(self, cls: Any, first: bool) -> Outcome:
         """Warm up, then time."""
-        contestant = ready(cls, self.files.d, self.threads)
-        solve, arrays = contestant.solve, [np.asarray(array) for array in self.files.mapped(self.first, self.last)]
-        for array in arrays:
-            array.sum()  # reads the array into memory
+        contestant = ready(cls, self.families.d, self.threads)
+        solve, arrays = contestant.solve, self.families.block(self.first, self.last)
         warm_up_size = self.size if contestant.compiles else min(self.size, WARM_UP)
         warm_up = [
             np.resize(array, (warm_up_size, *array.shape[1:]))
-            for array in self.files.mapped(self.files.count - WARM_UP, self.files.count)
+            for array in self.families.block(self.families.count - WARM_UP, self.families.count)
         ]
         began = time.perf_counter_ns()
         np.array(solve(*warm_up))
@@ -123,7 +134,7 @@ class BatchRequest(Request):
                 answers += [real(x) for x in copies]
                 times.append((wall, cpu, len(group) * self.size))
                 spent += wall
-        if any(x.shape != (self.size, self.files.d) for x in answers):
+        if any(x.shape != (self.size, self.families.d) for x in answers):
             raise ValueError(f"answers a batch of {self.size} programs with an array of shape {answers[0].shape}")
         wall_ns, cpu_ns, programs = np.array(times, dtype=np.int64).T
         return Batched(
