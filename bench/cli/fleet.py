@@ -1,4 +1,4 @@
-"""The verbs of one recording applied to many: the work on each, the table and page of all, and the first screen."""
+"""The verbs of one recording applied to many: the job on each, the table and page of all, and the first screen."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 
 from bench.cli.options import PARALLEL, refuse
-from bench.fleet.fleet import done, drawn, parts_of, products_of_others
+from bench.fleet.fleet import items_of, products_of_others, run_all, write_pages
+from bench.fleet.jobs import Job
 from bench.fleet.report import DISTANT, report, table_of, write
 from bench.fleet.storage import folder_here, matching
-from bench.fleet.works import Work
 from bench.processes.engine import Workers
 from bench.report.console import errors, lines_of, print_report, progress_bar
 from piezo_model.recordings import RecordingError
@@ -50,24 +50,24 @@ def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None)
 
 
 def process(
-    work: Work, recordings: Sequence[str], out: str, workers: Workers, title: str, what: str, as_json: bool
+    job: Job, recordings: Sequence[str], out: str, workers: Workers, title: str, what: str, as_json: bool
 ) -> None:
-    """Do the work on all recordings, write table and page, and show them; then RecordingError if any was refused."""
+    """Do the job on all recordings, write table and page, and show them; then RecordingError if any was refused."""
     workers.check()
-    parts = parts_of(work, matching(recordings), out)
+    items = items_of(job, matching(recordings), out)
     with folder_here(out):  # fails before the work if the folder cannot be written
         pass
     try:
         with progress_bar() as progress:
-            rows = done(parts, workers, progress)
-            table, others = table_of(rows), products_of_others(work, rows, out)
+            rows = run_all(items, workers, progress)
+            table, others = table_of(rows), products_of_others(job, rows, out)
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
-            pages = dict(drawn([part for part in parts if part.name in outliers], workers, progress))
+            pages = dict(write_pages([item for item in items if item.name in outliers], workers, progress))
             found = report(
                 title,
                 table,
                 what,
-                {name: {"file": work.made.format(name), "page": pages.get(name, "")} for name in table.name},
+                {name: {"file": job.product.format(name), "page": pages.get(name, "")} for name in table.name},
                 others,
             )
             write(out, table, found)

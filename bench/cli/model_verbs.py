@@ -20,8 +20,8 @@ from bench.cli.options import (
     reads_a_recording,
     recording_of,
 )
+from bench.fleet.jobs import Validating
 from bench.fleet.storage import absolute
-from bench.fleet.works import Validating
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, print_result
 from piezo_model import checks
@@ -59,10 +59,10 @@ def validate_verb(
     """
     file = recording_of(next(iter(recording or ()), None), input, output)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    work = Validating(absolute(model), opening)
+    job = Validating(absolute(model), opening)
     if out_dir is not None or len(recording or ()) > 1:
         process(
-            work,
+            job,
             recording or (),
             out_dir_of(recording or (), out_dir, page),
             Workers(workers, backend, scheduler),
@@ -74,7 +74,7 @@ def validate_verb(
     only(context, recording or (), out_dir)
     if page is not None:
         check_writable(page, "--page", [*files_of(file, input, output), model])
-    opened, loaded, result = work.judged(file, Path(model))
+    opened, loaded, result = job.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
         from piezo_model.identification.fit_review import review

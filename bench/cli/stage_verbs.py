@@ -24,8 +24,8 @@ from bench.cli.options import (
     recording_of,
     refuse,
 )
+from bench.fleet.jobs import FOLLOWED, Compensating, Identifying
 from bench.fleet.storage import absolute
-from bench.fleet.works import FOLLOWED, Compensating, Identifying
 from bench.processes.engine import Backend, Workers
 from bench.report.console import AsJson, check_writable, console, print_result, print_table, progress_bar
 from piezo_model.identification.dynamics import DynamicsChoice
@@ -93,10 +93,10 @@ def identify_verb(
     """
     file = recording_of(next(iter(recording or ()), None), input, output)
     opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    work = Identifying(opening, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
+    job = Identifying(opening, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
     if out is None:
         process(
-            work,
+            job,
             recording or (),
             out_dir_of(recording or (), out_dir, page),
             Workers(workers, backend, scheduler),
@@ -108,13 +108,13 @@ def identify_verb(
     only(context, recording or (), out_dir)
     files = files_of(file, input, output)
     check_writable(out, others=files)
-    opened = work.opened(file)
+    opened = job.opened(file)
     if page is not None:
         check_writable(page, "--page", [*files, out])
     if not as_json:
         console.print(opened.describe())
     with progress_bar() as progress:
-        model = work.of(opened, progress)
+        model = job.of(opened, progress)
     model.save(out)
     if page is not None:
         with progress_bar() as progress:
@@ -191,7 +191,7 @@ def compensate_verb(
         refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
     if preview and not dynamics:
         raise typer.BadParameter("inverts the dynamics, which --no-dynamics leaves out", param_hint="--preview")
-    work = Compensating(
+    job = Compensating(
         absolute(model),
         {"time": time, "column": column, **reading},
         low,
@@ -204,7 +204,7 @@ def compensate_verb(
     )
     if out is None:
         process(
-            work,
+            job,
             reference,
             out_dir_of(reference, out_dir),
             Workers(workers, backend, scheduler),
@@ -216,7 +216,7 @@ def compensate_verb(
     only(context, reference, out_dir)
     file = Path(reference[0])
     check_writable(out, others=[file, model])
-    result = work.do(file, [Path(model)], out)
+    result = job.do(file, [Path(model)], out)
     follows = f"to {100.0 * FOLLOWED:g} % of its range"
     misses = quantity(result["largest_error"], result["output_unit"], 3)
     lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))

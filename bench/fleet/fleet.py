@@ -1,7 +1,7 @@
-"""The same work on every recording of a fleet. A finished recording has a row on disk and is not processed again.
+"""The same job on every recording of a fleet. A finished recording has a row on disk and is not processed again.
 
-    OUT/NAME.json           product of the work, such as the recording's model
-    OUT/rows/NAME.json      figures of the row, with a SHA-256 of the program's version, the work's settings, the files
+    OUT/NAME.json           product of the job, such as the recording's model
+    OUT/rows/NAME.json      figures of the row, with a SHA-256 of the program's version, the job's settings, the files
                             that were read and the product
 
 The row is written last and each file is replaced whole, so an interruption costs only the recordings in progress. A
@@ -18,8 +18,8 @@ from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from bench.fleet.jobs import Job
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
-from bench.fleet.works import Work
 from bench.messages.progress import Progress
 from bench.processes.engine import Workers, parallel_map
 from piezo_model.atomic_file import write_text
@@ -29,14 +29,14 @@ from piezo_model.recordings import RecordingError
 TABLES = ("fleet.csv", "fleet.parquet")
 """Files of the table of all recordings."""
 Row = dict[str, Any]
-"""``recording``, ``name`` and ``refused``, a sentence or ""; without a refusal, the figures of the work."""
+"""``recording``, ``name`` and ``refused``, a sentence or ""; without a refusal, the figures of the job."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """The work on one recording."""
+class Item:
+    """The job on one recording."""
 
-    work: Work
+    job: Job
     recording: str
     name: str
     out: str
@@ -48,72 +48,72 @@ class Part:
 
     @property
     def product(self) -> str:
-        """Path of the product in the folder; that of the row if the work makes no file."""
-        return self.work.made.format(self.name) if self.work.made else self.row
+        """Path of the product in the folder; that of the row if the job makes no file."""
+        return self.job.product.format(self.name) if self.job.product else self.row
 
     @contextmanager
     def inputs(self) -> Iterator[list[Path]]:
         """Local copies of the files that are read, the recording first."""
         with ExitStack() as stack:
-            places = (self.recording, *self.work.reads(self.name))
+            places = (self.recording, *self.job.reads(self.name))
             yield [stack.enter_context(file_here(place)) for place in places]
 
     def digest(self, inputs: Sequence[Path], product: Path) -> str:
         """SHA-256 of everything that determines the product, and of the product."""
-        settings = [version("piezobench"), type(self.work).__name__, asdict(self.work)]  # type: ignore[call-overload]
+        settings = [version("piezobench"), type(self.job).__name__, asdict(self.job)]  # type: ignore[call-overload]
         found = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-        for path in (*inputs, product) if self.work.made else inputs:
+        for path in (*inputs, product) if self.job.product else inputs:
             with path.open("rb") as file:
                 found.update(hashlib.file_digest(file, "sha256").digest())
         return found.hexdigest()
 
 
-def done(parts: Sequence[Part], workers: Workers, progress: Progress) -> list[Row]:
-    """Process all parts that are not finished; return the rows of all in the order of the parts."""
+def run_all(items: Sequence[Item], workers: Workers, progress: Progress) -> list[Row]:
+    """Process all items that are not finished; return the rows of all in the order of the items."""
     rows: dict[str, Row] = {}
-    progress("starting", 0, len(parts))
-    for row in parallel_map(row_of, parts, workers):
+    progress("starting", 0, len(items))
+    for row in parallel_map(row_of, items, workers):
         rows[row["name"]] = row
-        progress(row["name"], len(rows), len(parts))
-    return [rows[part.name] for part in parts]
+        progress(row["name"], len(rows), len(items))
+    return [rows[item.name] for item in items]
 
 
-def drawn(parts: Sequence[Part], workers: Workers, progress: Progress) -> Iterator[tuple[str, str]]:
+def write_pages(items: Sequence[Item], workers: Workers, progress: Progress) -> Iterator[tuple[str, str]]:
     """Write the pages of finished recordings; yield the name of each and the path of its page."""
-    for count, page in enumerate(parallel_map(draw, parts, workers), 1):
-        progress("drawing pages", count, len(parts))
+    for count, page in enumerate(parallel_map(write_page, items, workers), 1):
+        progress("drawing pages", count, len(items))
         yield page
 
 
-def draw(part: Part) -> tuple[str, str]:
-    """Write the page of a finished recording; return its name and the path of the page, "" if the work has none."""
+def write_page(item: Item) -> tuple[str, str]:
+    """Write the page of a finished recording; return its name and the path of the page, "" if the job has none."""
     from bench.report import recording_page  # plots take a second to import, and most workers draw none
 
-    with part.inputs() as (recording, *further), file_here(f"{part.out}/{part.product}") as product:
-        review = part.work.reviewed(recording, further, product)
+    with item.inputs() as (recording, *further), file_here(f"{item.out}/{item.product}") as product:
+        review = item.job.reviewed(recording, further, product)
         if review is None:
-            return part.name, ""
-        with folder_here(f"{part.out}/pages") as folder:
-            recording_page.write(folder / f"{part.name}.html", recording.name, review)
-    return part.name, f"pages/{part.name}.html"
+            return item.name, ""
+        with folder_here(f"{item.out}/pages") as folder:
+            recording_page.write(folder / f"{item.name}.html", recording.name, review)
+    return item.name, f"pages/{item.name}.html"
 
 
-def row_of(part: Part) -> Row:
+def row_of(item: Item) -> Row:
     """The row of a recording, from disk if it is finished; any error becomes its refusal, so that the others go on."""
-    row: Row = {"recording": part.recording, "name": part.name, "refused": ""}
+    row: Row = {"recording": item.recording, "name": item.name, "refused": ""}
     recording: Path | None = None
     try:
-        with part.inputs() as inputs:
+        with item.inputs() as inputs:
             recording, *further = inputs
-            figures = _stored(part, inputs)
+            figures = _stored(item, inputs)
             if figures is None:
-                with folder_here(part.out) as folder:
-                    product = folder / part.product
-                    figures = part.work.do(recording, further, product)
-                    digest = part.digest(inputs, product)
-                with folder_here(f"{part.out}/rows") as folder:
+                with folder_here(item.out) as folder:
+                    product = folder / item.product
+                    figures = item.job.do(recording, further, product)
+                    digest = item.digest(inputs, product)
+                with folder_here(f"{item.out}/rows") as folder:
                     stored = json.dumps({"digest": digest, "figures": packed(figures)})
-                    write_text(folder / f"{part.name}.json", f"{stored}\n")
+                    write_text(folder / f"{item.name}.json", f"{stored}\n")
         return {**row, **figures}
     except Exception as error:
         sentence = _sentence(error)
@@ -127,34 +127,34 @@ def _sentence(error: Exception) -> str:
     return " ".join(f"{kind}{error}".split())
 
 
-def _stored(part: Part, inputs: Sequence[Path]) -> Row | None:
+def _stored(item: Item, inputs: Sequence[Path]) -> Row | None:
     """The figures on disk, if the digest of inputs and product is still the same."""
     try:
-        with file_here(f"{part.out}/{part.row}") as path:
+        with file_here(f"{item.out}/{item.row}") as path:
             row = decoded(path.read_bytes(), dict[str, Any])
-        with file_here(f"{part.out}/{part.product}") as product:
-            return unpacked(row["figures"]) if row["digest"] == part.digest(inputs, product) else None
+        with file_here(f"{item.out}/{item.product}") as product:
+            return unpacked(row["figures"]) if row["digest"] == item.digest(inputs, product) else None
     except (OSError, ValueError, KeyError):  # absent, damaged, or of an earlier version
         return None
 
 
-def products_of_others(work: Work, rows: Sequence[Row], out: str) -> list[str]:
-    """Names of the files in the folder that look like products of the work, but were not made of these recordings."""
+def products_of_others(job: Job, rows: Sequence[Row], out: str) -> list[str]:
+    """Names of the files in the folder that look like products of the job, but were not made of these recordings."""
     fs, path = filesystem(out)
-    pattern, own = work.made.format("*"), {work.made.format(row["name"]) for row in rows if not row["refused"]}
+    pattern, own = job.product.format("*"), {job.product.format(row["name"]) for row in rows if not row["refused"]}
     files = [PurePosixPath(file) for file in fs.ls(path, detail=False)] if fs.isdir(path) else []
-    return sorted({file.name for file in files if work.made and file.match(pattern)} - own)
+    return sorted({file.name for file in files if job.product and file.match(pattern)} - own)
 
 
-def parts_of(work: Work, recordings: Sequence[str], out: str) -> list[Part]:
-    """One part for each recording, with absolute places, which do not depend on a worker's current folder.
+def items_of(job: Job, recordings: Sequence[str], out: str) -> list[Item]:
+    """One item for each recording, with absolute places, which do not depend on a worker's current folder.
 
     RecordingError if a recording would be replaced by a file of the fleet.
     """
     named = zip(recordings, names_of(recordings), strict=True)
-    parts = [Part(work, absolute(recording), name, absolute(out)) for recording, name in named]
-    written = {filesystem(f"{absolute(out)}/{file}")[1] for file in (*TABLES, *(part.product for part in parts))}
+    items = [Item(job, absolute(recording), name, absolute(out)) for recording, name in named]
+    written = {filesystem(f"{absolute(out)}/{file}")[1] for file in (*TABLES, *(item.product for item in items))}
     for recording in recordings:
         if filesystem(recording)[1] in written:
             raise RecordingError(f"{recording}: would be replaced by a file of that name; name another --out-dir")
-    return parts
+    return items

@@ -58,7 +58,7 @@ class Identifying(Job):
     product = "{}.json"
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
-        """Write the model; return figures of the fit, and the weights in unit amplitudes."""
+        """Write the model; return figures of the fit, and the weights in normalised units."""
         model = self.of(self.opened(recording))
         model.save(target)
         s, fit = model.structure, model.report["fit"]

@@ -33,7 +33,7 @@ DISTANT = 5.0
 LEAST_PERCENT = 1e-9
 """Smaller errors are replaced by this one."""
 FIGURES = {"rms_percent": "RMS error, %", "max_percent": "largest, %", "line_percent": "with a line, %"}
-"""Columns of the short table, if the work has them."""
+"""Columns of the short table, if the job has them."""
 NAMED = 4
 """Most files that a sentence names."""
 BINS = 24

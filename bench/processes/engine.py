@@ -12,11 +12,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from queue import Empty, SimpleQueue
 from typing import Any, Protocol, TypeVar
 
 from bench.messages.race_error import RaceError
@@ -27,14 +26,14 @@ from bench.timing import cores
 from solvers.registry import Entry
 
 
-class Part(Protocol):
-    """The tasks of a race that one worker does in one go; it is picklable."""
+class Work(Protocol):
+    """Tasks of a race that one worker does in one go; it is picklable."""
 
     def do(self, pool: SolverPool, tell: Callable[[Any], None]) -> None:
         """Do the tasks; ``tell`` is called with each of them before it starts."""
 
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=Work)
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -79,7 +78,7 @@ def distribute(parts: Sequence[P], entries: Sequence[Entry], settings: ChildSett
     """Do the parts of a race on several workers, which release their cores at the end; yields each part when it is
     done, in any order."""
     yield from parallel_map(
-        partial(work, entries=tuple(entries), settings=settings), parts, workers, at_end=close_pools
+        partial(work, entries=tuple(entries), settings=settings), parts, workers, at_end=close_workers
     )
 
 
@@ -174,55 +173,41 @@ def _prepare_worker() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-_idle: SimpleQueue[tuple[SolverPool, cores.Core]] = SimpleQueue()
-"""Solver pools of this process, each with its core, that no thread is using."""
+class _Worker(ExitStack):
+    """The solvers of one thread, on a core of its own."""
+
+    def __init__(self, entries: tuple[Entry, ...], settings: ChildSettings) -> None:
+        super().__init__()
+        self.key, self.core = (entries, settings), self.enter_context(cores.claim())
+        # A Dask worker under a nanny is a daemon, and multiprocessing forbids daemons to have children; ours end with
+        # their connection.
+        multiprocessing.current_process().daemon = False
+        warm_up(entries, settings.preload)
+        self.pool = self.enter_context(SolverPool(entries, settings, self.core.number))
+
+
+_workers: dict[int, _Worker] = {}
+"""By thread; solvers stay from part to part of a race."""
 
 
 def work(part: P, entries: tuple[Entry, ...], settings: ChildSettings) -> P:
-    """Do one part with an idle pool of these solvers, or with a new pool on a free core."""
-    pool, core = _pool(entries, settings)
+    """Do one part with the solvers of this thread; those of another race are closed."""
+    thread = threading.get_ident()
+    worker = _workers.get(thread)
+    if worker is None or worker.key != (entries, settings):
+        if worker is not None:
+            worker.close()
+        worker = _workers[thread] = _Worker(entries, settings)
     try:
-        with core.pinned():
-            part.do(pool, lambda task: None)
+        with worker.core.pinned():
+            part.do(worker.pool, lambda task: None)
     except BaseException:
-        _close(pool, core)
+        _workers.pop(thread).close()
         raise
-    _idle.put((pool, core))
     return part
 
 
-def _pool(entries: tuple[Entry, ...], settings: ChildSettings) -> tuple[SolverPool, cores.Core]:
-    """An idle pool of these solvers, or a new one; idle pools of another race are closed."""
-    for pool, core in _take_idle():
-        if (pool.entries, pool.settings) == (entries, settings):
-            return pool, core
-        _close(pool, core)
-    core = cores.claim()
-    _permit_children()
-    warm_up(entries, settings.preload)
-    return SolverPool(entries, settings, core.number), core
-
-
-def _permit_children() -> None:
-    """Let this process start child processes: a Dask worker under a nanny is a daemon, and multiprocessing forbids
-    daemons to have children; ours end with their connection."""
-    multiprocessing.current_process().daemon = False
-
-
-def close_pools() -> None:
-    """End the idle solvers of this process, and release their cores."""
-    for pool, core in _take_idle():
-        _close(pool, core)
-
-
-def _take_idle() -> Iterator[tuple[SolverPool, cores.Core]]:
-    while True:
-        try:
-            yield _idle.get_nowait()
-        except Empty:
-            return
-
-
-def _close(pool: SolverPool, core: cores.Core) -> None:
-    pool.close()
-    core.close()
+def close_workers() -> None:
+    """End the solvers of this process, and release their cores."""
+    while _workers:
+        _workers.popitem()[1].close()

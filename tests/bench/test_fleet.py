@@ -15,9 +15,9 @@ from command_line import CommandLine, Finished, kill_worker, wait_until_gone
 from conftest import TWO_CORES
 
 from bench.cli.fleet import process
-from bench.fleet.fleet import done, parts_of
+from bench.fleet.fleet import items_of, run_all
+from bench.fleet.jobs import Compensating, Identifying, Validating
 from bench.fleet.report import DISTANT, report, table_of
-from bench.fleet.works import Compensating, Identifying, Validating
 from bench.messages.progress import silent
 from bench.processes.engine import Workers
 from piezo_model import HysteresisCreepModel, plants
@@ -94,7 +94,7 @@ def test_finished_work_is_kept_unless_settings_or_content_change(recordings: lis
     def written(work: Identifying) -> list[int]:
         """Indices of the models that were written."""
         before = [path.stat().st_ino if path.exists() else 0 for path in models]
-        rows = done(list(parts_of(work, list(map(str, chosen)), str(tmp_path / "out"))), Workers(), silent)
+        rows = run_all(list(items_of(work, list(map(str, chosen)), str(tmp_path / "out"))), Workers(), silent)
         assert [row["refused"] for row in rows] == ["", ""]
         return [i for i, path in enumerate(models) if path.stat().st_ino != before[i]]
 
@@ -121,13 +121,13 @@ def test_a_product_that_was_truncated_or_changed_is_made_again(recordings: list[
         (Compensating(str(model)), str(reference), out / "wanted-drive.csv"),
         (Validating(str(model)), recording, tmp_path / "judged" / "rows" / model.name),
     ):
-        parts = list(parts_of(work, [given], str(tmp_path / "judged" if isinstance(work, Validating) else out)))
-        (row,) = done(parts, Workers(), silent)
+        parts = list(items_of(work, [given], str(tmp_path / "judged" if isinstance(work, Validating) else out)))
+        (row,) = run_all(parts, Workers(), silent)
         assert row["refused"] == ""
         whole = made.read_bytes()
         for damaged in (whole[: len(whole) // 2], b"", b"{}", whole + b" 1"):
             made.write_bytes(damaged)
-            assert done(parts, Workers(), silent) == [row]
+            assert run_all(parts, Workers(), silent) == [row]
             assert made.read_bytes() == whole
 
 
