@@ -10,7 +10,7 @@ from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.recorder import check
 from bench.live.reference import ReferenceError, constant, of_file, sine, staircase
 from bench.live.session import run
-from bench.live.task import Learn, Task, first_model
+from bench.live.settings import Learn, LiveSettings, first_model
 from bench.report.console import check_writable, console
 from piezo_model.units import quantity
 
@@ -112,8 +112,8 @@ def live_verb(
         wanted = sine(f"1Hz:{0.5 * SHARE * (high - low)!r}", unit, centre, sample_time)
     else:
         wanted = constant(centre if set_point is None else set_point)
-    task = Task(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
-    sentences, status = run(task, record, (host, port) if page else None)
+    settings = LiveSettings(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
+    sentences, status = run(settings, record, (host, port) if page else None)
     for sentence in sentences:
         console.print(sentence)
     if status:

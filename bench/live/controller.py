@@ -7,30 +7,34 @@ while a second Python thread would share the interpreter with the loop.
 import math
 
 from bench.live.board import Board
-from bench.live.task import Task
+from bench.live.settings import LiveSettings
 from piezo_model import Compensator, SelfLearningCompensator
 
 
 class Controller:
     """The compensator of a run, with its actuator at rest."""
 
-    def __init__(self, task: Task) -> None:
-        s, stage = task.model.structure, task.declared
-        self.learning, self._next_logged = task.learn != "off", 0
+    def __init__(self, settings: LiveSettings) -> None:
+        s, stage = settings.model.structure, settings.declared
+        self.learning, self._next_logged = settings.learn != "off", 0
         self._compensator: Compensator | SelfLearningCompensator
-        if task.learn == "off":
+        if settings.learn == "off":
             self._compensator = Compensator(
-                task.model, stage.x_limits, stage.rate_limit, x_start=stage.rest, integral_gain=task.integral_gain
+                settings.model,
+                stage.x_limits,
+                stage.rate_limit,
+                x_start=stage.rest,
+                integral_gain=settings.integral_gain,
             )
         else:
             self._compensator = SelfLearningCompensator(
                 s,
-                mode=task.learn,
+                mode=settings.learn,
                 x_limits=stage.x_limits,
                 rate_limit=stage.rate_limit,
-                integral_gain=task.integral_gain,
+                integral_gain=settings.integral_gain,
                 solver="box_active_set",
-                model=task.model if task.identified else None,
+                model=settings.model if settings.identified else None,
                 x_start=stage.rest,
             )
 

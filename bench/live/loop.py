@@ -25,7 +25,7 @@ from multiprocessing.connection import Connection, wait
 from bench.live.board import FOLLOW, Board, State, bin_of
 from bench.live.controller import Controller
 from bench.live.device import Device
-from bench.live.task import Task
+from bench.live.settings import LiveSettings
 from bench.timing.schedule import SPIN_NS, wait_until
 
 LEAD_NS = 20_000_000
@@ -69,17 +69,20 @@ def handle_signals(handler: Callable[..., object] | signal.Handlers) -> None:
 class Loop:
     """One run from the drive on the board; if the board's state is RAMPING, only the ramp to rest."""
 
-    def __init__(self, board: Board, device: Device, task: Task, spin_ns: int = SPIN_NS) -> None:
-        self._board, self._device, self._task, self._spin_ns = board, device, task, spin_ns
-        self._controller = Controller(task)
+    def __init__(self, board: Board, device: Device, settings: LiveSettings, spin_ns: int = SPIN_NS) -> None:
+        self._board, self._device, self._settings, self._spin_ns = board, device, settings, spin_ns
+        self._controller = Controller(settings)
         self._x, self._y, self._set_point = float(board.drive[0]), math.nan, FOLLOW
         self._ramping, self._answered_ns, self._measured_ns = board.state == State.RAMPING, 0, 0
 
     def next_drive(self, reference: float) -> float:
         """The drive that the compensator requests, or rest, within limits and rate."""
-        stage, requested = self._task.declared, math.nan if self._ramping else self._controller.step(reference, self._y)
+        stage, requested = (
+            self._settings.declared,
+            math.nan if self._ramping else self._controller.step(reference, self._y),
+        )
         target = requested if math.isfinite(requested) else stage.rest
-        (low, high), step = stage.x_limits, stage.rate_limit / self._task.rate
+        (low, high), step = stage.x_limits, stage.rate_limit / self._settings.rate
         return min(max(target, self._x - step, low), self._x + step, high)
 
     def exchange(self, x: float) -> None:
@@ -95,8 +98,8 @@ class Loop:
             self.end(f"the stage failed: {words_of(error)}", failed=True)
         if math.isfinite(self._y):
             self._measured_ns = self._answered_ns
-        elif time.perf_counter_ns() - self._measured_ns > 1e9 * self._task.limit_s:
-            self.end(f"no measurement for {self._task.declared.timeout_s:g} s", failed=True)
+        elif time.perf_counter_ns() - self._measured_ns > 1e9 * self._settings.limit_s:
+            self.end(f"no measurement for {self._settings.declared.timeout_s:g} s", failed=True)
 
     def end(self, reason: str, failed: bool = False) -> None:
         """Begin the ramp to rest, unless it has begun."""
@@ -111,7 +114,7 @@ class Loop:
             self.end("asked to stop")
         if set_point != self._set_point:
             self._set_point = set_point
-            board.log(f"follows {self._task.reference.words}" if set_point == FOLLOW else f"holds {set_point:.6g}")
+            board.log(f"follows {self._settings.reference.words}" if set_point == FOLLOW else f"holds {set_point:.6g}")
         if board.learning != self._controller.learning:
             self._controller.learning = bool(board.learning)
             board.log("learning" if board.learning else "learning paused")
@@ -119,12 +122,12 @@ class Loop:
     def run(self) -> None:
         """Follow the reference until the end, then ramp to rest; the board's state is ENDED unless the stage takes no
         drive any more."""
-        board, rate, watching = self._board, self._task.rate, multiprocessing.parent_process()
-        last, show_every = self._task.seconds * rate or math.inf, max(1, round(SHOW_S * rate))
+        board, rate, watching = self._board, self._settings.rate, multiprocessing.parent_process()
+        last, show_every = self._settings.seconds * rate or math.inf, max(1, round(SHOW_S * rate))
         before = board.last[0] + 1.0 / rate if board.head else 0.0
         self._answered_ns = self._measured_ns = time.perf_counter_ns() + LEAD_NS
         for k, due, skipped in schedule(rate, self._spin_ns):
-            signal.setitimer(signal.ITIMER_REAL, self._task.limit_s)
+            signal.setitimer(signal.ITIMER_REAL, self._settings.limit_s)
             if k >= last:
                 self.end("the time is over")
             if watching is not None and os.getppid() != watching.pid:
@@ -132,17 +135,17 @@ class Loop:
             if not self._ramping:
                 self.obey()
             start = time.perf_counter_ns()
-            reference = self._task.reference.at(k) if self._set_point == FOLLOW else self._set_point
+            reference = self._settings.reference.at(k) if self._set_point == FOLLOW else self._set_point
             # a drive whose exchange failed is written again: the stage may have taken it
             self.exchange(self.next_drive(reference) if board.drive[0] == self._x else float(board.drive[0]))
             end = time.perf_counter_ns()
             board.write((before + k / rate, reference, self._x, self._y))
             board.set(missed=board.missed + skipped + (end - due > 1e9 / rate))
             board.service[bin_of(end - start)] += 1
-            if self._ramping and self._x == self._task.declared.rest:
+            if self._ramping and self._x == self._settings.declared.rest:
                 board.set(state=State.ENDED)
                 break
-            if end - self._answered_ns > 1e9 * self._task.limit_s:
+            if end - self._answered_ns > 1e9 * self._settings.limit_s:
                 break
             if not self._ramping and board.head % show_every == 0:
                 self._controller.show(board)
@@ -169,17 +172,17 @@ def null_loop(board: Board, rate: float, spin_ns: int) -> None:
     board.set(null_missed=missed, null_samples=samples)
 
 
-def main(task: Task, board: Board, core: int, lock: Connection) -> None:
+def main(settings: LiveSettings, board: Board, core: int, lock: Connection) -> None:
     """Process of the loop; ``lock`` is that of its core, which is released when this process ends."""
     handle_signals(lambda *_: board.set(stop=1))
     os.sched_setaffinity(0, {core})
-    spin_ns = real_time(task.rate)
-    null_loop(board, task.rate, spin_ns)
-    board.drive[0] = task.declared.rest
-    _drive(task, board, spin_ns)
+    spin_ns = real_time(settings.rate)
+    null_loop(board, settings.rate, spin_ns)
+    board.drive[0] = settings.declared.rest
+    _drive(settings, board, spin_ns)
 
 
-def stand_by(task: Task, board: Board, loop: int) -> None:
+def stand_by(settings: LiveSettings, board: Board, loop: int) -> None:
     """Process that waits for the end of the loop, whose process id is given; if the stage is not at rest then, it opens
     it anew and ramps it to rest from the last drive."""
     handle_signals(signal.SIG_IGN)
@@ -187,10 +190,10 @@ def stand_by(task: Task, board: Board, loop: int) -> None:
         wait([os.pidfd_open(loop)])
     if board.state in (State.FOLLOWING, State.RAMPING):
         board.set(followed=board.followed or board.head, state=State.RAMPING, rescued=1)
-        _drive(task, board, SPIN_NS)
+        _drive(settings, board, SPIN_NS)
 
 
-def _drive(task: Task, board: Board, spin_ns: int) -> None:
+def _drive(settings: LiveSettings, board: Board, spin_ns: int) -> None:
     """Open the stage, run the loop and close the stage; the board's reason says what cannot be done.
 
     The state is STARTING until the stage is open, or RAMPING from the start.
@@ -198,14 +201,14 @@ def _drive(task: Task, board: Board, spin_ns: int) -> None:
     signal.setitimer(signal.ITIMER_REAL, OPENING_S)
     done = "opened"
     try:
-        device = task.device.make()
-        loop = Loop(board, device, task, spin_ns)
+        device = settings.device.make()
+        loop = Loop(board, device, settings, spin_ns)
         device.open()
         done = "closed"
         gc.collect()
         gc.disable()
         if board.state == State.STARTING:
-            board.set(state=State.FOLLOWING, learning=int(task.learn != "off"))
+            board.set(state=State.FOLLOWING, learning=int(settings.learn != "off"))
         else:
             device.exchange(float(board.drive[0]))  # the stage may have taken it or not
         try:

@@ -1,41 +1,35 @@
-"""The page of a live run: Bokeh's server draws what the loop has written on the board, and buttons write requests on
-it.
+"""The page of a live run: a small HTTP server sends what the loop has written on the board, the page draws it with
+Vega, as reports do, and its buttons write requests on the board.
 
-The loop does not depend on the page. The server is bound to this machine by default, answers only at a secret path and
-serves its own scripts, so nothing leaves the machine. Whatever name of this machine a browser uses, the data go only to
-a page of the same name and port: other sites are refused. A site that lets its own name point to this machine (DNS
-rebinding) passes that check, but does not know the path.
+The loop does not depend on the page. The server is bound to this machine by default, answers only at a secret path, and
+the page holds its own script, so nothing leaves the machine. The browser gives the data to no page of another name or
+port, and a request of such a page is refused. A site that lets its own name point to this machine (DNS rebinding)
+passes that check, but does not know the path.
 """
 
-import asyncio
-import math
 import secrets
-from collections.abc import Callable
-from html import escape
-from socket import gethostname
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
+from urllib.parse import urlsplit
 
+import msgspec
 import numpy as np
-from bokeh.application import Application
-from bokeh.application.handlers.function import FunctionHandler
-from bokeh.document import Document
-from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, Div, Span, TextInput
-from bokeh.plotting import figure
-from bokeh.server.server import Server
-from bokeh.server.views.ws import WSHandler
-from bokeh.themes import Theme
-from tornado.websocket import WebSocketHandler
+import pandas as pd
 
 from bench.live.board import FOLLOW, Board, State, edges_us
 from bench.live.device import DeviceError
-from bench.live.task import Task
-from bench.report.plot import GREY, PALETTE
+from bench.live.settings import LiveSettings
+from bench.rendering import html_templates
+from bench.report import vega
+from bench.report.plot import GREY, PALETTE, Axis, Mark, Plot
 from piezo_model.units import quantity, shown
 from solvers.arrays import Vector
 
-EVERY_MS = 200
-WINDOW_S, MOST_POINTS = 5.0, 1_200
+WINDOW_S, MOST_POINTS = 5.0, 400
 BLUE, RED, GREEN = PALETTE[:3]
 STATES = {
     State.STARTING: "starting",
@@ -43,218 +37,200 @@ STATES = {
     State.RAMPING: "ramping to rest",
     State.ENDED: "at rest; the run is over",
 }
-STYLE = """
-:root { color-scheme: light dark; }
-body { margin: 0 auto; max-width: 88rem; padding: 0 .8rem 2rem;
- background: light-dark(#fff, #15181c); color: light-dark(#1b1f24, #e3e6ea);
-  font: 15px/1.45 system-ui, "DejaVu Sans", sans-serif; }
-"""
-THEME = Theme(
-    json={
-        "attrs": {
-            "Plot": {
-                "height": 260,
-                "min_width": 330,
-                "sizing_mode": "stretch_width",
-                "toolbar_location": None,
-                "background_fill_alpha": 0.0,
-                "border_fill_alpha": 0.0,
-                "outline_line_color": None,
-                "styles": {"flex": "1 1 26rem"},
-            },
-            "Title": {"text_color": GREY},
-            "Axis": {"axis_label_text_color": GREY, "major_label_text_color": GREY},
-            "Grid": {"grid_line_color": "#80808040"},
-            "Legend": {
-                "background_fill_alpha": 0.0,
-                "border_line_alpha": 0.0,
-                "label_text_color": GREY,
-                "orientation": "horizontal",
-                "padding": 0,
-            },
-        }
+LINE, REFERENCE, MEASURED = "straight line, by the model in use", "reference", "measured"
+COLOURS = {LINE: RED, REFERENCE: GREY, MEASURED: BLUE}
+REQUESTS = {"stop": {"stop": 1}, "learn": {"learning": 1}, "pause": {"learning": 0}}
+"""Integers of the board that a request sets, by name; the others are set points."""
+LONGEST = 100
+"""Longest text of a set point that is read."""
+
+
+def plots(settings: LiveSettings) -> dict[str, Plot]:
+    """The plots by their titles."""
+    unit, time = shown(settings.declared.output_unit), Axis("x", "time, s")
+
+    def lines(x: Axis, y: str, *names: str) -> Plot:
+        return Plot(
+            x,
+            Axis("y", y),
+            (Mark("line", "name", along="k"),),
+            colours={name: COLOURS[name] for name in names},
+            height=200,
+        )
+
+    return {
+        "Reference and measurement": lines(time, unit, REFERENCE, MEASURED),
+        "Tracking error": lines(time, unit, LINE, MEASURED),
+        "Hysteresis, before and after": lines(Axis("x", f"reference, {unit}"), unit, LINE, MEASURED),
+        "Weights in use": Plot(
+            Axis("weight"), Axis("value", "normalised units"), (Mark("bar", colour=GREEN),), height=200
+        ),
+        "Service time, and the deadline": Plot(
+            Axis("from_us", "µs", log=True, values=[10.0**k for k in range(-1, 8)]),
+            Axis("samples", "samples"),
+            (Mark("bar", x2="to_us", y2="zero", colour=BLUE),),
+            rules={"x": 1e6 / settings.rate},
+            height=200,
+        ),
     }
-)
-TEMPLATE = f"""
-{{% block title %}}piezobench live{{% endblock %}}
-{{% block postamble %}}<meta name="viewport" content="width=device-width, initial-scale=1">
-<style>{STYLE}</style>{{% endblock %}}
-"""
 
 
-def data_of(board: Board, rate: float) -> tuple[dict[str, dict[str, Vector]], tuple[float, float]]:
-    """Columns of each source of the plots, and the RMS errors: measured, and of a straight line by the model in use.
+def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], tuple[float, float]]:
+    """Columns of the table of each plot, and the RMS errors: measured, and of a straight line by the model in use.
 
     The straight line is a drive proportional to the reference, over the ranges of the model.
     """
-    model, samples = board.shown_model(), board.read(max(0, board.head - round(WINDOW_S * rate)))[1]
-    s = model.structure
+    model = board.shown_model()
+    s, samples = model.structure, board.read(max(0, board.head - round(WINDOW_S * settings.rate)))[1]
     t, reference, _, measured = samples.T
     line = model.simulate(s.x_centre + s.x_scale * np.clip((reference - s.y_centre) / s.y_scale, -1.0, 1.0))
-    window = {
-        "t": t,
-        "reference": reference,
-        "measured": measured,
-        "error": measured - reference,
-        "line": line,
-        "line_error": line - reference,
-    }
-    thin, edges, counts = max(1, len(samples) // MOST_POINTS), edges_us(), board.service
+    errors, thin = {LINE: line - reference, MEASURED: measured - reference}, max(1, len(samples) // MOST_POINTS)
+
+    def lines(x: Vector, series: Mapping[str, Vector]) -> dict[str, Any]:
+        """The lines one after the other, so that the last one is drawn on top."""
+        thinned = x[::thin]
+        return {
+            "name": np.repeat([*series], thinned.size),
+            "k": np.tile(np.arange(thinned.size), len(series)),
+            "x": np.tile(thinned, len(series)),
+            "y": np.concatenate([y[::thin] for y in series.values()]),
+        }
+
+    edges, counts = edges_us(), board.service.copy()
     bins = np.flatnonzero(counts)
-    columns = {
-        "window": {name: values[::thin] for name, values in window.items()},
-        "weights": {"i": np.arange(model.weights.size), "w": model.weights},
-        "service": {"left": edges[bins], "right": edges[bins + 1], "count": counts[bins]},
-    }
-    return columns, (_rms(window["error"]), _rms(window["line_error"]))
+    columns = [
+        lines(t, {REFERENCE: reference, MEASURED: measured}),
+        lines(t, errors),
+        lines(reference, {LINE: line, MEASURED: measured}),
+        {"weight": np.array(s.weight_names), "value": model.weights},
+        {"from_us": edges[bins], "to_us": edges[bins + 1], "samples": counts[bins], "zero": np.zeros(bins.size)},
+    ]
+    return columns, (_rms(errors[MEASURED]), _rms(errors[LINE]))
 
 
 def _rms(error: Vector) -> float:
     known = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+    return float(np.sqrt(np.mean(known**2))) if known.size else np.nan
 
 
-def _plot(title: str, x: str, y: str, *lines: Any, **options: Any) -> Any:
-    """A plot with titles of its axes, and lines: source, columns of x and y, and style of each."""
-    plot = figure(title=title, x_axis_label=x, y_axis_label=y, **options)
-    for source, x_column, y_column, style in lines:
-        plot.line(x_column, y_column, source=source, **style)
-    if lines:
-        plot.add_layout(plot.legend[0], "below")
-    return plot
-
-
-def plots(task: Task, sources: dict[str, ColumnDataSource]) -> list[Any]:
-    """Plots of the sources of :func:`data_of`."""
-    unit, window = shown(task.declared.output_unit), sources["window"]
-    line = {"color": RED, "alpha": 0.6, "legend_label": "straight line, by the model in use"}
-    measured = {"color": BLUE, "legend_label": "measured"}
-    reference = {"color": GREY, "line_dash": "dashed", "legend_label": "reference"}
-    weights = _plot("Weights in use", "number", "normalised units")
-    weights.vbar("i", top="w", width=0.7, source=sources["weights"], color=GREEN)
-    service = _plot("Service time, and the deadline", "µs", "samples", x_axis_type="log")
-    service.quad(left="left", right="right", top="count", bottom=0, source=sources["service"], color=BLUE, alpha=0.7)
-    service.add_layout(Span(location=1e6 / task.rate, dimension="height", line_color=RED, line_dash="dashed"))
-    return [
-        _plot(
-            "Reference and measurement",
-            "time, s",
-            unit,
-            (window, "t", "reference", reference),
-            (window, "t", "measured", measured),
-        ),
-        _plot("Tracking error", "time, s", unit, (window, "t", "line_error", line), (window, "t", "error", measured)),
-        _plot(
-            "Hysteresis, before and after",
-            f"reference, {unit}",
-            unit,
-            (window, "reference", "line", line),
-            (window, "reference", "measured", measured),
-        ),
-        weights,
-        service,
-    ]
-
-
-def controls(task: Task, board: Board) -> list[Any]:
-    """Buttons that write requests on the board, the set point's input, and a line for what is wrong with that."""
-    (low, high), unit = sorted(task.declared.y_range), shown(task.declared.output_unit)
-    value = TextInput(value=f"{0.5 * (low + high):g}", width=110, stylesheets=["input { color: #1b1f24; }"])
-    wrong = Div()
-
-    def button(label: str, press: Callable[[], None], kind: str = "default") -> Button:
-        made = Button(label=label, button_type=kind, width_policy="min")  # type: ignore[arg-type]
-        made.on_click(press)
-        return made
-
-    def hold(asked: str | float) -> None:
-        try:
-            set_point = float(asked)
-        except ValueError:
-            set_point = math.nan
-        known = low <= set_point <= high
-        wrong.text = "" if known else f"The set point must be a number from {low:g} to {high:g} {escape(unit)}."
-        board.set_point[0] = set_point if known else board.set_point[0]
-
-    learn = [
-        button("Learn", lambda: board.set(learning=1)),
-        button("Do not learn", lambda: board.set(learning=0)),
-    ]
-    return [
-        button("Stop", lambda: board.set(stop=1), "danger"),
-        button("Hold", lambda: hold(min(max(float(board.last[1]), low), high))),
-        button("Follow the reference", lambda: board.set_point.fill(FOLLOW)),
-        value,
-        button(f"Go to set point, {unit}", lambda: hold(value.value)),
-        *(learn if task.learn != "off" else ()),
-        wrong,
-    ]
-
-
-def status(task: Task, board: Board, rms: tuple[float, float]) -> str:
-    """State and performance of the loop, as HTML."""
-    measured, line = (escape(quantity(value, task.declared.output_unit, 3)) for value in rms)
+def status(settings: LiveSettings, board: Board, rms: tuple[float, float]) -> list[str]:
+    """State and performance of the loop in sentences."""
+    measured, line = (quantity(value, settings.declared.output_unit, 3) for value in rms)
     learning = f", learning{'' if board.learning else ' paused'}, {board.hand_overs} hand-overs"
-    return (
-        f"<b>{escape(str(task.device))}</b>, {escape(task.reference.words)}: "
-        f"{STATES[State(board.state)]}{'' if task.learn == 'off' else learning}.<br>Tracking error over the last "
-        f"{WINDOW_S:g} s: <b>{measured}</b> RMS, along a straight line {line} by the model in use.<br>"
-        f"{board.head} samples at {task.rate:g} Hz, {board.missed} deadlines missed; "
-        f"{board.null_missed} of {board.null_samples} by a loop that does nothing."
+    return [
+        f"{settings.device}, {settings.reference.words}: {STATES[State(board.state)]}"
+        f"{'' if settings.learn == 'off' else learning}.",
+        f"Tracking error over the last {WINDOW_S:g} s: {measured} RMS; along a straight line it would be {line} by the "
+        "model in use.",
+        f"{board.head} samples at {settings.rate:g} Hz, {board.missed} deadlines missed; "
+        f"{board.null_missed} of {board.null_samples} by a loop that does nothing.",
+    ]
+
+
+def state(settings: LiveSettings, board: Board) -> bytes:
+    """What the page shows now, as JSON; null is a number that is not finite."""
+    columns, rms = tables(settings, board)
+    return msgspec.json.encode(
+        {
+            "status": status(settings, board, rms),
+            "events": board.last_events()[::-1],
+            "tables": [{name: values.tolist() for name, values in table.items()} for table in columns],
+        }
     )
 
 
-def document(task: Task, board: Board, doc: Document) -> None:
-    """Lay out the document of one browser and keep it up to date."""
-    sources = {name: ColumnDataSource(columns) for name, columns in data_of(board, task.rate)[0].items()}
-    summary, events = Div(sizing_mode="stretch_width"), Div(sizing_mode="stretch_width")
-
-    def update() -> None:
-        columns, rms = data_of(board, task.rate)
-        for name, source in sources.items():
-            source.data = columns[name]  # type: ignore[assignment]
-        summary.text = status(task, board, rms)
-        events.text = "<b>Events</b><br>" + "<br>".join(escape(event) for event in reversed(board.last_events()))
-
-    update()
-    doc.title, doc.theme = "piezobench live", THEME
-    doc.template = TEMPLATE  # type: ignore[assignment]
-    doc.add_root(
-        column(
-            Div(text="<h1 style='font-size:1.4rem;margin:.6rem 0'>A compensator on a stage</h1>"),
-            summary,
-            row(*controls(task, board), styles={"flex-wrap": "wrap", "gap": ".4rem"}, sizing_mode="stretch_width"),
-            row(*plots(task, sources), styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width"),
-            events,
-            sizing_mode="stretch_width",
-        )
-    )
-    doc.add_periodic_callback(update, EVERY_MS)
+def ask(settings: LiveSettings, board: Board, request: str, text: str) -> str:
+    """Write a request of the page on the board, a set point from text; returns what is wrong with it, or ""."""
+    low, high = sorted(settings.declared.y_range)
+    if request in REQUESTS:
+        board.set(**REQUESTS[request])
+        return ""
+    hold = {"follow": FOLLOW, "hold": min(max(float(board.last[1]), low), high)}
+    try:
+        value = hold[request] if request in hold else float(text)
+    except ValueError:
+        value = np.nan
+    if request != "follow" and not low <= value <= high:
+        return f"The set point must be a number from {low:g} to {high:g} {shown(settings.declared.output_unit)}."
+    board.set_point[0] = value
+    return ""
 
 
-def listen(board: Board, task: Task, address: tuple[str, int]) -> Callable[[], None]:
-    """Listen at an address, and return a function that serves the page there.
+class _Handler(BaseHTTPRequestHandler):
+    """Answers at the secret path of a run's page."""
 
-    It prints the page's address once it answers. DeviceError if nobody can listen there.
+    protocol_version, disable_nagle_algorithm = "HTTP/1.1", True
+
+    def __init__(self, settings: LiveSettings, board: Board, path: str, *connection: Any) -> None:
+        self._run, self._path = (settings, board), path
+        super().__init__(*connection)
+
+    def handle(self) -> None:
+        with suppress(ConnectionError):  # a tab was closed
+            super().handle()
+
+    def do_GET(self) -> None:
+        if self.path == self._path:
+            self._send(200, html(*self._run), "text/html")
+        elif self.path == f"{self._path}/state":
+            self._send(200, state(*self._run), "application/json")
+        else:
+            self._send(404)
+
+    def do_POST(self) -> None:
+        (path, _, request), origin = self.path.rpartition("/"), self.headers["Origin"]
+        text = self.rfile.read(min(int(self.headers["Content-Length"] or 0), LONGEST)).decode(errors="replace")
+        if path != self._path:
+            self._send(404)
+        elif origin is not None and urlsplit(origin).netloc != self.headers["Host"]:
+            self._send(403)
+        else:
+            self._send(200, ask(*self._run, request, text).encode())
+
+    def _send(self, code: int, body: bytes = b"", kind: str = "text/plain") -> None:
+        self.send_response(code)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: Any) -> None:
+        """Print nothing."""
+
+
+class _Server6(ThreadingHTTPServer):
+    address_family = socket.AF_INET6
+
+
+def html(settings: LiveSettings, board: Board) -> bytes:
+    """The page."""
+    (low, high), unit = sorted(settings.declared.y_range), shown(settings.declared.output_unit)
+    drawn = {
+        title: vega.specification(pd.DataFrame(table), plot)
+        for (title, plot), table in zip(plots(settings).items(), tables(settings, board)[0], strict=True)
+    }
+    page = html_templates("bench.live").get_template("page.html.jinja")
+    centre, learns = f"{0.5 * (low + high):g}", settings.learn != "off"
+    return page.render(plots=drawn, library=vega.library(), learns=learns, centre=centre, unit=unit).encode()
+
+
+def listen(settings: LiveSettings, board: Board, address: tuple[str, int]) -> Callable[[], None]:
+    """Listen at an address, and return a function that serves the page there and prints its address.
+
+    DeviceError if nobody can listen there.
     """
     (host, port), path = address, f"/{secrets.token_urlsafe(16)}"
-    name = f"[{host}]" if ":" in host else host
-    asyncio.set_event_loop(asyncio.new_event_loop())
-    # Tornado's own check that a request's origin is the host that it asks; Bokeh's compares it with a list of names
-    WSHandler.check_origin = WebSocketHandler.check_origin  # type: ignore[method-assign]
-    app = Application(FunctionHandler(lambda doc: document(task, board, doc)))
+    name, server_type = (f"[{host}]", _Server6) if ":" in host else (host, ThreadingHTTPServer)
     try:
-        server = Server({path: app}, port=port, address=host, use_index=False, redirect_root=False)
+        server = server_type(address, partial(_Handler, settings, board, path))
     except OSError as error:
         raise DeviceError(
             f"the page cannot be at {name}:{port}: {error.strerror}; --port or --host names another place"
         ) from None
 
     def serve() -> None:
-        server.start()
-        server.io_loop.add_callback(
-            print, f"Page: http://{gethostname() if host in ('', '0.0.0.0', '::') else name}:{port}{path}", flush=True
-        )
-        server.io_loop.start()
+        there = socket.gethostname() if host in ("", "0.0.0.0", "::") else name
+        print(f"Page: http://{there}:{port}{path}", flush=True)
+        server.serve_forever()
 
     return serve

@@ -25,7 +25,7 @@ from bench.live import loop
 from bench.live.board import Board, State, edges_us
 from bench.live.device import DeviceError
 from bench.live.recorder import record
-from bench.live.task import Task
+from bench.live.settings import LiveSettings
 from bench.timing import cores
 from piezo_model.learning.learner import REVERSED
 from piezo_model.units import quantity
@@ -33,26 +33,26 @@ from piezo_model.units import quantity
 POLL_S = 0.02
 
 
-def run(task: Task, recording: Path | None, page: tuple[str, int] | None) -> tuple[list[str], int]:
-    """Run a task to its end, optionally with a recording and with a page at an address.
+def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | None) -> tuple[list[str], int]:
+    """Run to the end, optionally with a recording and with a page at an address.
 
     Returns sentences on the run, and its status: 0, 1 if the stage failed, or 128 plus the number of the signal that
     ended the run. DeviceError if the page cannot be at its address, or the stage cannot be opened. Once it is open,
     signals are only noted.
     """
-    board, stage, received, serve = Board(task.rate, task.model), task.declared, list[int](), None
+    board, stage, received, serve = Board(settings.rate, settings.model), settings.declared, list[int](), None
     if page is not None:
-        from bench.live.page import listen  # which imports Bokeh
+        from bench.live.page import listen  # which imports the plots
 
-        serve = listen(board, task, page)
+        serve = listen(settings, board, page)
     with cores.claim() as core:
         resource_tracker.ensure_running()  # which the first start would do, and unblock the signals
         signal.pthread_sigmask(signal.SIG_BLOCK, loop.ENDING)  # also in the processes, until they handle them
-        process = _start(loop.main, task, board, core.number, Connection(os.dup(core.fileno())))
-        rescuer = _start(loop.stand_by, task, board, process.pid) if stage.reopens else None
+        process = _start(loop.main, settings, board, core.number, Connection(os.dup(core.fileno())))
+        rescuer = _start(loop.stand_by, settings, board, process.pid) if stage.reopens else None
         try:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, loop.ENDING)
-            _wait_until_open(task, board, process)
+            _wait_until_open(settings, board, process)
             loop.handle_signals(lambda number, _: received.append(number))
             # keeps the threads of this process off the loop's core
             os.sched_setaffinity(0, set(cores.usable()) - {core.number} or {core.number})
@@ -70,13 +70,13 @@ def run(task: Task, recording: Path | None, page: tuple[str, int] | None) -> tup
             recorded = recording and ThreadPoolExecutor().submit(record, board, recording, columns)
             if serve is not None:
                 Thread(target=serve, daemon=True).start()
-            sentence = _watch(task, board, process, rescuer, received)
+            sentence = _watch(settings, board, process, rescuer, received)
         finally:
             board.set(stop=1, over=1)
             if board.state == State.STARTING:  # it has not driven the stage, and now does not
                 process.kill()
         reversed_output = [event for event in board.last_events() if REVERSED in event]
-        sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(task, board), *reversed_output]
+        sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(settings, board), *reversed_output]
         return sentences, 128 + received[0] if received else board.failed
 
 
@@ -86,16 +86,18 @@ def _start(target: Callable[..., None], *arguments: Any) -> BaseProcess:
     return process
 
 
-def _wait_until_open(task: Task, board: Board, process: BaseProcess) -> None:
+def _wait_until_open(settings: LiveSettings, board: Board, process: BaseProcess) -> None:
     """Wait until the stage is open; DeviceError if it cannot be opened."""
     while board.state == State.STARTING:
         if not process.is_alive():
             late = f"did not open within {loop.OPENING_S:g} s" if process.exitcode == -signal.SIGALRM else ""
-            raise DeviceError(f"{task.device}: {board.reason or late or 'the process that opens it died'}")
+            raise DeviceError(f"{settings.device}: {board.reason or late or 'the process that opens it died'}")
         time.sleep(POLL_S)
 
 
-def _watch(task: Task, board: Board, process: BaseProcess, rescuer: BaseProcess | None, received: list[int]) -> str:
+def _watch(
+    settings: LiveSettings, board: Board, process: BaseProcess, rescuer: BaseProcess | None, received: list[int]
+) -> str:
     """Wait until nobody drives the stage any more; return a sentence on how that came.
 
     A signal ends the run, and so does the death of the process that stands by.
@@ -107,7 +109,7 @@ def _watch(task: Task, board: Board, process: BaseProcess, rescuer: BaseProcess 
             board.set(stop=1)
     if rescuer is not None:
         rescuer.join()
-    stage, reason, at_rest = task.declared, board.reason, board.state == State.ENDED
+    stage, reason, at_rest = settings.declared, board.reason, board.state == State.ENDED
     if process.exitcode == -signal.SIGALRM:
         reason = f"the stage did not answer for {stage.timeout_s:g} s"
         if at_rest and not board.rescued:
@@ -128,11 +130,13 @@ def _watch(task: Task, board: Board, process: BaseProcess, rescuer: BaseProcess 
     return f"{reason}, and the stage {cannot}: its last drive was {last}."
 
 
-def _figures(task: Task, board: Board) -> list[str]:
+def _figures(settings: LiveSettings, board: Board) -> list[str]:
     """Tracking error and timing in sentences."""
     first, samples = board.read(0)
     samples = samples[: max(0, (board.followed or board.head) - first)]
-    samples = samples[-min(int(10 * task.rate), len(samples) // 2) or None :]  # without the approach to the reference
+    samples = samples[
+        -min(int(10 * settings.rate), len(samples) // 2) or None :
+    ]  # without the approach to the reference
     error = samples[:, 1] - samples[:, 3]
     error = error[np.isfinite(error)]
     counts, edges = np.cumsum(board.service), edges_us()
@@ -141,11 +145,11 @@ def _figures(task: Task, board: Board) -> list[str]:
         for share in (0.5, 0.999)
     )
     sentences = [
-        f"{board.head} samples at {task.rate:g} Hz; service {median:.3g} µs at the median and {tail:.3g} µs at p99.9; "
-        f"{board.missed} deadlines were missed, and {board.null_missed} of {board.null_samples} by a loop that does "
-        "nothing."
+        f"{board.head} samples at {settings.rate:g} Hz; service {median:.3g} µs at the median and {tail:.3g} µs at "
+        f"p99.9; {board.missed} deadlines were missed, and {board.null_missed} of {board.null_samples} by a loop that "
+        "does nothing."
     ]
     if error.size:
-        rms = quantity(float(np.sqrt(np.mean(error**2))), task.declared.output_unit, 3)
-        sentences.insert(0, f"Tracking error over the last {error.size / task.rate:.3g} s: {rms} RMS.")
+        rms = quantity(float(np.sqrt(np.mean(error**2))), settings.declared.output_unit, 3)
+        sentences.insert(0, f"Tracking error over the last {error.size / settings.rate:.3g} s: {rms} RMS.")
     return sentences
