@@ -54,7 +54,7 @@ def compare_verb(
     smallest: Annotated[float, typer.Option(help="Smallest ratio of times, above 1, that matters.")] = SMALLEST,
     versions: Annotated[
         bool,
-        typer.Option("--versions", help="Compare two Python files with a version of a solver each, timed in turns."),
+        typer.Option("--versions", help="Compare two Python files with a version of a solver each, timed interleaved."),
     ] = False,
     problem_set: Annotated[str, typer.Option("--set", help="With --versions: the problem set.")] = "measured",
     seed: Seed = 0,

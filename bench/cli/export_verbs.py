@@ -9,7 +9,7 @@ import typer
 
 from bench.cli.options import NoDynamics, Rate, RateLimit, XStart, static_of
 from bench.export.realtime import real_time
-from bench.export.settings import EXACT_SOLVER, SOLVERS, ExportError, ExportSettings, LoopSolver, Part, Precision
+from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
 from piezo_model import HysteresisCreepModel
@@ -19,7 +19,7 @@ from piezo_model.learning.settings import Mode
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
 PartChoice = Annotated[
-    Part | None,
+    Exported | None,
     typer.Option(
         "--part",
         help="Compensation alone, or the complete self-learning loop; by default the loop of a file from deploy, and "
@@ -183,7 +183,7 @@ def _opened(
     low: float | None,
     high: float | None,
     rate: float | None,
-    part: Part | None,
+    part: Exported | None,
     solver: LoopSolver | None,
     mode: Mode | None,
     no_dynamics: bool = False,

@@ -1,4 +1,4 @@
-"""Two versions of a solver, timed in turns on the same data: which is faster, and by how much.
+"""Two versions of a solver, timed interleaved on the same data: which is faster, and by how much.
 
 Each pair of fresh processes, both on one core, solves the problems block by block, in a random order of the two. With
 t_a and t_b the median times of a call in a block, and over the pairs p, the problems u and the blocks r,

@@ -13,7 +13,7 @@ from typing import Any
 
 from bench.deploy.candidates import of_oneshot, of_stream
 from bench.deploy.rule import QUANTILES, Candidate, Rule
-from bench.races.stream.race import KIND as STREAM_KIND
+from bench.races.stream.race import SET as STREAM_SET
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
 from bench.timing import machine
@@ -77,9 +77,9 @@ class Decision:
 def decide(run: Run, rule: Rule) -> Decision:
     """Apply the rule; RunError if no solver qualifies, or the run is of a kind without deadlines."""
     race = run.settings.get("race", "oneshot")
-    if race not in ("oneshot", STREAM_KIND):
+    if race not in ("oneshot", STREAM_SET):
         raise RunError(f"{run.path} is a {race} race; a decision needs a one-shot race or a stream")
-    candidates = of_stream(run, rule) if race == STREAM_KIND else of_oneshot(run, rule)
+    candidates = of_stream(run, rule) if race == STREAM_SET else of_oneshot(run, rule)
     verdicts = [(each, each.failing(rule)) for each in candidates]
     qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
     refused.sort(key=lambda pair: _distance(pair[0]))

@@ -19,7 +19,7 @@ from solvers.kernel.accelerated_projection import AcceleratedProjection
 Precision = Literal["double", "float"]
 LARGEST, SMALLEST = 3.4028234e38, 1.1754944e-38
 """Magnitudes of the normal numbers of single precision."""
-Part = Literal["compensator", "learning"]
+Exported = Literal["compensator", "learning"]
 LoopSolver = Literal["projected_difference", "accelerated_projection", "box_active_set"]
 SOLVERS: tuple[LoopSolver, ...] = get_args(LoopSolver)
 EXACT_SOLVER: LoopSolver = "box_active_set"
@@ -73,7 +73,7 @@ class ExportSettings:
     """
 
     precision: Precision = "double"
-    part: Part = "compensator"
+    part: Exported = "compensator"
     solver: LoopSolver = "projected_difference"
     mode: Mode = "cyclic"
     x_limits: tuple[float, float] | None = None

@@ -128,7 +128,7 @@ class Task:
         return {**cls.at(self.setting.rung_text or self.setting.text, c), **self.more}
 
 
-def settings_of(solver: Described) -> Sequence[Setting]:
+def settings_ladder(solver: Described) -> Sequence[Setting]:
     """The settings of a solver: its defaults, unless they are a rung of its ladder, then the ladder from loose to
     tight."""
     default = setting_text(solver.defaults)
@@ -146,7 +146,7 @@ def limited(solver: Described, limit: int) -> Setting:
 
 def tightest(solver: Described) -> Setting:
     """The last setting of a solver's ladder."""
-    return settings_of(solver)[-1]
+    return settings_ladder(solver)[-1]
 
 
 @dataclass

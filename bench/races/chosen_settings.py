@@ -18,7 +18,7 @@ from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError
-from bench.messages.task import Setting, settings_of, tightest
+from bench.messages.task import Setting, settings_ladder, tightest
 from bench.messages.verdict import Tier
 from bench.store import Run
 from piezo_model.atomic_file import replacing
@@ -73,7 +73,7 @@ def table_of(run: str) -> tuple[pd.DataFrame, str]:
 
 def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name: str) -> Choices:
     """The settings of a solver for these tiers, by the table of the run ``name``."""
-    by_text = {setting.text: setting for setting in settings_of(solver)}
+    by_text = {setting.text: setting for setting in settings_ladder(solver)}
     of_solver = table[(table.scaling == SCALING) & (table.solver == solver.name) & (table.lane == str(solver.lane))]
     of_tier = of_solver.set_index("tier").setting
     chosen: dict[Setting, dict[Tier, str]] = {}
@@ -91,7 +91,7 @@ def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name:
 
 def default_setting(solver: Described) -> Setting:
     """A solver's defaults."""
-    return next(setting for setting in settings_of(solver) if setting.is_default)
+    return next(setting for setting in settings_ladder(solver) if setting.is_default)
 
 
 def tier_label(tier: str, basis: str) -> str:

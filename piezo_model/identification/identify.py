@@ -37,7 +37,7 @@ from piezo_model.identification.error_model import (
 )
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, simulate
 from piezo_model.identification.intervals import intervals
-from piezo_model.identification.report import CreepFinding, Drift, Fit, FitReport, Lag, Part
+from piezo_model.identification.report import CreepFinding, Drift, Fit, FitReport, Lag, LaterPart
 from piezo_model.identification.selection import (
     HYSTERESIS_ORDERS,
     SUPERPOSITION_ORDERS,
@@ -365,7 +365,7 @@ def _reported(
         offset=offset(problem, solving, final.optimal) if s.offset else None,
         start=prepared.starts[0],
         parts=[
-            Part(first, start, **state.to_dict(s))
+            LaterPart(first, start, **state.to_dict(s))
             for first, start, state in zip(recording.starts, prepared.starts, fit.states, strict=True)
         ][1:],
         drive=drive_of(recording, prepared.skip, determined),

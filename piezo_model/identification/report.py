@@ -208,7 +208,7 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class Part:
+class LaterPart:
     """A later part of a recording: its first sample, how the states before it were found, and these."""
 
     first_sample: int
@@ -279,7 +279,7 @@ class FitReport:
     dynamics: DynamicsFinding | None
     offset: Offset | None
     start: str
-    parts: Sequence[Part]
+    parts: Sequence[LaterPart]
     drive: Drive
     creep: CreepFinding
     drift: Drift | None

@@ -14,7 +14,7 @@ from solvers.adapter import LibrarySolver, Program, Report, Stack
 from solvers.protocol import Vector, box_duals
 
 
-class Outcome(NamedTuple):
+class BoxResult(NamedTuple):
     """Result of the library's last call."""
 
     x: Vector
@@ -33,13 +33,15 @@ class BoxMinimiser(LibrarySolver):
         self.empty = bool(np.any(p.lb > p.ub))
 
     @abstractmethod
-    def minimise(self, start: Vector | None) -> Outcome:
+    def minimise(self, start: Vector | None) -> BoxResult:
         """Call the library on a box that is not empty."""
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         # On an empty box some libraries raise and others return a corner.
         self.outcome = (
-            Outcome(self.program.no_answer(), False, "infeasible: lb > ub") if self.empty else self.minimise(warm_start)
+            BoxResult(self.program.no_answer(), False, "infeasible: lb > ub")
+            if self.empty
+            else self.minimise(warm_start)
         )
         return self.outcome.x if self.outcome.found else None
 

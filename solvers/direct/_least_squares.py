@@ -13,7 +13,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from solvers.adapter import Matrix, Program, Stack, Unsupported, Vector
-from solvers.direct._box import BoxMinimiser, Outcome
+from solvers.direct._box import BoxMinimiser, BoxResult
 
 
 def cholesky(P: Matrix, name: str) -> Matrix:
@@ -52,12 +52,12 @@ class NonNegative(LeastSquares):
     def nonnegative(self, A: Matrix, b: Vector) -> Vector:
         """Call the library, which raises RuntimeError when it runs out of iterations."""
 
-    def minimise(self, start: Vector | None) -> Outcome:
+    def minimise(self, start: Vector | None) -> BoxResult:
         try:
             u = self.nonnegative(self.L.T, self.right(self.program.P @ self.lb + self.program.q))
         except RuntimeError as error:
-            return Outcome(self.program.no_answer(), False, str(error))
-        return Outcome(self.lb + u, True, "solved")
+            return BoxResult(self.program.no_answer(), False, str(error))
+        return BoxResult(self.lb + u, True, "solved")
 
 
 class LsqLinear(LeastSquares):
@@ -66,8 +66,8 @@ class LsqLinear(LeastSquares):
     method: ClassVar[Any]
     refuses_fixed = True
 
-    def minimise(self, start: Vector | None) -> Outcome:
+    def minimise(self, start: Vector | None) -> BoxResult:
         result = lsq_linear(
             self.L.T, self.right(self.program.q), (self.lb, self.ub), method=self.method, **self.settings
         )
-        return Outcome(result.x, bool(result.success), str(result.message), int(result.nit))
+        return BoxResult(result.x, bool(result.success), str(result.message), int(result.nit))

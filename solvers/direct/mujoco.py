@@ -15,7 +15,7 @@ from mujoco import _functions  # the package mujoco-core, which is this without 
 
 from solvers.adapter import Program, Stack, Vector
 from solvers.backend import Backend
-from solvers.direct._box import BoxMinimiser, Outcome
+from solvers.direct._box import BoxMinimiser, BoxResult
 
 
 class Mujoco(BoxMinimiser):
@@ -29,12 +29,12 @@ class Mujoco(BoxMinimiser):
         super().build(p, rows)
         self._x, self._factor = np.zeros(p.d), np.zeros((p.d, p.d + 7))
 
-    def minimise(self, start: Vector | None) -> Outcome:
+    def minimise(self, start: Vector | None) -> BoxResult:
         p, x = self.program, self._x
         x[:] = 0.0 if start is None else start
         return outcome(x, _functions.mju_boxQP(x, self._factor, None, p.P, p.q, self.lb, self.ub))
 
 
-def outcome(x: Vector, free: int) -> Outcome:
+def outcome(x: Vector, free: int) -> BoxResult:
     """The outcome for the number of free variables that the library returns."""
-    return Outcome(x, free >= 0, f"{free} variables free" if free >= 0 else "P is not positive definite")
+    return BoxResult(x, free >= 0, f"{free} variables free" if free >= 0 else "P is not positive definite")

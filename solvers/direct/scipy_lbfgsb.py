@@ -17,7 +17,7 @@ from functools import partial
 from scipy.optimize import Bounds, minimize
 
 from solvers.backend import Backend, absolute
-from solvers.direct._box import BoxMinimiser, Outcome, cost, inside
+from solvers.direct._box import BoxMinimiser, BoxResult, cost, inside
 from solvers.protocol import Vector
 
 RESTARTS = 5
@@ -38,7 +38,7 @@ class ScipyLbfgsb(BoxMinimiser):
     )
     warm_startable = True
 
-    def minimise(self, start: Vector | None) -> Outcome:
+    def minimise(self, start: Vector | None) -> BoxResult:
         point, iterations = inside(start, self.lb, self.ub), 0
         for _ in range(1 + RESTARTS):
             result = minimize(  # type: ignore[call-overload]
@@ -53,4 +53,4 @@ class ScipyLbfgsb(BoxMinimiser):
             stuck = bool(self.settings) and any(word in result.message for word in STUCK)
             if not stuck:
                 break
-        return Outcome(point, bool(result.success) and not stuck, str(result.message), iterations)
+        return BoxResult(point, bool(result.success) and not stuck, str(result.message), iterations)

@@ -17,7 +17,7 @@ from bench.derived.table import ONESHOT
 from bench.derived.tier_settings import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError
-from bench.messages.task import settings_of, tightest
+from bench.messages.task import settings_ladder, tightest
 from bench.messages.verdict import Tier
 from bench.races.chosen_settings import ACCURACY, SHIPPED, accuracy, choices, ship, table_of
 from bench.races.kind import kinds
@@ -197,7 +197,7 @@ def test_by_the_shipped_rows_our_exact_solver_reaches_every_tier() -> None:
     found, name = table_of("")
     assert name == "reference"
     known = describe(find("box_active_set", "kernel"))
-    expected = dict.fromkeys(set(Tier) - {Tier.DEFAULT}, (settings_of(known)[-1].rung, "run"))
+    expected = dict.fromkeys(set(Tier) - {Tier.DEFAULT}, (settings_ladder(known)[-1].rung, "run"))
     assert chosen(found, known, expected) == expected
 
 

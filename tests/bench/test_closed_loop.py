@@ -123,7 +123,7 @@ def test_errors_in_percent_and_micrometres_agree(rows: pd.DataFrame) -> None:
 
 def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
     def setup(settings: dict[str, Any]) -> Any:
-        return SETTINGS.setup(Task(closed_loop.KIND, STILL, "scaled", PAPER, Lane.KERNEL, NO_SETTING, more=settings))
+        return SETTINGS.setup(Task(closed_loop.SET, STILL, "scaled", PAPER, Lane.KERNEL, NO_SETTING, more=settings))
 
     np.testing.assert_array_equal(setup({"steps": 1}).y_ref, setup({"steps": 15200}).y_ref)
     assert setup({"steps": 1}).stage().seed == setup({"steps": 15200}).stage().seed

@@ -11,7 +11,7 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench.messages.task import NO_SETTING, Task, settings_of
+from bench.messages.task import NO_SETTING, Task, settings_ladder
 from bench.messages.verdict import Status
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
@@ -186,7 +186,7 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
 )
 def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane: str) -> None:
     entry = find(name, lane)
-    default = next(setting for setting in settings_of(describe(entry)) if setting.is_default)
+    default = next(setting for setting in settings_ladder(describe(entry)) if setting.is_default)
     task = Task("none", "none", "scaled", entry.name, entry.lane, default, start="warm")
     form = replace(form_of(QP), starts={"warm": (best := np.array([0.0, 2.0]))})
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:

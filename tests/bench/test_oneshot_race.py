@@ -14,7 +14,7 @@ from conftest import Race, race_of, saved
 from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
-from bench.messages.task import PAPER, settings_of
+from bench.messages.task import PAPER, settings_ladder
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.races.oneshot.settings import EXPONENT, OneshotSettings, first_pass_settings, tasks_of
 from bench.store import Run
@@ -96,7 +96,7 @@ def names(race: Race) -> list[tuple[str, str, str, str, str]]:
 def test_every_setting_is_measured_on_scaled_data_and_only_the_defaults_of_a_library_on_raw(clean_race: Race) -> None:
     expected = {("scaled", "null", "direct", "{}", "cold"), ("raw", "null", "direct", "{}", "cold")}
     for name in ("daqp", "osqp", "clarabel"):
-        for setting in settings_of(describe(find(name, "direct"))):
+        for setting in settings_ladder(describe(find(name, "direct"))):
             expected |= {("scaled", name, "direct", setting.text, "cold")}
             expected |= {("raw", name, "direct", setting.text, "cold")} if setting.is_default else set()
     assert sorted(names(clean_race)) == sorted(expected)
@@ -216,4 +216,4 @@ def test_on_raw_data_alone_every_setting_is_measured() -> None:
 
 def test_a_default_that_is_a_rung_of_the_ladder_is_measured_once() -> None:
     ours = describe(find("box_active_set", "kernel"))
-    assert [(setting.text, setting.rung, setting.is_default) for setting in settings_of(ours)] == [("{}", 0, True)]
+    assert [(setting.text, setting.rung, setting.is_default) for setting in settings_ladder(ours)] == [("{}", 0, True)]

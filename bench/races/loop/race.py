@@ -39,7 +39,7 @@ from solvers.arrays import Matrix, Vector
 from solvers.certificate import NotCertified, certify, exact_cost_gap
 from solvers.registry import Described, Entry
 
-KIND = "loop"
+SET = "loop"
 STILL, DRIFTING = "still", "drifting"
 
 LOOP = Schema(
@@ -134,7 +134,7 @@ class LoopRace(TaskRace[LoopSettings]):
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """All tasks in one part."""
-        yield [self.part(KIND, *self.tasks(field))]
+        yield [self.part(SET, *self.tasks(field))]
 
     def tasks(self, field: Sequence[Described]) -> Iterator[Task]:
         """Every solver at each tier on both stages; the paper's method with each length of the learning phase."""
@@ -147,7 +147,7 @@ class LoopRace(TaskRace[LoopSettings]):
                 chosen = {default_setting(solver): {settings.tiers[0]: EACH}}
                 phases = [{"steps": steps} for steps in settings.learn_steps]
             for (setting, basis), more in product(chosen.items(), phases):
-                yield Task(KIND, problem, "scaled", solver.name, solver.lane, setting, more, repeat, d=d, basis=basis)
+                yield Task(SET, problem, "scaled", solver.name, solver.lane, setting, more, repeat, d=d, basis=basis)
 
     def request(self, task: Task) -> Request:
         """Follow the whole reference."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.messages.task import PAPER, Setting, Start, Task, limited, settings_of
+from bench.messages.task import PAPER, Setting, Start, Task, limited, settings_ladder
 from bench.problems.protocol import RaceProblem
 from bench.races.chosen_settings import default_setting
 from bench.races.settings import RaceSettings, option
@@ -64,7 +64,7 @@ def tasks_of(
         )
         planned: list[tuple[Setting, dict[str, int]]] = [(setting, {}) for setting in measured]
         if solver.iteration_setting and first:
-            rungs = {setting.text for setting in settings_of(solver)}
+            rungs = {setting.text for setting in settings_ladder(solver)}
             limits = {limit: limited(solver, limit) for limit in settings.iteration_limits}
             planned += [
                 (setting, {solver.iteration_setting: limit})
@@ -95,7 +95,7 @@ def first_pass_settings(solver: Described, given: str = "") -> Sequence[Setting]
     if given:
         text = setting_text({**solver.defaults, **decoded(given, dict[str, Any])})
         return [default_setting(solver), Setting(text, 0, is_default=False, given=given)]
-    every = settings_of(solver)
+    every = settings_ladder(solver)
     if solver.lane not in FAMILIES or not solver.exponents:
         return every
     nearest = min(range(len(solver.exponents)), key=lambda rung: abs(solver.exponents[rung] - EXPONENT))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bench.derived.accuracy import TOLERANCE
 from bench.messages.columns import FLAG, TEXT
-from bench.messages.task import NO_SETTING, PAPER, Outcome, Request, Row, Setting, Task, settings_of
+from bench.messages.task import NO_SETTING, PAPER, Outcome, Request, Row, Setting, Task, settings_ladder
 from bench.messages.verdict import Status, Tier
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
@@ -40,7 +40,7 @@ from solvers import Lane
 from solvers.arrays import Nanoseconds
 from solvers.registry import Described, Entry
 
-KIND = "stream"
+SET = "stream"
 FLOOR_EVERY = 10
 
 STREAM = Schema(
@@ -143,14 +143,16 @@ class StreamRace(TaskRace[StreamSettings]):
 
         def task(solver: Described | Entry, setting: Setting, basis: Mapping[Tier, str], repeat: int) -> Task:
             name, d = self.stream.name, self.stream.d
-            return Task(KIND, name, "scaled", solver.name, solver.lane, setting, repeat=repeat, d=d, basis=basis)
+            return Task(SET, name, "scaled", solver.name, solver.lane, setting, repeat=repeat, d=d, basis=basis)
 
         for repeat in range(self.settings.repeats):
             tasks = []
             for solver in field:
                 chosen = choices(solver, self.settings.tiers, table, run)
                 if solver.name == PAPER:
-                    steps = [setting for setting in settings_of(solver) if [*decoded(setting.text, dict)] == ["steps"]]
+                    steps = [
+                        setting for setting in settings_ladder(solver) if [*decoded(setting.text, dict)] == ["steps"]
+                    ]
                     chosen = {setting: {first_tier: EACH} for setting in steps}
                 tasks += [task(solver, setting, basis, repeat) for setting, basis in chosen.items()]
             generator.shuffle(tasks)
