@@ -1,7 +1,11 @@
-"""The certificate of an optimum against an independent reference: every active set, in fractions."""
+"""The certificate of an optimum against an independent reference, every active set in fractions: the proof, its
+replay, exact convexity, and the exact cost of an answer above the optimum."""
 
+import json
+import math
 from dataclasses import replace
 from fractions import Fraction
+from itertools import chain, combinations
 
 import numpy as np
 import pytest
@@ -20,6 +24,7 @@ from every_active_set import (
     lowest_cost,
     polyhedra,
 )
+from flint import fmpq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from qpsolvers import Problem
@@ -28,6 +33,7 @@ from solvers.certificate import (
     Certificate,
     Infeasible,
     NotCertified,
+    RoundingDecides,
     Unbounded,
     certify,
     exact_cost_gap,
@@ -35,22 +41,66 @@ from solvers.certificate import (
     verify,
 )
 from solvers.exact import linear_algebra as exact_linear_algebra
+from solvers.exact.problem import DoubleProblem
 
-
-def test_an_equality_with_general_rows_solved_by_hand_is_certified() -> None:
+I2, ZERO2 = np.eye(2), np.zeros((2, 2))
+BY_HAND: dict[str, tuple[Problem, dict[str, object]]] = {
     # Nearest point to (1, 2, 3) with sum 1 and x₂ − x₀ ≤ 1: the plane gives (−2/3, 1/3, 4/3), the row then binds.
-    problem = Problem(
-        np.eye(3),
-        np.array([-1.0, -2.0, -3.0]),
-        G=np.array([[-1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]),
-        h=np.array([1.0, 5.0]),
-        A=np.ones((1, 3)),
-        b=np.ones(1),
-    )
-    proof = certify(problem, np.zeros(3))
-    assert [str(v) for v in exact_optimum(problem, proof)] == ["-1/6", "1/3", "5/6"]
-    assert (proof.rows, proof.equalities) == ((0,), (0,))
+    "an equality and general rows": (
+        Problem(
+            np.eye(3),
+            np.array([-1.0, -2.0, -3.0]),
+            G=np.array([[-1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]),
+            h=np.array([1.0, 5.0]),
+            A=np.ones((1, 3)),
+            b=np.ones(1),
+        ),
+        {"rows": (0,), "equalities": (0,), "x": (-1 / 6, 1 / 3, 5 / 6)},
+    ),
+    "extreme magnitudes": (
+        Problem(np.diag([1e-300, 1e300]), np.array([-1e-300, -3e300]), lb=np.zeros(2), ub=np.array([5e-324, 2.0])),
+        {"x": (5e-324, 2.0), "upper": (0, 1)},
+    ),
+    "equal bounds and repeated rows": (
+        Problem(
+            I2,
+            np.array([-1.0, -1.0]),
+            G=np.array([[1.0, 1.0]] * 3),
+            h=np.ones(3),
+            A=np.array([[1.0, -1.0], [2.0, -2.0]]),
+            b=np.zeros(2),
+            lb=np.array([0.5, -INF]),
+            ub=np.array([0.5, INF]),
+        ),
+        {"x": (0.5, 0.5), "value": "-3/4", "equalities": (0,)},
+    ),
+    "a linear program with one corner": (
+        Problem(ZERO2, np.array([1.0, -1.0]), lb=np.zeros(2), ub=np.ones(2)),
+        {"unique": True},
+    ),
+    # P = 0 and q = 0: all multipliers vanish, and the three rows alone shrink the feasible set to the origin.
+    "a single feasible point": (
+        Problem(ZERO2, np.zeros(2), G=np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]]), h=np.zeros(3)),
+        {"unique": True},
+    ),
+    "an open cone": (Problem(ZERO2, np.zeros(2), G=I2, h=np.zeros(2)), {"unique": False}),
+    "an undetermined variable": (
+        Problem(np.diag([1.0, 0.0]), np.array([-1.0, 0.0])),
+        {"x": (1.0, 0.0), "pinned": (1,), "unique": False},
+    ),
+    "an unsymmetric P, which means its symmetric part": (
+        Problem(np.array([[2.0, 1.0], [-1.0, 4.0]]), corner.q, lb=corner.lb, ub=corner.ub),
+        {"x": (1.0, 0.0), "value": "-1"},
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BY_HAND)
+def test_an_optimum_found_by_hand_is_certified(what: str) -> None:
+    problem, expected = BY_HAND[what]
+    proof = certify(problem, np.ones(len(problem.q)))
     verify(problem, proof)
+    assert {name: getattr(proof, name) for name in expected} == expected
 
 
 @settings(max_examples=40, deadline=None)
@@ -140,15 +190,6 @@ def test_sparse_matrices_are_read_as_their_dense_form() -> None:
     assert certify(sparse, np.zeros(2)) == certify(dense, np.zeros(2))
 
 
-def test_extreme_magnitudes_lose_nothing() -> None:
-    P, q = np.diag([1e-300, 1e300]), np.array([-1e-300, -3e300])
-    problem = Problem(P, q, lb=np.zeros(2), ub=np.array([5e-324, 2.0]))
-    proof = certify(problem, np.zeros(2))
-    verify(problem, proof)
-    assert proof.x == (5e-324, 2.0)
-    assert proof.upper == (0, 1)
-
-
 def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
     problem = Problem(np.eye(2), np.array([0.0, -1.0]), lb=np.zeros(2), ub=np.ones(2))
     proof = certify(problem, np.array([0.0, 1.0]))
@@ -158,60 +199,36 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
             verify(problem, replace(proof, lower=lower, upper=upper))
 
 
-def test_equal_bounds_and_repeated_rows_are_certified() -> None:
-    problem = Problem(
-        np.eye(2),
-        np.array([-1.0, -1.0]),
-        G=np.array([[1.0, 1.0]] * 3),
-        h=np.ones(3),
-        A=np.array([[1.0, -1.0], [2.0, -2.0]]),
-        b=np.zeros(2),
-        lb=np.array([0.5, -INF]),
-        ub=np.array([0.5, INF]),
-    )
-    proof = certify(problem, np.full(2, 0.5))
-    verify(problem, proof)
-    assert (proof.x, proof.value, len(proof.equalities)) == ((0.5, 0.5), "-3/4", 1)
-
-
-def test_a_singular_problem_whose_bounds_leave_one_optimum_says_unique() -> None:
-    tied = Problem(np.zeros((2, 2)), np.array([1.0, -1.0]), lb=np.zeros(2), ub=np.ones(2))
-    assert certify(tied, np.full(2, 0.5)).unique
-    # P = 0 and q = 0: all multipliers vanish, and the three rows alone shrink the feasible set to the origin.
-    point = Problem(np.zeros((2, 2)), np.zeros(2), G=np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]]), h=np.zeros(3))
-    assert certify(point, np.ones(2)).unique
-    open_cone = Problem(np.zeros((2, 2)), np.zeros(2), G=point.G[:2], h=np.zeros(2))
-    assert not certify(open_cone, np.ones(2)).unique
-
-
-def test_an_undetermined_variable_is_pinned_at_zero() -> None:
-    problem = Problem(np.diag([1.0, 0.0]), np.array([-1.0, 0.0]))
-    proof = certify(problem, np.array([0.0, 7.0]))
-    assert (proof.x, proof.pinned, proof.unique) == ((1.0, 0.0), (1,), False)
-    verify(problem, proof)
-
-
-def test_an_unbounded_problem_is_refused_with_the_reason() -> None:
-    with pytest.raises(Unbounded, match=r"falls without bound .* lower bound of variable 1"):
-        certify(Problem(np.diag([1.0, 0.0]), np.array([0.0, -1.0]), lb=np.zeros(2)), np.zeros(2))
-    with pytest.raises(Unbounded, match="falls without bound"):
-        certify(Problem(np.diag([1.0, 0.0]), np.array([0.0, -1.0])), np.zeros(2))
+INFEASIBLE: list[tuple[dict[str, np.ndarray], str]] = [
+    ({"lb": np.ones(2), "ub": np.zeros(2)}, "(upper|lower) bound of variable 0 against (upper|lower)"),
+    ({"G": np.array([[1.0, 1.0], [-1.0, -1.0]]), "h": np.array([0.0, -1.0])}, "inequality row"),
+    ({"A": np.ones((2, 2)), "b": np.array([0.0, 1.0])}, "equality row 1 against equality row 0"),
+    ({"G": np.zeros((1, 2)), "h": -np.ones(1)}, "its row is zero"),
+]
+FALLING, BOXED = (np.diag([1.0, 0.0]), np.array([0.0, -1.0])), {"lb": -np.ones(2), "ub": np.ones(2)}
 
 
 @pytest.mark.parametrize(
-    ("rows", "message"),
+    ("problem", "error", "sentence"),
     [
-        ({"lb": np.ones(2), "ub": np.zeros(2)}, "(upper|lower) bound of variable 0 against (upper|lower)"),
-        ({"G": np.array([[1.0, 1.0], [-1.0, -1.0]]), "h": np.array([0.0, -1.0])}, "inequality row"),
-        ({"A": np.ones((2, 2)), "b": np.array([0.0, 1.0])}, "equality row 1 against equality row 0"),
-        ({"G": np.zeros((1, 2)), "h": -np.ones(1)}, "its row is zero"),
+        *(
+            (Problem(P, np.array([-1.0, 2.0]), **rows), Infeasible, why)
+            for P in (I2, ZERO2)
+            for rows, why in INFEASIBLE
+        ),
+        (Problem(*FALLING, lb=np.zeros(2)), Unbounded, r"falls without bound .* lower bound of variable 1"),
+        (Problem(*FALLING), Unbounded, "falls without bound"),
+        *(
+            (Problem(np.array(P), np.zeros(2), **BOXED), NotCertified, "P is not convex")
+            for P in ([[1.0, 0.0], [0.0, -1e-9]], [[0.0, 1.0], [1.0, 0.0]], [[-1.0, 0.0], [0.0, -1.0]])
+        ),
     ],
-    ids=["bounds", "rows", "equalities", "zero row"],
 )
-@pytest.mark.parametrize("P", [np.eye(2), np.zeros((2, 2))], ids=["strictly convex", "linear"])
-def test_an_infeasible_problem_is_refused_with_the_contradiction(P: np.ndarray, rows: dict, message: str) -> None:
-    with pytest.raises(Infeasible, match=message):
-        certify(Problem(P, np.array([-1.0, 2.0]), **rows), np.zeros(2))
+def test_a_problem_without_an_optimum_is_refused_with_the_reason(
+    problem: Problem, error: type[Exception], sentence: str
+) -> None:
+    with pytest.raises(error, match=sentence):
+        certify(problem, np.zeros(2))
 
 
 @pytest.mark.parametrize(
@@ -271,3 +288,187 @@ def test_an_optimum_is_proven_even_if_its_uniqueness_takes_too_much_work() -> No
     assert exact_cost_gap(problem, proof, np.zeros(8), c=1.0).relative == 0.0
     with pytest.raises(NotCertified, match="no proof within 1e"):
         certify(problem, np.zeros(8), work=1e5)
+
+
+def test_a_gram_matrix_made_indefinite_by_rounding_is_shifted_by_the_smallest_power_of_two() -> None:
+    a = np.array([1.0, 1 + 2.0**-52, 1 + 2.0**-51])
+    P = np.outer(a, a)  # rank one before rounding
+    problem = Problem(P, -a, lb=np.zeros(3), ub=np.ones(3))
+    assert not is_semidefinite(P, Fraction(0))
+    proof = certify(problem, np.zeros(3))
+    verify(problem, proof)
+    shift = proof.convexity_shift
+    assert 0 < shift <= 1e-12 * np.trace(P) / 3
+    assert math.frexp(shift)[0] == 0.5
+    assert is_semidefinite(P, Fraction(shift))
+    assert not is_semidefinite(P, Fraction(shift) / 2)
+    for other in (0.0, shift / 2, shift * 2):
+        with pytest.raises(NotCertified, match=r"line 2 \(convexity\)"):
+            verify(problem, replace(proof, convexity_shift=other))
+
+
+def test_an_optimum_that_depends_on_the_shift_is_refused_and_others_are_certified() -> None:
+    P = np.array([[1.0, 1.0], [1.0, 1.0 - 2.0**-53]])  # its negative curvature is one rounding, along (1, -1)
+    with pytest.raises(RoundingDecides, match="indefinite by rounding"):
+        certify(Problem(P, np.array([1.0, -1.0])), np.zeros(2))
+    for problem in (
+        Problem(P, np.array([-1.0, -1.0])),
+        Problem(P, np.array([1.0, -1.0]), lb=np.full(2, -3.0), ub=np.full(2, 3.0)),
+    ):
+        proof = certify(problem, np.zeros(2))
+        assert proof.convexity_shift > 0.0
+        verify(problem, proof)
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32), d=st.integers(1, 12), decades=st.floats(0.0, 18.0), spread=st.floats(0.0, 8.0))
+def test_a_matrix_that_a_factorisation_in_doubles_proves_definite_is_definite_in_rationals(
+    seed: int, d: int, decades: float, spread: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    U, D = np.linalg.qr(rng.normal(size=(d, d)))[0], 10.0 ** rng.uniform(-spread, spread, size=d)
+    P = (U * 10.0 ** -np.linspace(0.0, decades, d)) @ U.T * np.outer(D, D)
+    P = 0.5 * (P + P.T)
+    data = DoubleProblem.of(Problem(P, np.zeros(d)))
+    if data._is_plainly_definite():
+        assert exact_linear_algebra.semidefinite_rank(data._symmetric[0]) == d
+    elif decades < 8.0:  # it recognises matrices that are not nearly singular
+        raise AssertionError(f"condition 1e{decades:.1f} is not recognised")
+
+
+def is_semidefinite(P: np.ndarray, shift: Fraction) -> bool:
+    """All principal minors are nonnegative, in fractions."""
+    M = [[v + (shift if i == j else 0) for j, v in enumerate(row)] for i, row in enumerate(fractions(P))]
+    subsets = chain.from_iterable(combinations(range(len(M)), k) for k in range(1, len(M) + 1))
+    return all(determinant([[M[i][j] for j in rows] for i in rows]) >= 0 for rows in subsets)
+
+
+def determinant(M: list[list[Fraction]]) -> Fraction:
+    if not M:
+        return Fraction(1)
+    return sum(
+        ((-1) ** j * v * determinant([row[:j] + row[j + 1 :] for row in M[1:]]) for j, v in enumerate(M[0]) if v),
+        Fraction(0),
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 4), st.data())
+def test_semidefiniteness_and_rank_agree_with_all_principal_minors(d: int, data: st.DataObject) -> None:
+    lower = data.draw(st.lists(st.lists(st.integers(-2, 2), min_size=d, max_size=d), min_size=d, max_size=d))
+    P = (
+        np.array(lower) + np.array(lower).T
+        if data.draw(st.booleans())
+        else np.array(lower).T
+        @ np.diag(data.draw(st.lists(st.integers(0, 2), min_size=d, max_size=d)))
+        @ np.array(lower)
+    )
+    rank = exact_linear_algebra.semidefinite_rank([[int(v) for v in row] for row in P])
+    assert (rank is not None) == is_semidefinite(P.astype(float), Fraction(0))
+    assert rank is None or rank == np.linalg.matrix_rank(P)
+
+
+@pytest.mark.parametrize(
+    ("line", "change"),
+    [
+        (r"1 \(problem\)", {"problem": "0" * 64}),
+        (r"2 \(convexity\)", {"convexity_shift": 2.0**-60}),
+        (r"3 \(stationarity\)", {"lower": (1, 1)}),
+        (r"3 \(stationarity\)", {"lower": (7,)}),
+        (r"3 \(stationarity\)", {"upper": (1,)}),
+        (r"4 \(feasibility\)", {"lower": ()}),
+        (r"5 \(signs\)", {"lower": (0, 1)}),
+        (r"5 \(signs\)", {"pinned": (0,)}),
+        (r"6 \(value\)", {"value": "-1000000000000000000000000000001/1000000000000000000000000000000"}),
+        (r"7 \(answer\)", {"value_rounded": -1.0000000000000002}),
+        (r"7 \(answer\)", {"x": (1.0000000000000002, 0.0)}),
+        (r"7 \(answer\)", {"unique": False}),
+    ],
+)
+def test_a_perturbed_certificate_fails_at_the_line_that_is_wrong(line: str, change: dict) -> None:
+    proof = certify(corner, np.zeros(2))
+    with pytest.raises(NotCertified, match=f"proof line {line} fails"):
+        verify(corner, replace(proof, **change))
+
+
+def test_moving_any_variable_in_or_out_of_the_active_set_is_noticed() -> None:
+    problem = gram_problem(18, seed=18)
+    proof = certify(problem, np.zeros(18))
+    for member in range(18):
+        with pytest.raises(NotCertified, match=r"proof line [45]"):
+            verify(problem, replace(proof, lower=tuple(sorted(set(proof.lower) ^ {member}))))
+
+
+def test_the_certificate_fails_for_data_that_differ_in_one_bit() -> None:
+    proof, P, q = certify(corner, np.zeros(2)), corner.P.copy(), np.nextafter(corner.q, 0)
+    P[1, 1] = np.nextafter(P[1, 1], np.inf)
+    for nudged in (Problem(corner.P, q, lb=corner.lb, ub=corner.ub), Problem(P, corner.q, lb=corner.lb, ub=corner.ub)):
+        with pytest.raises(NotCertified, match=r"proof line 1 .* other data"):
+            verify(nudged, proof)
+        with pytest.raises(NotCertified, match="other data"):
+            exact_cost_gap(nudged, proof, np.zeros(2))
+
+
+def test_a_certificate_survives_the_round_trip_through_json() -> None:
+    rng = np.random.default_rng(5)
+    couplings = np.tril(rng.normal(size=(60, 60)), -1) * 2.0**-200  # far below the diagonal: many digits
+    P = np.diag(rng.uniform(1, 2, 60)) + couplings + couplings.T
+    problem = Problem(P, rng.normal(size=60), lb=np.full(60, -9.0))
+    proof = certify(problem, np.zeros(60))
+    assert len(proof.value) > 2 * 4300  # longer integers than Python reads by default
+    again = Certificate.from_json(proof.to_json())
+    assert again == proof
+    verify(problem, again)
+    assert exact_cost_gap(problem, again, np.array(again.x)).absolute >= 0
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", json.dumps({"x": [1.0]})])
+def test_text_that_is_no_certificate_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="not a certificate"):
+        Certificate.from_json(text)
+
+
+def test_a_tiny_perturbation_gives_the_square_of_it_where_doubles_would_see_nothing() -> None:
+    problem = Problem(np.eye(1), np.array([-1.0]), lb=np.zeros(1))
+    proof = certify(problem, np.zeros(1))
+    gap = exact_cost_gap(problem, proof, np.array([1 + 2.0**-50]))
+    assert gap.absolute == 2.0**-101  # ½ (2⁻⁵⁰)², 4e-31
+    assert exact_cost_gap(problem, proof, np.ones(1)).absolute == 0
+
+
+@settings(max_examples=120, deadline=None)
+@given(st.one_of(boxes(), polyhedra()), st.lists(st.floats(-10, 10).map(lambda v: round(v, 2)), min_size=4, max_size=4))
+def test_the_gap_is_the_cost_of_the_exact_projection_above_the_optimum(problem: Problem, at: list[float]) -> None:
+    d = len(problem.q)
+    x = np.array(at[:d])
+    try:
+        proof = certify(problem, x)
+    except (Infeasible, Unbounded):
+        return
+    projection = Problem(np.eye(d), -x, problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub)
+    nearest = min(feasible_stationary_points(projection), key=lambda z: cost(projection, z))
+    gap = exact_cost_gap(problem, proof, x)
+    assert gap.absolute == float(cost(problem, nearest) - Fraction(proof.value))
+    assert gap.violation == float(max(abs(a - b) for a, b in zip(fractions(x), nearest, strict=True)))
+
+
+def test_the_relative_gap_divides_by_the_cost_with_its_constant() -> None:
+    proof = certify(corner, np.zeros(2))  # V* = −1
+    at_zero = exact_cost_gap(corner, proof, np.zeros(2), c=5.0)
+    assert (at_zero.absolute, at_zero.relative) == (1.0, 0.25)
+    assert exact_cost_gap(corner, proof, np.zeros(2)).relative == 1.0
+    # V* + c = 0 is a perfect fit: the rounding of c stands in for it.
+    assert exact_cost_gap(corner, proof, np.zeros(2), c=1.0).relative == 2.0**52
+    assert exact_cost_gap(corner, proof, np.array([1.0, 0.0]), c=1.0).relative == 0
+
+
+def test_a_ratio_beyond_the_largest_double_is_infinite() -> None:
+    still = Problem(np.eye(1), np.zeros(1))
+    assert exact_cost_gap(still, certify(still, np.ones(1)), np.array([4.0])).relative == INF
+    assert exact_linear_algebra.nearest_double(-(fmpq(2) ** 1024)) == -INF
+
+
+def test_a_value_that_is_too_high_is_disproved_by_a_better_point() -> None:
+    proof = replace(certify(corner, np.zeros(2)), value="-1/2", value_rounded=-0.5)
+    with pytest.raises(NotCertified, match=r"a feasible point costs 0.5 less than the certified optimum"):
+        exact_cost_gap(corner, proof, np.array([1.0, 0.0]))

@@ -5,7 +5,6 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -29,52 +28,41 @@ each_solver = pytest.mark.parametrize(
 )
 
 
-def check(promise: Callable[[str, str], None], entry: Entry) -> None:
-    """Test a promise of a solver; skips where it is not installed."""
+@each_solver
+def test_a_solver_refuses_copies_in_one_sentence_and_has_no_answer_before_a_solve_of_the_present_data(
+    entry: Entry,
+) -> None:
     solver_class(entry)
     if entry.name not in COMMERCIAL:
-        promise(entry.name, entry.lane)
+        keep_the_promises(entry.name, entry.lane)
         return
-    words = [sys.executable, "-c", f"import sys, test_every_solver as t; t.{promise.__name__}(*sys.argv[1:])"]
+    words = [sys.executable, "-c", "import sys, test_every_solver as t; t.keep_the_promises(*sys.argv[1:])"]
     paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([*words, entry.name, entry.lane], env=paths, check=True, timeout=120)
 
 
-@each_solver
-def test_a_solver_refuses_to_be_copied_in_one_sentence_and_still_solves(entry: Entry) -> None:
-    check(refuse_copies, entry)
-
-
-@each_solver
-def test_a_solver_has_no_answer_before_a_solve_of_the_present_data(entry: Entry) -> None:
-    check(find_nothing_unsolved, entry)
-
-
-def find_nothing_unsolved(name: str, lane: str) -> None:
+def keep_the_promises(name: str, lane: str) -> None:
     solver = solvers.find(name, Lane(lane)).load()()
+    refuse_copies(solver)
     with pytest.raises(ValueError, match=r"setup") as refused:
         solver.solution()
     assert "\n" not in str(refused.value)
     solver.setup(PROBLEM)
+    refuse_copies(solver)
     for _ in range(2):
         unsolved = solver.solution()
         assert (unsolved.found, unsolved.x, unsolved.extras) == (False, None, {"status": "not solved yet"})
         assert solver.iterate() is None
-        solver.solve()
+        np.testing.assert_allclose(solver.solve(), [1.0, 0.0], atol=0.05)
         assert solver.solution().found
         solver.update(q=PROBLEM.q)
 
 
-def refuse_copies(name: str, lane: str) -> None:
-    solver = solvers.find(name, Lane(lane)).load()()
-    for ready in (False, True):
-        if ready:
-            solver.setup(PROBLEM)
-        for way in COPIES.values():
-            with pytest.raises(TypeError, match="cannot be copied or pickled; set up another one") as refused:
-                way(solver)
-            assert "\n" not in str(refused.value)
-    np.testing.assert_allclose(solver.solve(), [1.0, 0.0], atol=0.05)
+def refuse_copies(solver: solvers.Solver) -> None:
+    for way in COPIES.values():
+        with pytest.raises(TypeError, match="cannot be copied or pickled; set up another one") as refused:
+            way(solver)
+        assert "\n" not in str(refused.value)
 
 
 def test_the_sentence_names_a_remedy_that_works() -> None:
