@@ -35,7 +35,7 @@ core: $(VENV)/$(if $(ALL)$(wildcard $(VENV)/.dev),.dev,.test) ## compile the C c
 # Tests of the cores; not those of other libraries, in which the sanitizers find errors, too.
 CORE_TESTS := $(wildcard $(patsubst %,tests/solvers/test_%.py,core batch box_* contract accelerated_projection) \
   $(patsubst %,tests/paper/test_%.py,equation_7* figure_1*) \
-  $(patsubst %,tests/piezo_model/test_%.py,bank model_core sensor_guard self_learning continuous_learning one_source_two_widths memory_from_outside data_basis))
+  $(patsubst %,tests/piezo_model/test_%.py,bank model_core sensor self_learning continuous_learning data_basis))
 debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run their tests
 	$(BIN)/python solvers/core/compile_core.py --debug
 	LD_PRELOAD="$$($${CC:-cc} -print-file-name=libasan.so)" ASAN_OPTIONS=detect_leaks=0:alloc_dealloc_mismatch=0 \

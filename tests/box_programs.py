@@ -1,8 +1,8 @@
 """Random box-constrained programs with every kind of bounds, judged by the exact optimum, and a linear program."""
 
 import numpy as np
+from hypothesis import strategies as st
 from numpy.typing import NDArray
-from properties import st
 from qpsolvers import Problem
 
 from solvers.certificate import certify, exact_cost_gap

@@ -5,26 +5,23 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from browser import Browser
 from command_line import CommandLine
 from figures import Figures
+from hypothesis import settings
 from programs import ALL, RECORDING_ABSENT, program
 
 # Without cached bytecode, each of hundreds of processes would compile every module again.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-with suppress(ModuleNotFoundError):
-    from hypothesis import settings
-
-    # The same cases in every run, so that only a change turns a test red; `--hypothesis-profile=drawn` draws others.
-    settings.register_profile("drawn", deadline=None, max_examples=100 if ALL else 25)
-    settings.register_profile("repeated", settings.get_profile("drawn"), derandomize=True)
-    settings.load_profile("repeated")
+# The same cases in every run, so that only a change turns a test red; `--hypothesis-profile=drawn` draws others.
+settings.register_profile("drawn", deadline=None, max_examples=100 if ALL else 25)
+settings.register_profile("repeated", settings.get_profile("drawn"), derandomize=True)
+settings.load_profile("repeated")
 
 SHARING = {
     "small races": (

@@ -1,10 +1,14 @@
-"""With the features of Linux hidden, the library works, and functions that need Linux refuse with the reason."""
+"""What is absent is named: features of Linux, packages of the extra ``bench``, and programs that tests need."""
 
+import os
+import re
 import subprocess
 import sys
+from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 HIDE = """
 import os, signal, sys
@@ -93,3 +97,121 @@ def test_the_command_refuses_other_systems_in_one_sentence(tmp_path: Path, words
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "piezobench: Linux only; on this system the library works from Python: piezo_model\n"
     assert not list(tmp_path.iterdir())
+
+
+ROOT = Path(__file__).parent.parent
+NEEDING = {
+    "chromium": "tests/bench/test_identify_page.py::test_a_skipped_transient_does_not_flatten_the_error_of_the_rest",
+    "cmake": "tests/bench/test_export_c.py::test_cmake_builds_it_too",
+    "gcc": "tests/solvers/test_core.py"
+    "::test_the_algorithms_call_nothing_of_the_libraries_but_a_few_functions[files0-called0]",
+}
+
+
+def on_a_bare_machine(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run tests that need programs, on a machine that only has Python."""
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "", *NEEDING.values()],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PATH": str(folder), "PIEZOBENCH_ALL_TESTS": "", **environment},
+    )
+
+
+def reasons(done: subprocess.CompletedProcess[str]) -> list[str]:
+    return [line for line in done.stdout.splitlines() if " skipped: " in line]
+
+
+def sentence(name: str) -> str:
+    return f"{name} is not installed; on Debian, apt-get install {name}"
+
+
+def test_tests_that_need_a_missing_program_are_skipped_with_one_line_that_names_it(tmp_path: Path) -> None:
+    done = on_a_bare_machine(tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert reasons(done) == [f"1 skipped: {sentence(name)}" for name in NEEDING]
+
+
+def test_the_run_fails_if_nothing_may_be_skipped(tmp_path: Path) -> None:
+    done = on_a_bare_machine(tmp_path, PIEZOBENCH_ALL_TESTS="1")
+    assert done.returncode == 1
+    assert reasons(done) == [f"ERROR: 1 skipped: {sentence(name)}" for name in NEEDING]
+
+
+@pytest.mark.slow
+def test_the_tests_of_the_paper_need_the_library_pytest_and_hypothesis_alone() -> None:
+    absent = {"pandas", "quadprog", "selenium", "typer"}
+    program = "import pytest; sys.exit(pytest.main(['-q', '-p', 'no:cacheprovider', 'tests/paper']))"
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSE.format(absent=absent) + program],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PIEZOBENCH_ALL_TESTS": ""},
+    )
+    assert done.returncode == 0, done.stdout
+    assert {line.split("'")[1] for line in reasons(done)} == {"pandas"}
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) > 40
+
+
+REFUSE = """
+import sys
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {absent!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Refuse())
+"""
+IDENTIFY = """
+import numpy as np
+from piezo_model import Compensator, Recording, identify, plants
+from piezo_model.recordings import write_table
+rng = np.random.default_rng(0)
+plant = plants.get("dense_prandtl_ishlinskii", sample_time=1e-3)
+low, high = plant.x_range
+x = low + (high - low) * (0.5 + 0.5 * np.sin(2 * np.pi * np.arange(6000) / 1500) * np.linspace(1.0, 0.3, 6000))
+write_table(sys.argv[1], {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": plant.run(x)})
+model = identify(Recording.open(sys.argv[1]), n=3, m=1)
+y_ref = np.linspace(*np.quantile(plant.run(x), (0.3, 0.7)), 100)
+assert np.isfinite(Compensator(model, x_limits=plant.x_range).run(y_ref)).all()
+print(model.report["headline"])
+"""
+MODULES = {"vl-convert-python": "vl_convert"}
+
+
+def absent() -> set[str]:
+    """Modules of the packages that only the extra ``bench`` requires."""
+    needed = [Requirement(text) for text in requires("piezobench") or []]
+    base = {requirement.name for requirement in needed if requirement.marker is None}
+    extra = {
+        requirement.name
+        for requirement in needed
+        if requirement.marker is not None and requirement.marker.evaluate({"extra": "bench"})
+    }
+    return {MODULES.get(name, name) for name in extra - base}
+
+
+@pytest.mark.parametrize("name", ["stage.csv", "stage.parquet"])
+def test_a_recording_is_identified_and_compensated_without_the_packages_of_the_command(tmp_path, name) -> None:
+    assert {"pandas", "typer"} <= absent()
+    script = tmp_path / "alone.py"
+    script.write_text(REFUSE.format(absent=absent()) + IDENTIFY)
+    done = subprocess.run([sys.executable, script, tmp_path / name], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert "with this model" in done.stdout
+
+
+def test_the_command_says_what_to_install_if_its_packages_are_absent() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (
+        2,
+        "piezobench: the command needs the package typer: install piezobench[bench]\n",
+    )

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from box_programs import INF, seeds, spectrum_matrix
-from properties import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from qpsolvers import Problem
 
 from solvers import get
@@ -39,9 +40,6 @@ def optimum(problem):
     exact = get("box_active_set")
     exact.setup(problem)
     return exact.solve()
-
-
-# --- the recursion -------------------------------------------------------------------------------------------
 
 
 @quick
@@ -126,17 +124,3 @@ def test_diagonal_scaling_changes_the_path_and_not_the_answer(seed, d):
     w = solver(problem, diagonal_scaling=True).solve()
     np.testing.assert_allclose(w * scale, optimum(problem) * scale, rtol=0, atol=1e-9)
     assert (w >= problem.lb).all()
-
-
-def test_an_update_of_P_takes_a_new_step_and_of_q_keeps_it():
-    rng = np.random.default_rng(3)
-    P, q, lb = spectrum_matrix(rng, 6, 1.0), rng.normal(size=6), np.zeros(6)
-    for scaling in (False, True):
-        s = solver(Problem(P, q, lb=lb), diagonal_scaling=scaling)
-        s.update(q=2 * q)
-        np.testing.assert_array_equal(s.solve(), solver(Problem(P, 2 * q, lb=lb), diagonal_scaling=scaling).solve())
-        s.update(5 * P)
-        np.testing.assert_array_equal(s.solve(), solver(Problem(5 * P, 2 * q, lb=lb), diagonal_scaling=scaling).solve())
-
-
-# --- weight coordinates --------------------------------------------------------------------------------------

@@ -2,8 +2,8 @@
 previous drive."""
 
 import numpy as np
+from hypothesis import given
 from plain_model import one_sided_dead_zones
-from properties import given
 from random_models import FREE, Case, cases
 
 from piezo_model.compensator import Compensator

@@ -4,10 +4,10 @@ shrinks."""
 from dataclasses import dataclass
 
 import numpy as np
+from hypothesis import strategies as st
 from numpy.random import Generator
 from numpy.typing import NDArray
 from plain_model import rows
-from properties import st
 
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState

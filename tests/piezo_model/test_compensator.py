@@ -1,15 +1,19 @@
+"""None"""
+
 import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from faulty_sensor import spoiled, steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_models import FREE, Case, cases
+from learning_loops import MODES, T, learner_for, sensor, structure_for
+from random_models import FREE, Case, cases, drive
 
 from piezo_model.bank import CompensatorBank
-from piezo_model.compensator import Compensator
+from piezo_model.compensator import BUMP, CORRECTION, Compensator
 from piezo_model.learning.settings import Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
@@ -103,7 +107,171 @@ def test_the_states_before_a_recording_are_for_a_model_that_has_them(model: Hyst
         model.initial_state("recording")
 
 
-def test_the_state_handed_in_is_copied(model: HysteresisCreepModel) -> None:
-    state = OperatorState.settled_at(model.structure, 75.0)
-    Compensator(model, state=state).run([1.0, -3.0])
-    np.testing.assert_array_equal(state.play, OperatorState.settled_at(model.structure, 75.0).play)
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def limited(case: Case) -> tuple[Compensator, tuple[float, float], float]:
+    s = case.structure
+    limits = s.x_centre - 0.7 * s.x_scale, s.x_centre + 0.6 * s.x_scale
+    case.state.play[:] = np.clip(case.state.play, -0.7, 0.6)  # the actuator stands inside its limits
+    rate = 0.03 * s.x_scale / s.sample_time
+    return Compensator(case.model, limits, rate, case.state), limits, rate * s.sample_time
+
+
+@settings(max_examples=60)
+@given(cases(), st.lists(ANY, min_size=1, max_size=60))
+def test_any_reference_gives_a_drive_that_is_finite_and_inside_all_limits(case: Case, y_ref: list[float]) -> None:
+    compensator, (low, high), step = limited(case)
+    start = case.structure.x_centre + case.structure.x_scale * compensator.state.play[0]
+    x = compensator.run(np.array(y_ref))
+    assert np.all(np.isfinite(x))
+    assert np.all((x >= low) & (x <= high))
+    rounding = 4 * np.spacing(abs(case.structure.x_centre) + case.structure.x_scale)
+    assert np.all(np.abs(np.diff(x, prepend=start)) <= step + rounding)
+    assert all(np.all(np.isfinite(z)) for z in (compensator.state.play, compensator.state.creep))
+
+
+@settings(max_examples=30)
+@given(cases())
+def test_without_limits_the_drive_stays_finite_too(case: Case) -> None:
+    x = Compensator(case.model, FREE).run([1e300, -1.7e308, math.inf, math.nan, 0.0])
+    assert np.all(np.isfinite(x))
+
+
+@settings(max_examples=30)
+@given(cases())
+def test_after_a_spoiled_reference_the_model_is_met_again_at_once(case: Case) -> None:
+    s = case.structure
+    good = case.model.simulate(s.x_centre + 0.5 * s.x_scale * drive(case.rng, 60), case.state)
+    y_ref = np.concatenate([spoiled(good, float(good.min()), float(good.max()) + 1e-9, 1, 20), good])
+    compensator = Compensator(case.model, (s.x_centre - 3 * s.x_scale, s.x_centre + 3 * s.x_scale), state=case.state)
+    x = compensator.run(y_ref)
+    y = case.model.simulate(x, case.state)
+    free = (np.abs(x - s.x_centre) < 2.999 * s.x_scale) & (np.arange(x.size) >= 60)
+    np.testing.assert_allclose(
+        y[free], y_ref[free], rtol=0, atol=1e-10 * s.y_scale + 8 * np.spacing(abs(s.y_centre) + s.y_scale)
+    )
+
+
+SMALL = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(), sample_time=1e-3)
+
+
+def test_a_change_of_model_leaves_no_bump_and_fades_into_the_new_one() -> None:
+    old, new = (HysteresisCreepModel.from_weights(SMALL, w) for w in ([0.5, 1.5], [0.2, 1.0]))
+    y_ref = np.concatenate([np.sin(np.arange(50) / 10), np.full(200, 0.3)])
+    changed, unchanged, jumped = (Compensator(old, (-1.0, 1.0)) for _ in range(3))
+    for c in (changed, unchanged, jumped):
+        c.run(y_ref[:60])
+    changed.change_model(new, blend_time_s=5e-3)
+    jumped.change_model(new)
+    x, before, after = changed.run(y_ref[60:]), unchanged.run(y_ref[60:]), jumped.run(y_ref[60:])
+    assert abs(before[0] - after[0]) > 0.05
+    assert x[0] == pytest.approx(before[0], abs=1e-12)
+    assert abs(x[5] - after[5]) == pytest.approx(abs(x[0] - after[0]) / math.e, rel=0.2)
+    assert abs(changed.drive[BUMP]) < 1e-15
+    assert changed.model is new
+
+
+def test_an_unreachable_reference_leaves_no_bump_behind_when_the_model_changes() -> None:
+    steep, flat = (HysteresisCreepModel.from_weights(SMALL, [0.0, slope]) for slope in (2.0, 1.0))
+    compensator = Compensator(steep, (-1.0, 1.0))
+    compensator.run([1e300])
+    compensator.change_model(flat, blend_time_s=1.0)
+    assert compensator.step(0.25) == pytest.approx(0.25)
+
+
+@settings(max_examples=20)
+@given(cases(), st.integers(0, 60))
+def test_memory_and_restore_go_on_bit_for_bit(case: Case, cut: int) -> None:
+    s = case.structure
+    y_ref = s.y_centre + s.y_scale * drive(case.rng, 60)
+    whole, one = (
+        Compensator(case.model, (s.x_centre - s.x_scale, s.x_centre + s.x_scale), state=case.state) for _ in range(2)
+    )
+    first = one.run(y_ref[:cut])
+    other = Compensator(
+        HysteresisCreepModel.from_weights(s, s.straight_line), (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
+    )
+    other.restore(one.get_state())
+    np.testing.assert_array_equal(np.concatenate([first, other.run(y_ref[cut:])]), whole.run(y_ref))
+
+
+GAIN = 0.3
+STRUCTURE = structure_for(sensor())
+MODEL = HysteresisCreepModel.from_weights(
+    STRUCTURE, np.concatenate([STRUCTURE.straight_line[:1], STRUCTURE.straight_line[1:] + 0.02])
+)
+LIMITS = (0.0, 150.0)
+
+
+def closed(
+    y_ref: np.ndarray, added: np.ndarray, gain: float, reversed_output: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Drives and errors (N,) of the closed loop with an actuator that the model describes exactly and a disturbance
+    ``added`` to its output."""
+    model = replace(MODEL, structure=STRUCTURE.reversed_output()) if reversed_output else MODEL
+    compensator = Compensator(model, LIMITS, integral_gain=gain / T)
+    state, x, error = compensator.state.copy(), np.empty(y_ref.size), np.empty(y_ref.size)
+    for k in range(y_ref.size):
+        x[k] = compensator.step(y_ref[k])
+        (y,), state = model.advance(x[k : k + 1], state)
+        y += added[k]
+        compensator.correct(y)
+        error[k] = y_ref[k] - y
+    return x, error
+
+
+@pytest.mark.parametrize("reversed_output", [False, True])
+def test_a_step_of_a_disturbance_decays_by_the_gain_each_sample_whatever_the_hysteresis(reversed_output: bool) -> None:
+    y_ref = 6.0 * np.sin(np.arange(80) / 9.0)
+    error = closed(y_ref, np.where(np.arange(80) >= 40, 0.5, 0.0), GAIN, reversed_output)[1]
+    np.testing.assert_allclose(error[:40], 0.0, atol=1e-11)
+    np.testing.assert_allclose(error[40:], -0.5 * (1.0 - GAIN) ** np.arange(40), atol=1e-11)
+
+
+def test_the_fastest_disturbance_is_amplified_by_no_more_than_the_stated_peak() -> None:
+    error = closed(np.zeros(200), 0.1 * (-1.0) ** np.arange(200), GAIN)[1]
+    assert np.abs(error[100:]).max() == pytest.approx(0.1 * 2.0 / (2.0 - GAIN), rel=1e-6)
+
+
+def test_the_integral_stops_while_the_limits_hold_the_drive() -> None:
+    y_ref = np.concatenate([np.full(300, 60.0), np.full(20, 1.0), np.full(300, -60.0), np.full(20, 1.0)])
+    x, error = closed(y_ref, np.zeros(y_ref.size), GAIN)
+    assert (x.min(), x.max()) == LIMITS
+    np.testing.assert_allclose(error[300:320], 0.0, atol=1e-10)
+    np.testing.assert_allclose(error[620:], 0.0, atol=1e-10)
+
+
+def test_the_integral_ignores_samples_without_a_reference_or_an_output() -> None:
+    compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
+    compensator.correct(5.0)  # before the first drive
+    for y_ref, y in ((1.0, np.nan), (np.nan, 5.0), (np.inf, 5.0)):
+        compensator.step(y_ref)
+        compensator.correct(y)
+    assert compensator.drive[CORRECTION] == 0.0
+
+
+def test_a_change_of_model_leaves_no_bump_in_the_drive() -> None:
+    compensator = Compensator(MODEL, LIMITS, integral_gain=GAIN / T)
+    before = [compensator.step(2.0) for _ in range(50) if compensator.correct(1.8) is None][-1]
+    compensator.change_model(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), blend_time_s=1.0)
+    assert compensator.step(2.0) == pytest.approx(before, abs=0.2)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_learner_suppresses_an_unmodelled_disturbance_and_replays_to_the_last_bit(mode: str) -> None:
+    y_ref = steps(sensor(), 20.0)
+    added = 0.3 * np.sin(np.arange(y_ref.size) * 2.0 * np.pi * T)
+    errors = []
+    for gain in (0.0, GAIN / T):
+        plant, learner, done = sensor(), learner_for(sensor(), mode, integral_gain=gain), [0]
+
+        def moved(x: np.ndarray, plant=plant, done=done) -> np.ndarray:  # type: ignore[no-untyped-def]
+            done[0] += x.size
+            return plant.run(x) + added[done[0] - x.size : done[0]]
+
+        x, y = learner.run(y_ref, moved)
+        errors.append(float(np.sqrt(np.mean((y - y_ref)[-5000:] ** 2))))
+    assert errors[1] < 0.2 * errors[0]
+    replayed = learner_for(sensor(), mode, integral_gain=GAIN / T).replay(y_ref, np.append(np.nan, y[:-1]))
+    np.testing.assert_array_equal(replayed, x)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from faulty_sensor import rms_percent, steps
 from learning_loops import T, error_of, learner_for, sensor
+from soak import DAY, LOOPS, PIECE, soak
 
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
@@ -139,3 +140,15 @@ def test_another_solver_is_called_at_each_interval_and_does_as_well() -> None:
         assert learner.counts["hand_overs"] > 20
     assert errors[0] == errors[2]
     assert errors[1] == pytest.approx(errors[0], rel=0.02)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", LOOPS)
+def test_error_and_memory_stay_as_they_are_and_a_day_uses_little_of_any_counter(kind: str) -> None:
+    samples = 128 * PIECE
+    found = soak(kind, samples, samples // 8)
+    assert len(found.rms_um) == 8
+    assert max(found.rms_um) < 1.05 * min(found.rms_um)
+    assert found.resident[-1] - found.resident[0] < 2 * 2**20
+    for name, (value, bits) in found.counters.items():
+        assert value * (DAY / samples) < 0.01 * 2.0 ** (bits - 1), name

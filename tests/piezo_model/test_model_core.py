@@ -1,16 +1,29 @@
 """The C code of model, data basis and compensator: external calls, warnings, identical bits from every compiler, and
 copies."""
 
-import copy
-import pickle
+import os
 import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from faulty_sensor import FaultySensor
+from learning_loops import MODES, sensor, structure_for
+from numpy.typing import NDArray
 from programs import program
 
-from piezo_model import Compensator, DataBasis, HysteresisCreepModel, ModelStructure, core
+from piezo_model import (
+    Compensator,
+    CompensatorBank,
+    DataBasis,
+    HysteresisCreepModel,
+    ModelStructure,
+    SelfLearningCompensator,
+    core,
+    plants,
+)
 from piezo_model.core import bindings
 from solvers.core import bindings as solvers_bindings
 from solvers.core import compile_core
@@ -135,20 +148,6 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
         assert got == expected, options
 
 
-def test_copies_deep_or_pickled_go_on_by_themselves_with_the_same_bits() -> None:
-    x, compensator, basis = np.sin(np.arange(300) / 20), Compensator(a_model()), DataBasis(STRUCTURE)
-    compensator.run(10 * x)
-    basis.update(75 + 70 * x, 15 * x)
-    for duplicate in (copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))):
-        one, other = duplicate(compensator), duplicate(compensator)
-        one.run(-5 * x)
-        np.testing.assert_array_equal(other.run(3 * x), duplicate(compensator).run(3 * x))
-        assert not np.array_equal(one.state.play, other.state.play)
-        more = duplicate(basis)
-        more.update(75 - 70 * x, 10 * x)
-        assert (basis.samples, more.samples) == (300, 600)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -161,3 +160,169 @@ def test_copies_deep_or_pickled_go_on_by_themselves_with_the_same_bits() -> None
 def test_a_state_of_another_kind_and_arrays_that_do_not_fit_are_refused(call, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call(DataBasis(STRUCTURE)._core.block)
+
+
+Vector = NDArray[np.float64]
+T = 1e-3
+SAMPLES, COUNT = 12_000, 8
+"""One tile, which starts at the same sample as a single learner."""
+REVERSED = 4
+"""Its actuator whose output falls as the input rises."""
+
+
+def three_rates(plant: plants.Plant, n: int = 5, m: int = 3, offset: bool = False) -> ModelStructure:
+    return ModelStructure.equidistant(n, m, plant.x_range, plant.y_range, (100.0, 10.0, 1.0), T, offset=offset)
+
+
+def recorded(plant: plants.Plant, faulty: bool) -> tuple[Vector, Vector]:
+    """References and measured outputs of eight actuators, some with failing sensors."""
+    t, number = np.arange(SAMPLES)[:, None] * T, np.arange(COUNT)
+    y_range = np.array(plant.y_range)
+    y_ref = y_range.mean() + 0.45 * np.ptp(y_range) * np.sin(2 * np.pi * (1.3 + 0.2 * number) * t) * np.cos(
+        2 * np.pi * 0.11 * t
+    )
+    y = np.empty_like(y_ref)
+    for i in range(COUNT):
+        actuator = plants.Sensor(plants.get("relay_preisach", sample_time=T), noise_um=2e-4 * np.ptp(y_range), seed=i)
+        sensor = FaultySensor(actuator, seed=i) if faulty and i % 2 else actuator
+        x = np.mean(plant.x_range) + 0.45 * np.ptp(plant.x_range) * (y_ref[:, i] - y_range.mean()) / (
+            0.5 * np.ptp(y_range)
+        )
+        y[:, i] = (sensor if faulty and i % 2 else sensor.run)(x)
+    return y_ref, y
+
+
+@pytest.mark.sample(4)
+@pytest.mark.parametrize("faulty", [False, True])
+@pytest.mark.parametrize("integral_gain", [0.0, 50.0])
+@pytest.mark.parametrize(("n", "m", "offset"), [(5, 3, False), (9, 2, True)])
+def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
+    faulty: bool, integral_gain: float, n: int, m: int, offset: bool, tmp_path: Path
+) -> None:
+    plant = plants.get("relay_preisach", sample_time=T)
+    structure = three_rates(plant, n, m, offset)
+    y_ref, y = recorded(plant, faulty)
+    y[:, REVERSED] = sum(plant.y_range) - y[:, REVERSED]
+    before = np.vstack([np.full(COUNT, np.nan), y[:-1]])
+    options = {"hand_over_s": 0.1, "integral_gain": integral_gain, "rate_limit": 3e4}
+    x_start = np.linspace(0.0, 150.0, COUNT)
+    bank = CompensatorBank(structure, COUNT, x_start=x_start, **options)
+    middle = SAMPLES // 2 + 7
+    x = bank.run(y_ref[:middle], before[:middle])
+    bank.save(tmp_path / "bank.npz")
+    bank = CompensatorBank.load(tmp_path / "bank.npz")
+    x = np.vstack([x, bank.run(y_ref[middle:], before[middle:])])
+    for i in range(COUNT):
+        single = SelfLearningCompensator(
+            structure,
+            mode="continuous",
+            estimate_offset=False,
+            adapt_range=False,
+            x_start=x_start[i],
+            **options,
+        )
+        assert single._block == bank.block
+        np.testing.assert_array_equal(single.replay(y_ref[:, i], before[:, i]), x[:, i])
+        assert {name: counts[i] for name, counts in bank.counts.items()} == {
+            name: single._memory[name] for name in bank.counts
+        }
+        assert (single.counts["hand_overs"] > 5) == (i != REVERSED)
+        assert (single.counts["reversed"] > 0) == (i == REVERSED)
+        assert (single._memory["faults"] > 0) == (faulty and i % 2 == 1)
+
+
+SCRIPT = """
+import sys
+import numpy as np
+from test_model_core import restored_or_refused
+print(*restored_or_refused(sys.argv[1], int(sys.argv[2])))
+"""
+HOSTILE = [np.array([value]).view(np.uint8) for value in (-1, 2**31 - 1, 2**62, 7, np.nan, np.inf, 1e300, -1e-300)]
+
+
+def of_kind(kind: str) -> tuple[SelfLearningCompensator | CompensatorBank, tuple[float, float]]:
+    """A learner or bank that has learned for a while, and the limits of its drive."""
+    plant = sensor()
+    structure = structure_for(plant, n=3, m=1, offset=False)
+    y_ref = np.linspace(*plant.y_range, 1500)[np.abs(np.arange(3000) % 400 - 200) * 7]
+    if kind == "bank":
+        bank = CompensatorBank(structure, 8, hand_over_s=0.05)
+        bank.run(np.tile(y_ref[:, None], 8), np.tile(0.9 * y_ref[:, None], 8))
+        return bank, plant.x_range
+    learner = SelfLearningCompensator(
+        structure,
+        0.1,
+        0.5,
+        0.2,
+        mode="cyclic" if kind == "cyclic" else "continuous",
+        hand_over_s=0.05,
+        x_limits=plant.x_range,
+        estimate_offset=False,
+        adapt_range=False,
+    )
+    learner.run(y_ref, plant.run)
+    return learner, plant.x_range
+
+
+def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
+    """Numbers of damaged memories that were refused and that ran inside the limits, of 300."""
+    random, refused, ran = np.random.default_rng(seed), 0, 0
+    one, (low, high) = of_kind(kind)
+    good, y_ref = one.get_state(), np.linspace(low, high, 150)
+    for _ in range(300):
+        damaged = (
+            one.get_state()
+            if kind == "bank"
+            else {**good, "learning": {**good["learning"], "core": good["learning"]["core"].copy()}}
+        )
+        core = damaged["core"] if kind == "bank" else damaged["learning"]["core"]
+        for _ in range(int(random.integers(1, 4))):
+            first = 8 * int(random.integers(0, (600 if random.random() < 0.5 else core.size) // 8))
+            core[first : first + 8] = HOSTILE[int(random.integers(len(HOSTILE)))]
+        try:
+            one.restore(damaged)
+        except ValueError:
+            refused += 1
+            continue
+        eight = np.tile(y_ref[:, None], 8)
+        x = one.run(eight, eight) if isinstance(one, CompensatorBank) else one.replay(y_ref, y_ref)
+        if not (np.all(np.isfinite(x)) and x.min() >= low and x.max() <= high):
+            raise AssertionError("the drive left its limits")
+        ran += 1
+        one.restore(good)
+    return refused, ran
+
+
+@pytest.mark.parametrize("kind", [*MODES, "bank"])
+def test_a_damaged_memory_is_refused_or_drives_inside_the_limits(kind: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, kind, "0"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    refused, ran = map(int, done.stdout.split())
+    assert refused > 50
+    assert ran > 10
+
+
+def test_a_second_thread_is_refused_while_the_first_is_at_work() -> None:
+    basis, x, errors = DataBasis(structure_for(sensor(), n=30, m=9)), np.sin(np.arange(300_000) / 50.0), []
+
+    def update() -> None:
+        try:
+            for _ in range(5):
+                basis.update(x, x)
+        except RuntimeError as error:
+            errors.append(str(error))
+
+    threads = [threading.Thread(target=update) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert 1 <= len(errors) <= 2
+    assert set(errors) == {"it is in use by another thread; give each thread one of its own"}
+    assert basis.samples >= 5 * x.size

@@ -1,19 +1,83 @@
-"""(6): the weights minimise the cost among those of invertible models: a box in the slopes of S⁻¹, a cone in its
-weights."""
+"""(3) and (5): the output error of (2) is not linear in the weights; E = x + Σ w_H H[x] + Σ w_K K[x] − Σ w'_S S[y] is.
+(4): V(w) = ½ wᵀP w + qᵀw + c, the mean square of the error (5) over the samples, accumulated as they arrive. (6): the
+weights minimise it among those of invertible models: a box in the slopes of S⁻¹, a cone in its weights."""
 
 from itertools import product
 from typing import get_args
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from known_models import a_drive, structure, true_model
-from properties import assume, given, settings, st
 from random_models import Case, cases, drive
 
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.identify import identify
 from piezo_model.identification_problem import Coordinates, Scaling
 from piezo_model.operator_state import OperatorState
+from piezo_model.structure import ModelStructure
+
+
+def test_the_papers_case_has_eighteen_unknowns_in_the_papers_order() -> None:
+    s = ModelStructure.equidistant(
+        n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=(10.0, 1.0), sample_time=125e-6
+    )
+    assert s.d == 18
+    assert s.weight_names == (
+        "w_H1",
+        "w_H2",
+        "w_H3",
+        "w_H4",
+        "w_H5",
+        "w'_S-3",
+        "w'_S-2",
+        "w'_S-1",
+        "w'_S0",
+        "w'_S1",
+        "w'_S2",
+        "w'_S3",
+        "w_K0",
+        "w_K1",
+        "w_K2",
+        "w_K3",
+        "w_K4",
+        "w_K5",
+    )
+    np.testing.assert_allclose(s.play_thresholds, np.arange(1, 6) / 6)
+    np.testing.assert_allclose(s.dead_zone_thresholds, np.arange(-3, 4) / 4)
+
+
+@settings(max_examples=30)
+@given(cases())
+def test_the_error_model_vanishes_at_the_weights_that_made_the_data(case: Case) -> None:
+    s = case.structure
+    x = s.x_centre + s.x_scale * drive(case.rng, 200)
+    y = case.model.simulate(x, case.state)
+    basis = DataBasis(s, case.state)
+    basis.update(x, y)
+    problem = basis.problem()
+    size = 1 + np.abs(case.model.weights) @ np.abs(problem.P) @ np.abs(case.model.weights)
+    assert abs(problem.cost(case.model.weights)) < 1e-13 * size
+
+
+BLOCK = 64
+"""Number of rows per update."""
+
+
+@settings(max_examples=60)
+@given(cases(), st.integers(1, 3 * BLOCK), st.sampled_from([1.0, 0.999, 0.9, 0.3]))
+def test_P_q_and_c_are_those_of_a_dense_computation_in_plain_numpy(case: Case, size: int, forgetting: float) -> None:
+    x, y = case.recording(size)
+    basis = DataBasis(case.structure, case.state, forgetting)
+    basis.update(x, y)
+    P, q, c = case.program(x, y, np.full(size, True), forgetting)
+    scale = np.sqrt(np.outer(np.diag(P), np.diag(P))) + 1e-3
+    assert np.max(np.abs(basis.P - P) / scale) < 1e-12
+    np.testing.assert_allclose(basis.q, q, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
+    assert basis.c == pytest.approx(c, rel=1e-12)
+    np.testing.assert_array_equal(basis.P, basis.P.T)
+
 
 FORMS = list(product(get_args(Coordinates), get_args(Scaling)))
 
