@@ -235,6 +235,8 @@ class Stream:
         """The next part of the output."""
         from scipy.signal import lfilter  # which a model without dynamics need not import
 
+        if not len(v):
+            return v
         if self.balance is None:
             self.balance, self.states = v[0].copy(), self._at_rest(*v.shape[1:])
         y = np.zeros_like(v)
