@@ -8,8 +8,8 @@ Table                     named columns (`table`, `array_table`; text: `dialect`
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼
 Rows                      times and signals
- │   samples.sample       missing values (`missing`), order, repeats and parts (`order`), the period (`clock`),
- │                        bad samples (`bad_samples`), an even clock
+ │   samples.sample       missing and bad values (`bad_values`), order, repeats and parts (`order`), the period
+ │                        (`clock`), an even clock
  │   opening              a question where the numbers cannot be in their units
  ▼
 Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `joining`)

@@ -40,9 +40,13 @@ class Profile:
     """Increases nearly evenly."""
 
 
-def profiles(table: Table, at: Sequence[int]) -> dict[int, Profile]:
+def profiles(table: Table, columns: Sequence[int]) -> dict[int, Profile]:
     """Profiles of columns by position."""
-    return {k: _profile(values) for k, values in zip(at, table.read(at, slice(ROWS)), strict=True)} if at else {}
+    return (
+        {k: _profile(values) for k, values in zip(columns, table.read(columns, slice(ROWS)), strict=True)}
+        if columns
+        else {}
+    )
 
 
 def _profile(values: Vector) -> Profile:

@@ -81,7 +81,7 @@ def _channel(name: str, time: str | None, options: ReadOptions) -> Channel:
     path, column = split_name(name)
     table = open_table(path, options)
     roles = choose_roles(table, {"time": time, "reference": column}, options.sample_time is not None)
-    clock, k = roles.at.get("time"), roles.at["reference"]
+    clock, k = roles.columns.get("time"), roles.columns["reference"]
     if clock is None:
         return Channel(table, None, table.read([k])[0], table.columns[k], "", roles.reasons)
     times, values = table.read([clock, k])

@@ -3,18 +3,17 @@ where the numbers cannot be in their units."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezo_model.recordings.evidence import ROWS
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.order import refuse_sorted
-from piezo_model.recordings.roles import NO_CLOCK, Roles, choose_roles
+from piezo_model.recordings.roles import NO_CLOCK, choose_roles
 from piezo_model.recordings.rows import Rows
-from piezo_model.recordings.samples import Sampling, sample
+from piezo_model.recordings.samples import sample
 from piezo_model.recordings.table import ABSURD, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
 from solvers.arrays import Vector
@@ -34,30 +33,16 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
     return formats.open_table(path, options)
 
 
-@dataclass(frozen=True)
-class Signals:
+class Signals(NamedTuple):
     """Even samples of some roles."""
 
-    table: Table
-    roles: Roles
+    about: dict[str, Any]
+    """Fields of a `Source`."""
     rows: Rows
-    sampling: Sampling
     units: tuple[str, ...]
     """Of the signals, "" for one that is not known."""
-    guessed_seconds: bool
-    """Whether nobody states the unit of the times."""
-
-    def source(self, name: str) -> dict[str, Any]:
-        """Fields of a `Source`."""
-        return {
-            "name": name,
-            "sample_time": self.sampling.period,
-            "columns": {role: self.table.names[k] for role, k in self.roles.at.items()},
-            "reasons": self.roles.reasons,
-            "form": self.table.form,
-            "remarks": (*self.table.repairs, *self.rows.remarks, *self.rows.repairs),
-            "guessed_seconds": self.guessed_seconds,
-        }
+    resolution: float
+    """Visible rounding of the times, in seconds."""
 
 
 def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOptions) -> Signals:
@@ -84,19 +69,20 @@ def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOpt
     except RecordingError:
         _refuse_sorted_columns(table, named)
         raise
-    time, signals = roles.at.get("time"), [k for role, k in roles.at.items() if role != "time"]
+    time = roles.columns.get("time")
+    signals = {role: k for role, k in roles.columns.items() if role != "time"}
     if time is None and options.resample is not None:
         raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
-    period = options.sample_time or table.columns[signals[0]].sample_time or 1.0
+    period = options.sample_time or table.columns[next(iter(signals.values()))].sample_time or 1.0
     wanted = _wanted(table, time, unit, period, options)
-    at = [k for k in (time, *signals, roles.unread) if k is not None]
-    columns = dict(zip(at, table.read(at, wanted), strict=True))
+    positions = [k for k in (time, *signals.values(), roles.unread) if k is not None]
+    columns = dict(zip(positions, table.read(positions, wanted), strict=True))
     first, step = wanted.start or 0, wanted.step or 1
     rows = Rows(
         table.path,
-        [f"column {table.names[k]!r}" for k in signals],
-        [columns[k] for k in signals],
+        [f"column {table.names[k]!r}" for k in signals.values()],
+        [columns[k] for k in signals.values()],
         lambda row: table.where(first + step * row),
         "" if time is None else f"time column {table.names[time]!r}",
         None if time is None else columns[time],
@@ -106,26 +92,25 @@ def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOpt
     if roles.unread is not None:
         _refuse_other_clock(table, roles.unread, columns[roles.unread], period * step, options)
     del columns
-    sampling = sample(rows, unit, period * step, options)
-    guessed = (
-        time is not None
-        and table.columns[time].kind == "number"
-        and not (table.columns[time].unit or options.time_unit)
-    )
-    if (
-        time is not None
-        and options.resample is None
-        and options.time_unit is None
-        and table.columns[time].kind == "number"
-    ):
-        _question_period(f"{table.path}: {rows.time_label}", sampling.period, guessed)
-    units = []
-    for k, role, values in zip(signals, (role for role in roles.at if role != "time"), rows.signals, strict=True):
-        given = options.input_unit if role == "input" else options.output_unit
-        units.append(table.columns[k].unit if given is None else canonical(given) or given.strip())
-        if given is None:
-            _question_scale(table.label(k), role, units[-1], values)
-    return Signals(table, roles, rows, sampling, tuple(units), guessed)
+    found, resolution = sample(rows, unit, period * step, options)
+    is_number = time is not None and table.columns[time].kind == "number"
+    guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)
+    if found > LONGEST_PERIOD_S and is_number and options.resample is None and options.time_unit is None:
+        raise RecordingError(
+            f"{table.path}: {rows.time_label} has one sample every {found:.6g} s{GUESS * guessed}; is a decimal mark "
+            "lost, or is its unit another one? --time-unit states it, or confirms it"
+        )
+    about = {
+        "name": str(table.path),
+        "sample_time": found,
+        "columns": {role: table.names[k] for role, k in roles.columns.items()},
+        "reasons": roles.reasons,
+        "form": table.form,
+        "remarks": (*table.repairs, *rows.remarks, *rows.repairs),
+        "guessed_seconds": guessed,
+    }
+    units = (_unit(table, *item, values, options) for item, values in zip(signals.items(), rows.signals, strict=True))
+    return Signals(about, rows, tuple(units), resolution)
 
 
 def _refuse_sorted_columns(table: Table, named: Mapping[str, str | None]) -> None:
@@ -134,8 +119,10 @@ def _refuse_sorted_columns(table: Table, named: Mapping[str, str | None]) -> Non
         roles = choose_roles(table, {**named, "time": NO_CLOCK}, sampled=True)
     except RecordingError:  # the first error asks for what is missing
         return
-    signals = table.read([*roles.at.values()], slice(ROWS))
-    refuse_sorted(Rows(table.path, [f"column {table.names[k]!r}" for k in roles.at.values()], signals, table.where))
+    signals = table.read([*roles.columns.values()], slice(ROWS))
+    refuse_sorted(
+        Rows(table.path, [f"column {table.names[k]!r}" for k in roles.columns.values()], signals, table.where)
+    )
 
 
 def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:
@@ -184,23 +171,19 @@ def _refuse_other_clock(table: Table, time: int, times: Vector, period: float, o
         )
 
 
-def _question_period(label: str, period: float, guessed: bool) -> None:
-    if period > LONGEST_PERIOD_S:
-        raise RecordingError(
-            f"{label} has one sample every {period:.6g} s{GUESS * guessed}; is a decimal mark lost, or is its unit "
-            "another one? --time-unit states it, or confirms it"
-        )
-
-
-def _question_scale(label: str, role: str, unit: str, values: Vector) -> None:
-    """Refuse magnitudes that no actuator has, with the question that confirms them."""
-    if unit not in (*VOLTAGES, *LENGTHS):
-        return
-    factor, low, high = PREFIX[unit[:-1]], float(values.min()), float(values.max())
-    reach, most = (max(-low, high), MOST_VOLTS) if unit in VOLTAGES else (high - low, MOST_METRES)
-    if factor * reach > most:
-        raise RecordingError(
-            f"{label}, the {role}, reaches from {low:.6g} to {high:.6g} {unit}, more than {most:g} {unit[-1]}; is a "
-            f"decimal mark lost, or is its unit another one? --{'input' if role == 'input' else 'output'}-unit states "
-            "it, or confirms it"
-        )
+def _unit(table: Table, role: str, k: int, values: Vector, options: ReadOptions) -> str:
+    """The unit of a signal; magnitudes that no actuator has are refused, with the question that confirms them."""
+    given = options.input_unit if role == "input" else options.output_unit
+    if given is not None:
+        return canonical(given) or given.strip()
+    unit = table.columns[k].unit
+    if unit in (*VOLTAGES, *LENGTHS):
+        low, high = float(values.min()), float(values.max())
+        reach, most = (max(-low, high), MOST_VOLTS) if unit in VOLTAGES else (high - low, MOST_METRES)
+        if PREFIX[unit[:-1]] * reach > most:
+            raise RecordingError(
+                f"{table.label(k)}, the {role}, reaches from {low:.6g} to {high:.6g} {unit}, more than {most:g} "
+                f"{unit[-1]}; is a decimal mark lost, or is its unit another one? "
+                f"--{'input' if role == 'input' else 'output'}-unit states it, or confirms it"
+            )
+    return unit

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
+from piezo_model.recordings.bad_values import MOST_MISSING, last_known
 from piezo_model.recordings.joining import INPUT, OUTPUT, TIME, joined
-from piezo_model.recordings.missing import MOST_MISSING, last_known
 from piezo_model.recordings.opening import GUESS, Signals, open_table, read_signals
 from piezo_model.recordings.options import TIME_TOLERANCE, ReadOptions
 from piezo_model.recordings.roles import NO_CLOCK
@@ -147,7 +147,7 @@ class Recording(Source):
             return cls.join(input, output, time, **reading)
         options = ReadOptions(**reading)
         named = {"time": time, "input": input, "output": output}
-        return cls._of(str(path), read_signals(open_table(path, options), named, options))
+        return cls._of(read_signals(open_table(path, options), named, options))
 
     @classmethod
     def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Recording:
@@ -160,19 +160,19 @@ class Recording(Source):
         table, reasons = joined(input, output, time, options)
         clock = None if options.sample_time else str(TIME + 1) if table.columns[TIME].kind == "number" else NO_CLOCK
         named = {"time": clock, "input": str(INPUT + 1), "output": str(OUTPUT + 1)}
-        return replace(cls._of(str(table.path), read_signals(table, named, options)), reasons=reasons)
+        return replace(cls._of(read_signals(table, named, options)), reasons=reasons)
 
     @classmethod
-    def _of(cls, name: str, read: Signals) -> Recording:
-        for role, values in zip(("input", "output"), read.rows.signals, strict=True):
-            column = read.table.names[read.roles.at[role]]
-            _refuse_constant(f"{name}: {role} column {column!r}", values)
+    def _of(cls, read: Signals) -> Recording:
+        for role, label, values in zip(("input", "output"), read.rows.labels, read.rows.signals, strict=True):
+            _refuse_constant(f"{read.about['name']}: {role} {label}", values)
+        input_unit, output_unit = read.units
         return cls(
-            **read.source(name),
+            **read.about,
             **_arrays(read.rows),
-            input_unit=read.units[0],
-            output_unit=read.units[1],
-            time_resolution=read.sampling.resolution,
+            input_unit=input_unit,
+            output_unit=output_unit,
+            time_resolution=read.resolution,
         )
 
     @classmethod
@@ -398,7 +398,7 @@ def read_reference(
     """
     options = ReadOptions(**reading)
     read = read_signals(open_table(path, options), {"time": time, role: column}, options)
-    return Reference(**read.source(str(path)), values=read.rows.signals[0], unit=read.units[0])
+    return Reference(**read.about, values=read.rows.signals[0], unit=read.units[0])
 
 
 def _arrays(rows: Rows) -> dict[str, Any]:

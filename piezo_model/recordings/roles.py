@@ -68,7 +68,7 @@ ROLES = ("time", "input", "output", "reference")
 class Roles:
     """Position of the column of each role, and the reasons of the guesses."""
 
-    at: Mapping[str, int]
+    columns: Mapping[str, int]
     reasons: Mapping[str, str]
     """By role; not of the roles that the user named."""
     unread: int | None = None
@@ -78,14 +78,14 @@ class Roles:
 @dataclass
 class _Search:
     table: Table
-    at: dict[str, int]
+    assigned: dict[str, int]
     reasons: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def candidates(self) -> list[int]:
         """Columns of numbers of one length, that of the named columns or of most columns."""
         columns = self.table.columns
-        lengths = Counter(columns[k].rows for k in self.at.values()) or Counter(
+        lengths = Counter(columns[k].rows for k in self.assigned.values()) or Counter(
             column.rows for column in columns if column.kind in ("number", "clock")
         )
         commonest = max(lengths, key=lambda rows: (lengths[rows], rows or 0), default=None)
@@ -100,7 +100,7 @@ class _Search:
 
     def free(self) -> list[int]:
         """Candidates without a role."""
-        return [k for k in self.candidates if k not in self.at.values()]
+        return [k for k in self.candidates if k not in self.assigned.values()]
 
     def free_profiles(self) -> dict[int, Profile]:
         """Profiles of the candidates without a role."""
@@ -108,8 +108,8 @@ class _Search:
 
     def assign(self, role: str, columns: Sequence[int], reason: str) -> None:
         """Assign a column to an open role, if there is only one such column."""
-        if role not in self.at and len(columns) == 1:
-            self.at[role], self.reasons[role] = columns[0], reason
+        if role not in self.assigned and len(columns) == 1:
+            self.assigned[role], self.reasons[role] = columns[0], reason
 
 
 def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = False) -> Roles:
@@ -137,29 +137,29 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
             "give one of the two"
         )
     search = _Search(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
-    if len(set(search.at.values())) < len(search.at):
+    if len(set(search.assigned.values())) < len(search.assigned):
         raise RecordingError(
-            f"{table.path}: one column cannot serve as {' and '.join(search.at)}: "
-            f"{', '.join(repr(named[role]) for role in search.at)}"
+            f"{table.path}: one column cannot serve as {' and '.join(search.assigned)}: "
+            f"{', '.join(repr(named[role]) for role in search.assigned)}"
         )
-    if "time" not in search.at and not clockless:
+    if "time" not in search.assigned and not clockless:
         _find_time_by_name(search)
-    unread = search.at.get("time") if sampled else None
+    unread = search.assigned.get("time") if sampled else None
     if "reference" in named:
         _find_reference(search, clockless or sampled)
     else:
         _find_signals(search)
-    missing = [role for role in named if role != "time" and role not in search.at]
-    stated = all(table.columns[k].sample_time for role, k in search.at.items() if role != "time")
-    if not (sampled or stated or "time" in search.at):
+    missing = [role for role in named if role != "time" and role not in search.assigned]
+    stated = all(table.columns[k].sample_time for role, k in search.assigned.items() if role != "time")
+    if not (sampled or stated or "time" in search.assigned):
         if not clockless:
             _find_time_by_values(search)
-        missing += ["time"] * ("time" not in search.at)
+        missing += ["time"] * ("time" not in search.assigned)
     if missing:
         raise RecordingError(_question(table, missing, list(named)))
-    read = [role for role in ROLES if role in named and role in search.at and not (sampled and role == "time")]
+    read = [role for role in ROLES if role in named and role in search.assigned and not (sampled and role == "time")]
     return Roles(
-        {role: search.at[role] for role in read},
+        {role: search.assigned[role] for role in read},
         {role: why for role, why in search.reasons.items() if role in read},
         unread,
     )
@@ -253,7 +253,7 @@ def _find_reference(search: _Search, clockless: bool) -> None:
     setpoints = [k for k in search.free() if is_setpoint(columns[k]) or columns[k].stem == "r"]
     search.assign("reference", setpoints, "by name")
     search.assign("reference", [k for k in search.free() if vote(columns[k]) < 0], "by name")
-    if not clockless and len(search.free()) > 1 and not {"time", "reference"} <= search.at.keys():
+    if not clockless and len(search.free()) > 1 and not {"time", "reference"} <= search.assigned.keys():
         _find_time_by_values(search)
     search.assign("reference", search.free(), "as the only one left")
 
@@ -263,7 +263,7 @@ def _find_signals(search: _Search) -> None:
     signals = [k for k in search.free() if columns[k].kind == "number" and _time_rank(columns[k]) is None]
     likely = [k for k in signals if words_of(columns[k]).isdisjoint(OTHER_WORDS) or vote(columns[k])]
     _find_signals_by_name(search, likely)
-    if {"input", "output"} <= search.at.keys():
+    if {"input", "output"} <= search.assigned.keys():
         return
     _find_time_by_values(search)
     profiled = {k: profile for k, profile in search.free_profiles().items() if k in signals}
@@ -271,8 +271,8 @@ def _find_signals(search: _Search) -> None:
     likely = [k for k in likely if k in varying]
     _find_signals_by_name(search, likely)
     for group in (likely, varying):
-        free = [k for k in group if k not in search.at.values()]
-        absent = [role for role in ("input", "output") if role not in search.at]
+        free = [k for k in group if k not in search.assigned.values()]
+        absent = [role for role in ("input", "output") if role not in search.assigned]
         if absent == ["input"] or (absent == ["output"] and not any(is_setpoint(columns[k]) for k in free)):
             search.assign(absent[0], free, "as the only one left")
         elif len(absent) == len(free) == 2 and not all(vote(columns[k]) < 0 for k in free):
@@ -283,10 +283,10 @@ def _find_signals(search: _Search) -> None:
 
 def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
     columns = search.table.columns
-    votes = {k: vote(columns[k]) for k in likely if k not in search.at.values()}
+    votes = {k: vote(columns[k]) for k in likely if k not in search.assigned.values()}
     highest = max(votes.values(), default=0)
     search.assign("input", [k for k in votes if votes[k] == highest > 0], "by name")
-    votes = {k: n for k, n in votes.items() if k not in search.at.values() and not is_setpoint(columns[k])}
+    votes = {k: n for k, n in votes.items() if k not in search.assigned.values() and not is_setpoint(columns[k])}
     lowest = min(votes.values(), default=0)
     search.assign("output", [k for k in votes if votes[k] == lowest < 0], "by name")
 

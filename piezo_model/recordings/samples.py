@@ -1,19 +1,16 @@
 """From the columns of a table to even samples: what is wrong with them is repaired where that is safe, and said, or
 refused with its row.
 
-In order: codes and missing values (`missing`), the order of rows, parts and repeated stamps (`order`), the clock
-(`clock`), isolated bad samples (`bad_samples`), and an even clock by linear interpolation,
+In order: codes and missing values (`bad_values`), the order of rows, parts and repeated stamps (`order`), the clock
+(`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation,
 
     y(t_0 + k T) = y_i + (y_{i+1} − y_i) (t_0 + k T − t_i) / (t_{i+1} − t_i),   t_i ≤ t_0 + k T ≤ t_{i+1}.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from piezo_model.recordings.bad_samples import replace_bad_samples
+from piezo_model.recordings.bad_values import drop_codes, drop_incomplete_end, fill, replace_bad_samples
 from piezo_model.recordings.clock import Clock
-from piezo_model.recordings.missing import drop_codes, drop_incomplete_end, fill
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.order import begin_parts, drop_repeats, refuse_sorted, sort_by_time
 from piezo_model.recordings.rows import Rows
@@ -24,15 +21,8 @@ MOST_MULTIPLIED = 10
 """Largest ratio of samples to rows that needs no confirmation."""
 
 
-class Sampling(NamedTuple):
-    """Sampling period and visible rounding of the times, in seconds."""
-
-    period: float
-    resolution: float = 0.0
-
-
-def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> Sampling:
-    """Make rows even samples, in place.
+def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> tuple[float, float]:
+    """Make rows even samples, in place; their sampling period, and the visible rounding of the times, in seconds.
 
     Parameters
     ----------
@@ -61,7 +51,7 @@ def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> S
             raise RecordingError(
                 f"{rows.path}: has {rows.length} data row{'' if rows.length == 1 else 's'}, and a recording needs two"
             )
-        found = Sampling(period)
+        found = period, 0.0
     else:
         found = _clocked(rows, seconds, options)
     replace_bad_samples(rows)
@@ -70,23 +60,19 @@ def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> S
     return found if options.resample is None else _resampled(rows, seconds, options)
 
 
-def _clocked(rows: Rows, seconds: float, options: ReadOptions) -> Sampling:
-    """The sampling period of the times, without rows that only repeat the one before."""
-
-    def sampling() -> Sampling:
-        assert rows.times is not None
-        clock = Clock(f"{rows.path}: {rows.time_label}", rows.times, seconds, rows.where, options.time_tolerance)
-        return Sampling(*clock.sampling(even=options.resample is None))
-
+def _clocked(rows: Rows, seconds: float, options: ReadOptions) -> tuple[float, float]:
+    """The sampling period of the times, and their rounding, without rows that only repeat the one before."""
+    assert rows.times is not None
+    clock = Clock(f"{rows.path}: {rows.time_label}", rows.times, seconds, rows.where, options.time_tolerance)
     try:
-        return sampling()
+        return clock.sampling(even=options.resample is None)
     except RecordingError:
         if not drop_repeats(rows):
             raise
-    return sampling()
+    return _clocked(rows, seconds, options)
 
 
-def _resampled(rows: Rows, seconds: float, options: ReadOptions) -> Sampling:
+def _resampled(rows: Rows, seconds: float, options: ReadOptions) -> tuple[float, float]:
     """Interpolate to an even clock; a sample counts if the rows on both of its sides do."""
     times, period = rows.times, options.resample
     assert times is not None
@@ -108,4 +94,4 @@ def _resampled(rows: Rows, seconds: float, options: ReadOptions) -> Sampling:
     rows.starts = np.unique(np.searchsorted(grid, times[rows.starts])).tolist()
     rows.times = grid
     rows.remarks.append(f"interpolated from {count} rows at the times of the file")
-    return Sampling(period)
+    return period, 0.0

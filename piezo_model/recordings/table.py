@@ -94,7 +94,7 @@ class Table:
         """File and column, the start of a sentence."""
         return f"{self.path}: column {self.names[k]!r}"
 
-    def read(self, at: Sequence[int], rows: slice = slice(None)) -> list[Vector]:
+    def read(self, columns: Sequence[int], rows: slice = slice(None)) -> list[Vector]:
         """The columns at these positions, shape (rows,).
 
         Raises
@@ -102,14 +102,14 @@ class Table:
         RecordingError
             The columns are of different lengths, damaged, or larger than the memory that is free.
         """
-        if len({self.columns[k].rows for k in at}) > 1:
-            lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in at)
+        if len({self.columns[k].rows for k in columns}) > 1:
+            lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in columns)
             raise RecordingError(f"{self.path}: the columns are not of one length: {lengths}")
         first, stop, step = rows.start or 0, rows.stop, rows.step or 1
-        numbers, clocks = [np.empty(0) for _ in at], list[list[Any]]([[] for _ in at])
+        numbers, clocks = [np.empty(0) for _ in columns], list[list[Any]]([[] for _ in columns])
         seen = kept = 0
-        most = free_memory() / (8 * COPIES * max(len(at), 1))
-        for batch in self.batches(at):
+        most = free_memory() / (8 * COPIES * max(len(columns), 1))
+        for batch in self.batches(columns):
             begin = first - seen if seen < first else -(seen - first) % step
             end = None if stop is None else max(stop - seen, 0)
             seen, before = seen + len(batch[0]), kept
@@ -119,19 +119,19 @@ class Table:
                     f"{self.path}: has more than {kept} rows, too many for the free memory; read a part of it with "
                     "--from and --to (seconds), or every tenth row with --decimate 10"
                 )
-            for k, values, column, parts in zip(at, batch, numbers, clocks, strict=True):
+            for k, values, read, parts in zip(columns, batch, numbers, clocks, strict=True):
                 if self.columns[k].kind == "clock":
                     parts.append(values[begin:end:step])
                     continue
-                if kept > column.size:
-                    column.resize(2 * kept, refcheck=False)  # in place, where concatenating would need a copy
-                column[before:kept] = values[begin:end:step]
+                if kept > read.size:
+                    read.resize(2 * kept, refcheck=False)  # in place, where concatenating would need a copy
+                read[before:kept] = values[begin:end:step]
             if stop is not None and seen >= stop:
                 break
-        for i, k in enumerate(at):
+        for i, k in enumerate(columns):
             if clocks[i]:
-                read = self.clocks or (lambda parts, label, where: np.concatenate(parts))
-                numbers[i] = seconds_since_first(read(clocks[i], self.label(k), self.where))
+                times = self.clocks or (lambda parts, label, where: np.concatenate(parts))
+                numbers[i] = seconds_since_first(times(clocks[i], self.label(k), self.where))
             numbers[i].resize(kept, refcheck=False)
         return numbers
 

@@ -84,29 +84,27 @@ class TextRows:
 
     def where(self, row: int) -> str:
         """Row of the file as an editor counts it, and data row counted from 0."""
-        number, data_row = self.layout.start, 0
+        return next((place for k, place, _ in self._named_rows(row) if k == row), f"data row {row + 1}")
+
+    def _named_rows(self, first: int = 0) -> Iterator[tuple[int, str, str]]:
+        """Number, name and text of each row; blocks of rows alone before the ``first`` one are passed over."""
+        number, row = self.layout.start, 0
         for block in self._blocks():
             lines = block.count("\n") or block.count("\r")
-            if data_row + lines <= row and self._is_plain(block):
-                number, data_row = number + lines, data_row + lines
+            if row + lines <= first and self._is_plain(block):
+                number, row = number + lines, row + lines
                 continue
             for line in LINE.findall(block):
                 number += 1
                 if self._is_row(line):
-                    if data_row == row:
-                        return f"row {number} (data row {row + 1})"
-                    data_row += 1
-        return f"data row {row + 1}"
+                    yield row, f"row {number} (data row {row + 1})", line
+                    row += 1
 
     def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
         """A sentence about the first row that cannot be read; Arrow's own if the text shows nothing wrong."""
-        dialect, columns, data_row, number = self.layout.dialect, self.layout.columns, 0, self.layout.start
-        for line in (line for block in self._blocks() for line in LINE.findall(block)):
-            number += 1
-            if not self._is_row(line):
-                continue
-            data_row += 1
-            cells, place = dialect.split(line), f"row {number} (data row {data_row})"
+        dialect, columns = self.layout.dialect, self.layout.columns
+        for _, place, line in self._named_rows():
+            cells = dialect.split(line)
             if len(cells) != len(columns):
                 return f"{self.path}: {place} has {len(cells)} columns where the others have {len(columns)}"
             for at in chosen:
