@@ -204,10 +204,10 @@ def drive(race: Race[Any], workers: Workers) -> None:
                         tell(task)
     race.finish()
     if race.timed:
-        note_conditions(race, workers)
+        note_conditions(race)
 
 
-def note_conditions(race: Race[Any], workers: Workers) -> None:
+def note_conditions(race: Race[Any]) -> None:
     """Save the condition of the machine during the race, with warnings about less certain times."""
     run, notes = race.run, race.run.all_notes()
     samples, before = sentinel.table(notes), run.settings.get("conditions") if run.session else None
@@ -222,6 +222,6 @@ def note_conditions(race: Race[Any], workers: Workers) -> None:
                 *(before["parts"] if before else ()),
                 *({name: value for name, value in note.items() if name != "sentinel"} for note in notes),
             ],
-            "warnings": [*sentinel.sentences(samples), *machine.disturbances(notes, workers.count), *race.warnings],
+            "warnings": [*sentinel.sentences(samples), *machine.disturbances(notes), *race.warnings],
         }
     )

@@ -9,6 +9,7 @@ import os
 import platform
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -176,14 +177,16 @@ def between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str
     }
 
 
-def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[str]:
+def disturbances(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     """Sentences about the disturbances of a race, from the differences in its parts by :func:`between`.
 
-    Each part may also have ``preemptions`` and ``timed_calls``. Each worker keeps one core busy itself.
+    Each part has also ``host`` and ``core``, and may have ``preemptions`` and ``timed_calls``. A race keeps each of its
+    cores of a host busy itself.
 
     Examples
     --------
-    >>> disturbances([{"seconds": 60.0, "throttled": 0, "steal_percent": 2.0, "busy_cores": 1.0}])
+    >>> part = {"host": "a", "core": 0, "seconds": 60.0, "throttled": 0, "steal_percent": 2.0, "busy_cores": 1.0}
+    >>> disturbances([part])
     ['CPU steal 2.0 % while solvers were timed.']
     """
     if not parts:
@@ -194,7 +197,8 @@ def disturbances(parts: Sequence[Mapping[str, Any]], workers: int = 1) -> list[s
         sentences.append(f"CPU steal {steal:.1f} % while solvers were timed.")
     if throttled := sum(part["throttled"] for part in parts):
         sentences.append(f"The processor throttled {throttled:.0f} times.")
-    neighbours = sum(part["busy_cores"] * part["seconds"] for part in parts) / seconds - workers
+    own = Counter(host for host, _ in {(part["host"], part["core"]) for part in parts})
+    neighbours = sum((part["busy_cores"] - own[part["host"]]) * part["seconds"] for part in parts) / seconds
     if neighbours > TOLERATED_NEIGHBOURS:
         sentences.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
     preemptions, calls = (sum(part.get(name, 0) for part in parts) for name in ("preemptions", "timed_calls"))

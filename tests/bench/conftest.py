@@ -23,6 +23,8 @@ from bench.timing import cores
 
 TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
 DASK = str(Path(sys.executable).with_name("dask"))
+MACHINES = ("stage-one", "stage-two")
+"""Host names of the machines of the cluster."""
 
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -183,45 +185,31 @@ def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture(scope="session")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A cluster as a user starts it: a scheduler and two workers under their nannies, one thread each."""
+    """A cluster of two machines as a user starts it: a scheduler, and a worker under its nanny in a process that has
+    another host name, where the system allows that."""
     library("distributed")
     folder = tmp_path_factory.mktemp("cluster")
     environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
+    file, processes = folder / "scheduler.json", []
+    own_name = ("unshare", "--map-root-user", "--uts", "sh", "-c", 'hostname $0 && exec "$@"')
+    names = (
+        MACHINES if subprocess.run([*own_name, "one", "true"], check=False, capture_output=True).returncode == 0 else ()
+    )
     with (folder / "log").open("w") as log:
 
-        def start(*words: str) -> subprocess.Popen[bytes]:
-            return subprocess.Popen([DASK, *words], cwd=folder, env=environment, stdout=log, stderr=log)
+        def start(*words: str) -> None:
+            processes.append(subprocess.Popen(words, cwd=folder, env=environment, stdout=log, stderr=log))
 
-        scheduler_file = folder / "scheduler.json"
-        processes = [
+        start(DASK, "scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(file))
+        for number in range(2):
             start(
-                "scheduler",
-                "--no-dashboard",
-                "--port",
-                "0",
-                "--host",
-                "127.0.0.1",
-                "--scheduler-file",
-                str(scheduler_file),
+                *((*own_name, names[number]) if names else ()),
+                *(DASK, "worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"),
+                *("--local-directory", str(folder)),
             )
-        ]
-        processes.append(
-            start(
-                "worker",
-                "--scheduler-file",
-                str(scheduler_file),
-                "--nworkers",
-                "2",
-                "--nthreads",
-                "1",
-                "--no-dashboard",
-                "--local-directory",
-                str(folder),
-            )
-        )
         from distributed import Client
 
-        with Client(scheduler_file=str(scheduler_file), timeout="60s") as client:
+        with Client(scheduler_file=str(file), timeout="60s") as client:
             client.wait_for_workers(2, timeout=60)
             address = client.scheduler.address
         yield address

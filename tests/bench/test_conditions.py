@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,8 +19,10 @@ from bench.timing import cores, machine
 HOLD = "from bench.timing import cores; core = cores.claim(); print(core.number, flush=True); input()"
 
 
-def quiet(**change: float) -> dict[str, float]:
+def quiet(**change: Any) -> dict[str, Any]:
     return {
+        "host": "one",
+        "core": 1,
         "seconds": 10.0,
         "throttled": 0,
         "steal_percent": 0.0,
@@ -31,21 +34,22 @@ def quiet(**change: float) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("parts", "workers", "expected"),
+    ("parts", "expected"),
     [
-        ([quiet(steal_percent=3.0)], 1, ["CPU steal 3.0 %"]),
-        ([quiet(throttled=2)], 1, ["The processor throttled 2 times"]),
-        ([quiet(busy_cores=2.5)], 1, ["kept 1.5 cores busy"]),
-        ([quiet(preemptions=100)], 1, ["100 preemptions in 10000"]),
-        ([quiet(), quiet()], 1, []),
-        ([quiet(busy_cores=2.0)], 2, []),
-        ([], 1, []),
+        ([quiet(steal_percent=3.0)], ["CPU steal 3.0 %"]),
+        ([quiet(throttled=2)], ["The processor throttled 2 times"]),
+        ([quiet(busy_cores=2.5)], ["kept 1.5 cores busy"]),
+        ([quiet(preemptions=100)], ["100 preemptions in 10000"]),
+        ([quiet(), quiet()], []),
+        ([quiet(busy_cores=2.0), quiet(busy_cores=2.0, core=0)], []),
+        ([quiet(busy_cores=2.0), quiet(busy_cores=2.0, host="two")], ["kept 1.0 cores busy"]),
+        ([], []),
     ],
 )
-def test_each_disturbance_is_one_warning_and_each_worker_may_keep_a_core_busy(
-    parts: list[dict[str, float]], workers: int, expected: list[str]
+def test_each_disturbance_is_one_warning_and_a_race_may_keep_its_cores_of_each_host_busy(
+    parts: list[dict[str, Any]], expected: list[str]
 ) -> None:
-    found = machine.disturbances(parts, workers=workers)
+    found = machine.disturbances(parts)
     assert len(found) == len(expected)
     assert all(part in sentence for part, sentence in zip(expected, found, strict=True))
 

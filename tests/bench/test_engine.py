@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from command_line import CommandLine, kill_worker, wait_until_gone
-from conftest import SMALL, THIRD, TWO_CORES, Race
+from conftest import MACHINES, SMALL, THIRD, TWO_CORES, Race
 from programs import library
 from test_store import of_first_answers
 
@@ -135,13 +135,15 @@ def test_impossible_workers_are_refused(
 
 
 @TWO_CORES
-def test_a_dask_cluster_gives_the_rows_of_a_local_race_repeatedly(
+def test_a_dask_cluster_of_two_machines_gives_the_rows_of_a_local_race_repeatedly_and_each_row_names_its_machine(
     piezobench: CommandLine, tmp_path: Path, clean_race: Race, scheduler: str
 ) -> None:
     for folder in ("first", "second"):  # the cluster's workers have released the cores of the first race
         run = raced_by_two(piezobench, tmp_path / folder, "--backend", "dask", "--scheduler", scheduler)
         same_but_for_times(run, clean_race)
-        assert len(hosts_and_cores(run)) == 2
+        hosts = [host for host, _ in hosts_and_cores(run)]
+        assert sorted(hosts) in ([*MACHINES], 2 * [os.uname().nodename])
+        assert {*run.rows(ONESHOT).host} == {*hosts}
 
 
 @pytest.mark.slow
