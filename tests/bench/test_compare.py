@@ -1,6 +1,8 @@
-"""Comparisons of a run with itself, with a run in which one solver is slower, and with changed copies."""
+"""Comparisons of runs and of versions of a solver: races in which one is slower, changed copies of a run, and tables by
+hand or simulated, with known changes."""
 
 import json
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,10 +14,22 @@ import slowed_solver
 from browser import Browser
 from command_line import CommandLine
 from conftest import Change, Race
+from measured_rows import ladder, table
 from programs import that_load
+from simulated_pairs import pair, ratios
 
 from bench.comparison import report as comparison
-from bench.comparison.compare import CANNOT_TELL, FASTER, NAMES, SAME, SLOWER, Comparison, compare_runs
+from bench.comparison.compare import (
+    CANNOT_TELL,
+    FASTER,
+    NAMES,
+    SAME,
+    SLOWER,
+    Comparison,
+    compare_runs,
+    compare_times,
+    lost_tiers,
+)
 from bench.messages.verdict import Status
 from bench.store import Run, RunError
 
@@ -246,3 +260,182 @@ def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Ra
 def test_runs_of_another_kind_are_refused_in_one_sentence(wide_race: Race, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="only one-shot races"):
         compare_runs(wide_race.run, wide_race.copied(tmp_path / "other", race="stream"))
+
+
+PAIRS = 15
+
+
+def times(by_lane: list[np.ndarray], smallest: float = 1.2, **changed: float) -> pd.DataFrame:
+    return compare_times(pair(by_lane, changed), smallest)[0].set_index("solver")
+
+
+def quiet(lanes: int = 8, problems: int = 6, offset: float = 0.01) -> list[np.ndarray]:
+    """Lanes evenly spread from −offset to offset, on problems that the machine meets at different speeds."""
+    return [np.full(problems, own) + 0.3 * np.arange(problems) for own in np.linspace(-offset, offset, lanes)]
+
+
+def test_two_runs_of_the_same_solvers_hardly_ever_differ() -> None:
+    chance = np.random.default_rng(0)
+    findings = [set(times(ratios(chance, 40, 18)).finding) for _ in range(PAIRS)]
+    assert sum(bool(found & {SLOWER, FASTER}) for found in findings) <= 1
+
+
+@pytest.mark.parametrize(("factor", "finding"), [(1.2, SLOWER), (1 / 1.2, FASTER)])
+def test_a_relevant_change_is_found_on_a_quiet_machine_and_otherwise_cannot_be_told(
+    factor: float, finding: str
+) -> None:
+    chance = np.random.default_rng(0)
+    found = [times(ratios(chance, 40, 18, offset=0.008), s3=factor).finding["s3"] for _ in range(PAIRS)]
+    assert found.count(finding) >= 0.8 * PAIRS
+    assert SAME not in found
+
+
+def test_the_common_change_on_a_problem_is_divided_out_and_changes_of_either_sign_have_their_ratios() -> None:
+    found, field = compare_times(pair(quiet(), {"s5": 1.5, "s2": 0.6}), 1.2)
+    found = found.set_index("solver")
+    changed = {"s2": FASTER, "s5": SLOWER}
+    assert found.finding.to_dict() == {f"s{i}": SAME for i in range(8)} | changed
+    assert found.ratio[[*changed]].tolist() == pytest.approx([0.6, 1.5], rel=0.02)
+    assert field.factor["interleaved"] == pytest.approx(np.exp(0.75), rel=0.02)
+
+
+def test_intervals_are_wider_by_five_normalised_median_absolute_deviations_of_the_lanes() -> None:
+    lanes = quiet()
+    found, field = compare_times(pair(lanes, {"s4": 1.08}), 1.2)
+    middle = np.log(found.ratio)
+    assert field.deviation["interleaved"] == pytest.approx(
+        1.4826 * np.median(np.abs(middle - np.median(middle))), rel=1e-4
+    )
+    for end in (found.ratio / found.ratio_low, found.ratio_high / found.ratio):
+        assert np.log(end).to_numpy() == pytest.approx(5.0 * field.deviation["interleaved"])
+
+
+def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_tell() -> None:
+    lanes = quiet()
+    lanes[0] = lanes[0] + np.linspace(-0.3, 0.3, 6)
+    assert times(lanes).finding.to_dict() == {"s0": CANNOT_TELL, **{f"s{i}": SAME for i in range(1, 8)}}
+    assert times(lanes, smallest=2.0).finding["s0"] == SAME
+
+
+@pytest.mark.parametrize(("offset", "finding"), [(0.02, SAME), (0.06, CANNOT_TELL)])
+def test_a_field_that_deviates_by_more_than_three_per_cent_cannot_tell_of_any_lane(offset: float, finding: str) -> None:
+    found, field = compare_times(pair(quiet(9, offset=offset)), 1.2)
+    assert (field.deviation["interleaved"] > 0.03) == (finding == CANNOT_TELL)
+    assert finding in set(found.finding)
+    assert (finding == SAME) or set(found.finding) == {CANNOT_TELL}
+
+
+@pytest.mark.parametrize("shape", [(2, 6), (8, 2)])
+def test_fewer_than_three_lanes_or_problems_cannot_tell(shape: tuple[int, int]) -> None:
+    found = times(quiet(*shape), s0=3.0)
+    assert set(found.finding) == {CANNOT_TELL}
+    assert np.isinf(found.ratio_high).all()
+
+
+def test_of_three_lanes_the_one_that_takes_half_as_long_again_is_found_and_nothing_is_said_of_the_others() -> None:
+    assert times(quiet(3), s1=1.5).finding.to_dict() == {"s0": CANNOT_TELL, "s1": SLOWER, "s2": CANNOT_TELL}
+    assert set(times(quiet(3)).finding) == {CANNOT_TELL}
+
+
+@pytest.mark.parametrize(("offset", "used", "other"), [(0.005, "hot", "interleaved"), (0.02, "interleaved", "hot")])
+def test_the_times_on_which_lanes_deviate_less_are_used_unless_there_are_too_few(
+    offset: float, used: str, other: str
+) -> None:
+    both = pd.concat([pair(quiet(offset=offset), {}, "hot"), pair(quiet())])
+    lacking = both[(both.timed == other) | (both.solver != "s1") | (both.problem == "p0")]
+    found = compare_times(lacking, 1.2)[0].set_index("solver")
+    assert found.timed.to_dict() == {f"s{i}": other if i == 1 else used for i in range(8)}
+    assert set(found.finding) == {SAME}
+
+
+def test_runs_without_any_times_in_common_have_no_lanes() -> None:
+    found, field = compare_times(pair(quiet())[:0].astype({"level_a": float, "level_b": float}), 1.2)
+    assert (len(found), len(field)) == (0, 0)
+
+
+PROBLEMS = [f"p{i}" for i in range(9)]
+GAPS = dict.fromkeys(PROBLEMS, (1e-5, 1e-11))
+
+
+def run(gaps: dict[str, tuple[float, float]] = GAPS, **known: object) -> pd.DataFrame:
+    return table(ladder(gaps, **known))
+
+
+def timed_wrong(rows: pd.DataFrame, problems: list[str]) -> pd.DataFrame:
+    return rows.assign(timed_gap=np.where(rows.problem.isin(problems), 1.0, 0.0))
+
+
+def lost(a: pd.DataFrame, b: pd.DataFrame, least: int = 1) -> list[str]:
+    return lost_tiers(a, b, least).tier.tolist()
+
+
+def test_a_tier_that_one_problem_no_longer_meets_by_its_first_answer_is_lost_and_the_other_way_round_gained() -> None:
+    worse = run({**GAPS, "p0": (1e-5, 1e-8)})
+    assert lost(run(), worse) == ["high"]
+    assert lost(worse, run()) == []
+
+
+def test_another_setting_that_reaches_the_tier_keeps_it() -> None:
+    assert lost(run({**GAPS, "p0": (1e-11, 1e-11)}), run(dict.fromkeys(PROBLEMS, (1.0, 1e-11)))) == []
+
+
+@pytest.mark.parametrize(("count", "is_lost"), [(1, False), (5, False), (6, True), (9, True)])
+def test_timed_answers_lose_a_tier_where_they_are_wrong_on_more_problems_than_by_chance(
+    count: int, is_lost: bool
+) -> None:
+    assert lost(run(), timed_wrong(run(), PROBLEMS[:count])) == (["low", "mid", "high"] if is_lost else [])
+
+
+@pytest.mark.parametrize(("count", "is_lost"), [(1, False), (5, False), (6, True)])
+def test_on_other_problems_first_answers_are_subject_to_chance_too(count: int, is_lost: bool) -> None:
+    other = run({**GAPS, **dict.fromkeys(PROBLEMS[:count], (1e-5, 1e-8))})
+    assert lost(run(), other, least=6) == (["high"] if is_lost else [])
+
+
+def test_a_solver_that_crashes_loses_every_tier() -> None:
+    crashed = run().assign(status=str(Status.CRASHED), cost_gap=math.nan)
+    assert lost(run(), crashed) == ["low", "mid", "high"]
+
+
+BROKEN = """
+from solvers.direct.clarabel import Clarabel
+
+
+class Broken(Clarabel):
+    name = "broken"
+
+    def solve(self, warm_start=None):
+        raise ArithmeticError("no pivot")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("factor", "findings", "status"),
+    [(1.0, {"no difference"}, 0), (2.0, {"slower"}, 3)],
+)
+def test_a_slower_version_is_found_and_the_same_version_is_not(
+    piezobench: CommandLine, tmp_path: Path, factor: float, findings: set[str], status: int
+) -> None:
+    a, b = (slowed_solver.write(tmp_path / name, times) for name, times in (("a", 1.0), ("b", factor)))
+    words = ("compare", "--versions", a, b, "--smallest", 1.5, "--fail-on", "regression")
+    said = piezobench(*words, "--json")
+    found = json.loads(said.stdout)
+    assert (found["finding"], said.status) in {(finding, status) for finding in findings}
+    assert found["low"] < found["ratio"] < found["high"]
+    assert found["gap"][0] == found["gap"][1] > 0.0
+
+
+def test_versions_that_cannot_be_compared_are_refused(piezobench: CommandLine, tmp_path: Path) -> None:
+    a, broken, empty = slowed_solver.write(tmp_path, 1.0), tmp_path / "broken.py", tmp_path / "empty.py"
+    broken.write_text(BROKEN)
+    empty.write_text("")
+    for words, why in (
+        (("--versions", a), "two versions are compared, A.py and B.py"),
+        (("--versions", a, a, a), "two versions are compared, A.py and B.py"),
+        (("--versions", a, empty), "empty.py"),
+        (("--versions", a, broken), "broken.py: failed at measured/afm_head: adapter_failed ArithmeticError: no pivot"),
+        (("--versions", a, a, "--out", tmp_path / "out"), "is for runs"),
+        ((a, a, "--set", "measured"), "needs --versions"),
+    ):
+        assert why in piezobench("compare", *words).refusal
