@@ -22,7 +22,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NotRequired, Self, TypedDict
@@ -33,6 +33,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from bench.messages import columns
+from bench.messages.columns import Column, named
 from bench.messages.task import Row, Task
 from bench.problem_files import npz
 from bench.problem_files.program import ProblemFileError
@@ -43,8 +44,8 @@ from piezo_model.json_file import FileName, decoded, packed, unpacked
 
 VERSION = 4
 """Version of the run folder; raise it when the settings, the columns or their meaning change."""
-TIMES = columns.schema(("task", "timed", "session", "repeat", "what", "ns"))
-SENTINEL = columns.schema(("host", "core", "at_s", "ns", "level_ns", "ratio"))
+TIMES = columns.schema(named("task", "timed", "session", "repeat", "what", "ns"))
+SENTINEL = columns.schema(named("host", "core", "at_s", "ns", "level_ns", "ratio"))
 
 
 @dataclass(frozen=True)
@@ -52,16 +53,15 @@ class Schema:
     """The table of one kind of race."""
 
     file: str
-    columns: tuple[str, ...]
+    columns: tuple[Column, ...]
+    """Its columns besides ``task``, and those of its summary."""
     order: tuple[str, ...]
     """Columns by which the rows are sorted, and which identify a row."""
-    types: Mapping[str, pa.DataType] = field(default_factory=dict)
-    """Types of the columns that only this table has; doubles may be omitted."""
 
     @property
     def arrow(self) -> pa.Schema:
-        """Columns with their types."""
-        return columns.schema(("task", *self.columns), self.types)
+        """Columns of the rows with their types."""
+        return columns.schema((*named("task"), *self.columns))
 
     def row(self, **known: Any) -> Row:
         """A row with the known values; other columns hold "", 0, False or NaN."""
@@ -211,6 +211,11 @@ class Run:
             shutil.rmtree(self.path / "tasks")
         elif (self.path / "tasks").is_dir() and not self._task_files():
             shutil.rmtree(self.path)
+
+    @property
+    def race(self) -> str:
+        """The kind of its race."""
+        return self.settings.get("race", "oneshot")
 
     @property
     def sessions(self) -> list[Session]:

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.table import ONESHOT
+from bench.derived.table import rows_of
 from bench.messages.progress import Progress, silent
 from bench.messages.verdict import Status
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import relative_gap
 from bench.report.words import settings_label
-from bench.store import Run, RunError
+from bench.store import Run
 from solvers.certificate import NotCertified, verify
 
 
@@ -38,9 +38,7 @@ class Verified:
 
 def verify_run(run: Run, progress: Progress = silent) -> Verified:
     """Judge every stored answer of a one-shot or anytime race again; RunError for another run or a missing problem."""
-    if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
-        raise RunError(f"{run.path} is a {race} race, whose rows have no answers to judge")
-    rows = run.rows(ONESHOT)
+    rows = rows_of(run)
     problems: dict[tuple[str, str], RaceProblem] = {}
     wrong: list[str] = []
     first = timed = proofs = 0

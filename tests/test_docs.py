@@ -21,9 +21,9 @@ from bench.cli.app import command_line
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import ranking
+from bench.derived.table import ONESHOT
 from bench.derived.verdict import KNOWN
 from bench.messages.verdict import Status, Tier
-from bench.races.oneshot.report import HEADINGS
 from bench.report.words import joined, number, rounded
 from bench.store import Run
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
@@ -73,7 +73,7 @@ def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_ex
     for word in (*Status, *Lane, *Tier):
         assert f"`{word}`" in READING, word
     for heading in ("lane", "tier", "worst cost gap", "right", "periods"):
-        assert heading in HEADINGS.values()
+        assert heading in {column.heading for column in ONESHOT.columns}
         assert re.search(rf"^\| [^|]*\b{heading}\b", READING, flags=re.MULTILINE), heading
 
 

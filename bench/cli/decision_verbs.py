@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 import typer
 
+from bench.cli import FAILED
 from bench.cli.options import NoDynamics, Seed, refuse, static_of
 from bench.comparison import report as comparison_report
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.comparison.versions import compare_versions
 from bench.deploy.actuator_model import model_for
 from bench.deploy.decision import decide
-from bench.deploy.deployment import deployment
 from bench.deploy.rule import Rule
 from bench.problems import make
 from bench.races.kind import open_run
@@ -29,8 +29,8 @@ from bench.timing import machine
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
-FAILED, CANNOT_TELL = 3, 4
-"""Exit status of a comparison that found a change that --fail-on names, and of one that could not have found it."""
+CANNOT_TELL = 4
+"""Exit status of a comparison that could not have found a change that --fail-on names."""
 MOST_REFUSED = 5
 """Most solvers for which the reason is printed why they do not qualify."""
 
@@ -182,7 +182,7 @@ def deploy_verb(
         lanes = tuple(lane or (Lane.KERNEL, Lane.DIRECT))
         rule = Rule(accuracy, period_us if deadline is None else deadline, lanes, misses)
         decision = decide(opened, rule)
-    made = deployment(decision, actuator)
+    made = decision.deployment(actuator)
     made.save(target)
     elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.settings["machine"])
     document = {

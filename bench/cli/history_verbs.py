@@ -1,21 +1,18 @@
 """Verbs for several runs: ``combine`` puts them side by side, ``history`` follows a solver through them."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from bench.cli import FAILED
 from bench.comparison.combination import Combination, report
 from bench.comparison.compare import SMALLEST
-from bench.comparison.history import history, regressions
+from bench.comparison.history import COLUMNS, history, regressions
 from bench.races.kind import open_run
 from bench.report.console import AsJson, console, print_json, print_report, print_table
-from bench.report.words import number
+from bench.report.report import Table
 from bench.report.writing import write_report
-
-FAILED = 3
-"""Exit status of a history with a regression."""
 
 
 def combine_verb(
@@ -56,32 +53,25 @@ def history_verb(
     """
     if len(runs) < 2:
         raise typer.BadParameter("a history has two runs or more", param_hint="RUN_A RUN_B")
-    entries = history([open_run(path) for path in runs], solver, SMALLEST)
-    worse = regressions(entries, most_iterations, most_time)
+    table = history([open_run(path) for path in runs], solver, SMALLEST)
+    worse = regressions(table, most_iterations, most_time)
     if as_json:
         print_json(
             [
                 {
-                    "name": f"{solver} ({entry.lane}) {what}",
+                    "name": f"{solver} ({line['lane']}) {what}",
                     "unit": "ratio",
                     "value": value,
-                    "extra": str(asdict(entry)),
+                    "extra": str(line),
                 }
-                for entry in entries
-                if entry.run == entries[-1].run
-                for what, value in (("iterations", entry.iterations_ratio), ("time", entry.time_ratio))
+                for line in table[table.run == table.run.iloc[-1]].to_dict("records")
+                for what, value in (("iterations", line["iterations_ratio"]), ("time", line["time_ratio"]))
             ]
         )
     else:
-        headings = ("run", "commit", "version", "lane", "iterations", "ratio", "time ratio", "interval", "times")
-        print_table(headings, [_cells(asdict(entry)) for entry in entries], left=4)
+        shown = Table.of("", table, COLUMNS)
+        print_table(shown.headings, shown.rows, left=4)
         for sentence in worse:
             console.print(sentence)
     if worse:
         raise typer.Exit(FAILED)
-
-
-def _cells(entry: dict[str, object]) -> list[str]:
-    texts = [number(value) if isinstance(value, float) else str(value) or "–" for value in entry.values()]
-    *first, low, high, finding = texts
-    return [*first, f"{low} to {high}", finding]

@@ -429,7 +429,7 @@ def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
     if absent:
         names = ", ".join(absent) if len(absent) <= MOST_NAMED else f"{len(absent)} solver lanes"
         below.insert(0, f"Absent, so not raced: {names} (run.json says why).")
-    if in_sets:
+    if in_sets and not settings["settings"].get("problems"):
         total = sum((raced | in_sets).values())
         below.append(f"{sum(raced.values())} of {total} problems were raced; --limit 0 races all.")
     below = lines_of(below)

@@ -2,7 +2,7 @@
 
 Problems are the same if their digests are, whatever they are called. Accuracy does not depend on the machine: an answer
 counts for its solver, version and setting. Times are those of each run. A ratio to the solver that does nothing, or to
-an anchor, compares machines better than microseconds do.
+one of LANES, compares machines better than microseconds do.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from bench.derived.accuracy import worst
 from bench.derived.measurements import FLOOR, Measurements
+from bench.derived.statistics import TYPICAL, worst
+from bench.messages.columns import Column, combined
 from bench.messages.verdict import Tier
 from bench.report.plot import Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
@@ -21,9 +22,21 @@ from bench.report.words import OURS_NOTE, gap, marked, number
 from bench.store import Run, RunError
 from bench.timing import machine
 
-ANCHORS = ("box_active_set (direct)", "daqp (direct)")
-"""Solver lanes to whose times others are compared beside the floor."""
-SHORT = ("solver", "lane", "version", "run", "right", "µs", "over nothing")
+LANES = ("box_active_set (direct)", "daqp (direct)")
+"""Solver lanes over whose times, too, those of others are shown."""
+COLUMNS = (
+    Column("solver", heading="solver", format=marked),
+    Column("lane", heading="lane"),
+    Column("version", heading="version", format=lambda version: version.partition(",")[0]),
+    Column("run", heading="run"),
+    Column("right", None, "sum", "right"),
+    Column("problems", None, "size", of="right"),
+    Column("worst_cost_gap", None, None, "worst gap", gap),
+    Column("answer_us", None, TYPICAL, "µs", number),
+    Column("iterations", None, "sum"),
+    Column("over_floor", None, TYPICAL, "over nothing", number),
+    *(Column(base, None, TYPICAL, f"over {base}", number) for base in LANES),
+)
 KEY = ["solver", "lane", "version", "run"]
 
 
@@ -43,9 +56,6 @@ class Combination:
         names = [run.path.name for run in runs]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise RunError(f"two runs are called {twice[0]}; rename a folder")
-        for run in runs:
-            if (race := run.settings.get("race", "oneshot")) != "oneshot":
-                raise RunError(f"{run.path} is a {race} race, and only one-shot races can be combined")
         parts = [_rows(run) for run in runs]
         common = set.intersection(*(set(part.digest) for part in parts))
         if not common:
@@ -65,36 +75,27 @@ class Combination:
     @cached_property
     def table(self) -> pd.DataFrame:
         """One row per KEY: the right answers over all problems, the worst gap of the solver's version over all runs,
-        median time, and its ratios to the floor and the anchors, medians over the problems."""
+        median time, and its ratios to the floor and LANES, medians over the problems."""
         rows = self.rows[self.rows.solver != FLOOR]
         lane = rows.solver + " (" + rows.lane + ")"
-        for anchor in ANCHORS:
-            us = rows[lane == anchor].set_index(["run", "digest"]).answer_us
+        for base in LANES:
+            us = rows[lane == base].set_index(["run", "digest"]).answer_us
             pairs = pd.MultiIndex.from_frame(rows[["run", "digest"]])
-            rows = rows.assign(**{anchor: rows.answer_us.to_numpy() / us.reindex(pairs).to_numpy()})
-        found = rows.groupby(KEY).agg(
-            right=("right", "sum"),
-            problems=("right", "size"),
-            answer_us=("answer_us", "median"),
-            iterations=("iterations", "sum"),
-            over_floor=("over_floor", "median"),
-            **{anchor: (anchor, "median") for anchor in ANCHORS},
-        )
+            rows = rows.assign(**{base: rows.answer_us.to_numpy() / us.reindex(pairs).to_numpy()})
+        found = combined(rows, COLUMNS, KEY)
         pooled = rows.groupby(KEY[:3]).cost_gap.agg(worst).rename("worst_cost_gap")
-        return found.reset_index().merge(pooled, on=KEY[:3]).sort_values(KEY, ignore_index=True)
+        return found.merge(pooled, on=KEY[:3]).sort_values(KEY, ignore_index=True)
 
 
 def _rows(run: Run) -> pd.DataFrame:
     """The scaled or only rows of a run from cold starts, one setting for each solver lane, with versions and floor."""
     found = Measurements.of(run)
-    rows = found.tiers[(found.tiers.scaling == found.scaling) & (found.tiers.start == "cold")]
+    rows = found.cold(found.tiers)
     high = rows[rows.tier == Tier.HIGH]
     lanes = [rows.solver, rows.lane]
     without = ~pd.MultiIndex.from_arrays(lanes).isin(pd.MultiIndex.from_frame(high[["solver", "lane"]]))
     rows = pd.concat([high, rows[without & (rows.tier == Tier.DEFAULT)]])
-    floor = (
-        found.rows[(found.rows.solver == FLOOR) & (found.rows.scaling == found.scaling)].set_index("digest").answer_us
-    )
+    floor = found.cold(found.rows[found.rows.solver == FLOOR]).set_index("digest").answer_us
     versions = run.settings.get("field", {})
     return rows.assign(
         run=run.path.name,
@@ -106,29 +107,8 @@ def _rows(run: Run) -> pd.DataFrame:
 def report(combination: Combination) -> Report:
     """The combination as a report."""
     table = combination.table
-    headings = (
-        "solver",
-        "lane",
-        "version",
-        "run",
-        "right",
-        "worst gap",
-        "µs",
-        "over nothing",
-        *(f"over {a}" for a in ANCHORS),
-    )
-    rows = [
-        [
-            marked(line["solver"]),
-            line["lane"],
-            line["version"].partition(",")[0],
-            line["run"],
-            f"{line['right']}/{line['problems']}",
-            gap(line["worst_cost_gap"]),
-            *(number(line[name]) for name in ("answer_us", "over_floor", *ANCHORS)),
-        ]
-        for line in table.to_dict("records")
-    ]
+    cells = table.assign(right=table.right.astype(str) + "/" + table.problems.astype(str))
+    short = [column for column in COLUMNS if column.name not in ("worst_cost_gap", *LANES)]
     machines = [(run.path.name, machine.name(run.settings["machine"])) for run in combination.runs]
     missing = [
         f"Only in {name}, and not counted: {', '.join(problems)}." for name, problems in combination.unmatched.items()
@@ -154,7 +134,7 @@ def report(combination: Combination) -> Report:
             f"{len(combination.runs)} runs on {count} common problem{'s' * (count != 1)}: {table.solver.nunique()} "
             f"solvers in {len(table[['solver', 'lane']].drop_duplicates())} lanes."
         ],
-        Table("Solvers side by side", headings, rows, 4, ("lane", "version", "run")),
+        Table.of("Solvers side by side", cells, COLUMNS, 4, filters=("lane", "version", "run")),
         summary=table,
         figures=[figure],
         notes=missing,
@@ -165,8 +145,6 @@ def report(combination: Combination) -> Report:
             OURS_NOTE,
         ),
         environment=machines,
-        terminal=Table(
-            "Solvers side by side", SHORT, [[*row[:5], row[6], row[7]] for row in rows], 4, note="Times in µs."
-        ),
+        terminal=Table.of("Solvers side by side", cells, short, 4, note="Times in µs."),
         title="Runs side by side: " + ", ".join(run.path.name for run in combination.runs),
     )

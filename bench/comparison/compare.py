@@ -38,7 +38,7 @@ from bench.derived.accuracy import MEASURED, right
 from bench.derived.measurements import HOT, INTERLEAVED, Measurements
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.messages.verdict import Status, Tier
-from bench.store import Run, RunError
+from bench.store import Run
 from bench.timing.clock import Effort
 
 SMALLEST = 1.2
@@ -106,12 +106,12 @@ class Comparison:
         return int((self.times.finding == finding).sum())
 
 
-def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
-    """Compare run b with run a; RunError if one is not a finished one-shot race. ``smallest`` is above 1."""
-    for run in (a, b):
-        if (race := run.settings.get("race", "oneshot")) not in ("oneshot", "anytime"):
-            raise RunError(f"{run.path} is a {race} race, and only one-shot races can be compared")
-    first, second = (Measurements.of(run) for run in (a, b))
+def compare_runs(
+    a: Run, b: Run, smallest: float = SMALLEST, measured: tuple[Measurements, Measurements] | None = None
+) -> Comparison:
+    """Compare run b with run a; RunError if one is not a finished one-shot race. ``smallest`` is above 1; ``measured``
+    are the measurements of both where they were read before."""
+    first, second = measured or (Measurements.of(a), Measurements.of(b))
     times, field = compare_times(
         levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest
     )

@@ -5,43 +5,38 @@ compared as sums over the tasks that both runs have; times are compared as in `b
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from bench.comparison.compare import compare_runs
 from bench.derived.measurements import Measurements
+from bench.messages.columns import Column
 from bench.messages.verdict import Status
+from bench.report.words import number
 from bench.store import Run, RunError
 
-
-@dataclass(frozen=True)
-class Entry:
-    """A solver lane in a run, compared with the first run."""
-
-    run: str
-    commit: str
-    version: str
-    lane: str
-    iterations: int
-    """Sum over the common tasks; 0 if the solver does not count them."""
-    iterations_ratio: float
-    time_ratio: float
-    low: float
-    high: float
-    finding: str
+COLUMNS = (
+    *(Column(name, heading=name, format=lambda text: text or "–") for name in ("run", "commit", "version", "lane")),
+    Column("iterations", heading="iterations"),
+    Column("iterations_ratio", heading="ratio", format=number),
+    Column("time_ratio", heading="time ratio", format=number),
+    Column("interval", heading="interval", format=lambda interval: " to ".join(map(number, interval))),
+    Column("finding", heading="times", format=lambda text: text or "–"),
+)
 
 
-def history(runs: Sequence[Run], solver: str, smallest: float) -> list[Entry]:
-    """The entries of a solver's lanes in runs, in the order given; RunError if the first run does not have it."""
-    first = Measurements.of(runs[0]).field
-    if solver not in set(first.solver):
+def history(runs: Sequence[Run], solver: str, smallest: float) -> pd.DataFrame:
+    """COLUMNS, one row for each lane of a solver in each run, compared with the first run; RunError if that does not
+    have it. ``iterations`` is their sum over the common tasks, 0 if the solver does not count them."""
+    first = Measurements.of(runs[0])
+    if solver not in set(first.field.solver):
         raise RunError(f"{runs[0].path} has no solver {solver!r}")
-    counted = first[(first.solver == solver) & (first.status == Status.OK)]
+    counted = first.field[(first.field.solver == solver) & (first.field.status == Status.OK)]
     found = []
     for run in runs:
-        settings, comparison = run.settings, compare_runs(runs[0], run, smallest)
-        rows = Measurements.of(run).field
+        settings, measured = run.settings, first if run is runs[0] else Measurements.of(run)
+        comparison, rows = compare_runs(runs[0], run, smallest, (first, measured)), measured.field
         pairs = counted.merge(rows[rows.status == Status.OK], on="task", suffixes=("_a", ""))
         if not len(pairs):
             raise RunError(f"{run.path} has no task of {solver} in common with {runs[0].path}")
@@ -51,32 +46,30 @@ def history(runs: Sequence[Run], solver: str, smallest: float) -> list[Entry]:
             lane, line = str(name), times.get(str(name), {})
             has = (part.iterations >= 0) & (part.iterations_a >= 0)
             before, after = int(part.iterations_a[has].sum()), int(part.iterations[has].sum())
-            ratio, low, high = (float(line.get(key, np.nan)) for key in ("ratio", "ratio_low", "ratio_high"))
             found.append(
-                Entry(
-                    run.path.name,
-                    settings["machine"].get("environment", {}).get("commit", ""),
-                    settings.get("field", {}).get(f"{solver} ({lane})", ""),
-                    lane,
-                    after,
-                    after / before if before else np.nan,
-                    ratio,
-                    low,
-                    high,
-                    str(line.get("finding", "")),
-                )
+                {
+                    "run": run.path.name,
+                    "commit": settings["machine"].get("environment", {}).get("commit", ""),
+                    "version": settings.get("field", {}).get(f"{solver} ({lane})", ""),
+                    "lane": lane,
+                    "iterations": after,
+                    "iterations_ratio": after / before if before else np.nan,
+                    "time_ratio": float(line.get("ratio", np.nan)),
+                    "interval": tuple(float(line.get(f"ratio_{end}", np.nan)) for end in ("low", "high")),
+                    "finding": str(line.get("finding", "")),
+                }
             )
-    return found
+    return pd.DataFrame(found)
 
 
-def regressions(entries: Sequence[Entry], iterations: float, times: float) -> list[str]:
-    """A sentence for each entry whose iterations or times exceed those of the first run by these ratios; a time does if
+def regressions(table: pd.DataFrame, iterations: float, times: float) -> list[str]:
+    """A sentence for each row whose iterations or times exceed those of the first run by these ratios; a time does if
     the lower end of its interval excludes no change."""
     found = []
-    for entry in entries:
-        name = f"{entry.run}, {entry.lane}, {entry.version or 'no version'}"
-        if entry.iterations_ratio > iterations:
-            found.append(f"{name}: {entry.iterations_ratio:.3f} times as many iterations")
-        if entry.time_ratio > times and entry.low > 1.0:
-            found.append(f"{name}: {entry.time_ratio:.2f} times as long ({entry.low:.2f} to {entry.high:.2f})")
+    for line in table.to_dict("records"):
+        name, (low, high) = f"{line['run']}, {line['lane']}, {line['version'] or 'no version'}", line["interval"]
+        if line["iterations_ratio"] > iterations:
+            found.append(f"{name}: {line['iterations_ratio']:.3f} times as many iterations")
+        if line["time_ratio"] > times and low > 1.0:
+            found.append(f"{name}: {line['time_ratio']:.2f} times as long ({low:.2f} to {high:.2f})")
     return found

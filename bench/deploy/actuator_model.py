@@ -75,7 +75,7 @@ def model_for(
     """
     if model is not None:
         return _validated(run, ChosenModel(model, source, dict(model.report.get("certificate") or {})))
-    if run.settings.get("race", "oneshot") == STREAM_SET:
+    if run.race == STREAM_SET:
         raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
     if problem is None and not simulated and Recorded.name in run.settings.get("models", {}):
         return _stored(run)

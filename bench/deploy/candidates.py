@@ -1,56 +1,165 @@
-"""The candidates of a one-shot race or a stream: solver lanes, each at its setting for the required accuracy."""
+"""The candidates of a one-shot race or a stream: solver lanes, each at one setting for the required accuracy.
+
+They are lines of what the reports of these races derive from their rows, with the same settings, times and percentiles:
+the setting is the loosest at which cost gap and violation, of first and timed answers, are within the accuracy with a
+margin of ten on every problem, else of three, else of one.
+"""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.deploy.floor import Floor
-from bench.deploy.rule import Candidate, Choice, Rule
-from bench.derived.accuracy import distance
+from bench.deploy.floor import explained
+from bench.deploy.rule import QUANTILES, Rule
+from bench.derived.accuracy import TOLERANCE, distance, measured, supported
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements
-from bench.derived.tier_settings import PROBLEM, by_problem
+from bench.derived.statistics import TYPICAL
+from bench.derived.tier_settings import PROBLEM, choice, chosen_settings, margin
+from bench.messages.verdict import Tier
 from bench.races.stream.race import STREAM
-from bench.races.stream.summary import raw
+from bench.races.stream.summary import column, for_deadline, summary
+from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
-from bench.timing.percentiles import rate_ratio
-from bench.timing.schedule import runs
+from bench.timing.percentiles import needed, percentile
+from piezo_model.json_file import decoded
+from piezo_model.learning.solving import require_setting
+from solvers import find
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One solver lane at one setting, with the figures that the rule needs."""
+
+    solver: str
+    lane: str
+    setting: str
+    """In the format of ``solvers.protocol.setting_text``."""
+    margin: float
+    """Factor by which it is within the accuracy on every problem; 0 if no setting is."""
+    worst: float
+    """Largest relative cost gap or violation."""
+    problems: int
+    right: int
+    samples: int
+    missed: int
+    explained: tuple[int, int]
+    """Fewest and most missed deadlines that the machine explains."""
+    times_us: tuple[float, ...]
+    """Percentiles of QUANTILES; NaN for one that the calls do not support."""
+    calls: int
+    """Number of calls of the percentiles."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings on the solver's ladder, for a problem whose constant is 1."""
+        return decoded(self.setting, dict[str, Any])
+
+    @property
+    def tier(self) -> Tier:
+        """Most exact tier that it reaches on every problem."""
+        return next(
+            (tier for tier in (Tier.EXACT, Tier.HIGH, Tier.MID, Tier.LOW) if self.worst <= TOLERANCE[tier]),
+            Tier.DEFAULT,
+        )
+
+    @property
+    def own_misses(self) -> tuple[int, int]:
+        """Fewest and most deadlines missed beyond those that the machine explains."""
+        fewest, most = self.explained
+        return max(0, self.missed - most), max(0, self.missed - fewest)
+
+    @property
+    def name(self) -> str:
+        """Solver, lane and setting, as shown to users."""
+        label = settings_label(self.setting)
+        return f"{marked(self.solver)} ({self.lane}{label and f', {label}'})"
+
+    def failing(self, rule: Rule) -> str:
+        """Why it does not qualify, or "". Having few calls is no reason."""
+        if self.right < self.problems or not self.margin:
+            return (
+                f"has a cost gap or violation above {rule.accuracy:g} on {self.problems - self.right} of "
+                f"{self.problems} problems at its best setting"
+            )
+        if not self.samples:
+            return "has no times"
+        if self.own_misses[0] > rule.misses:
+            return (
+                f"misses {self.missed} of {self.samples} deadlines, {self.own_misses[0]} more than the machine "
+                "itself explains"
+            )
+        try:
+            find(self.solver, self.lane)
+        except KeyError:
+            return (
+                "comes from a solver file of your own or an older version, and a compensator can start only solvers "
+                "that are installed with piezobench"
+            )
+        try:
+            require_setting(self.setting, self.solver, self.lane)
+        except ValueError:
+            return "was raced at a setting that its ladder no longer has, so race it again"
+        return ""
+
+    def lacking(self, by: int) -> str:
+        """Why it has no percentile of this index."""
+        return f"needs {needed(QUANTILES[by])} samples and has {self.calls}"
+
+    def figures(self) -> dict[str, Any]:
+        """Figures for JSON, in the units of the report."""
+        p999, p99, median = (None if math.isnan(us) else us for us in self.times_us)
+        fewest, most = self.own_misses
+        return {
+            "solver": self.solver,
+            "lane": self.lane,
+            "settings": self.settings,
+            "tier": str(self.tier),
+            "margin": self.margin,
+            "worst_gap_or_violation": self.worst if math.isfinite(self.worst) else None,
+            "problems": self.problems,
+            "right": self.right,
+            "samples": self.samples,
+            "missed": self.missed,
+            "missed_beyond_floor": fewest,
+            "missed_at_most_beyond_floor": most,
+            "median_us": median,
+            "p99.9_us": p999,
+            "p99_us": p99,
+        }
 
 
 def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
     """Candidates on scaled data from a cold start, as the compensator solves them; times include update and solve.
 
-    Accuracy comes from the rows of all hosts, times from one of them. Deadlines count hot and interleaved calls;
-    percentiles hot calls only, since only one setting is interleaved.
+    Deadlines count hot and interleaved calls; percentiles hot calls only, since only one setting is interleaved.
     """
     found = Measurements.of(run)
-    null_tasks = found.rows[found.rows.solver == FLOOR].task
-    floor = Floor([found.pooled([task], way) for task in null_tasks for way in (HOT, INTERLEAVED)])
-    _require_useful_deadline(run, rule, int(np.count_nonzero(floor.calls > rule.deadline_us)), floor.calls.size)
-    cold = found.every
-    cold = cold[
-        (cold.solver != FLOOR)
-        & cold.lane.isin([str(lane) for lane in rule.lanes])
-        & (cold.scaling == "scaled")
-        & (cold.start == "cold")
-        & (cold.rung >= 0)
-    ]
-    cold = cold.assign(number=cold.groupby(PROBLEM).ngroup(), error=distance(cold))
-    for (solver, lane), part in cold.groupby(["solver", "lane"], sort=False):
-        distances, rungs = by_problem(part)
-        names = dict(zip(part.rung, part.setting, strict=True))
-        chosen = Choice.of(distances, [names[rung] for rung in rungs], rule.accuracy)
-        rows = found.rows[found.rows.task.isin(part.task[part.setting == chosen.setting])]
-        calls = found.pooled(rows.task, HOT, INTERLEAVED)
-        yield Candidate.of(
-            (str(solver), str(lane)),
-            chosen,
-            calls,
-            floor.explained(calls, rule.deadline_us),
-            rule.deadline_us,
-            found.pooled(rows.task),
-            float(rows.answer_us.median()),
+    here = found.rows[(found.rows.scaling == "scaled") & (found.rows.start == "cold")]
+    floor = [found.pooled([task], way) for task in here.task[here.solver == FLOOR] for way in (HOT, INTERLEAVED)]
+    idle = np.concatenate([np.zeros(0), *floor])
+    _require_useful_deadline(run, rule, int(np.count_nonzero(idle > rule.deadline_us)), idle.size)
+    every = found.every[(found.every.scaling == "scaled") & found.every.lane.isin([*map(str, rule.lanes)])]
+    rows = supported(measured(every[every.solver != FLOOR]))
+    for line in chosen_settings(rows.assign(error=distance(rows)), rule.accuracy):
+        of_lane = here[(here.solver == line["solver"]) & (here.lane == line["lane"])]
+        chosen = of_lane[(of_lane.setting == line["furthest"]) & (of_lane.rung >= 0)]
+        calls, hot = found.pooled(chosen.task, HOT, INTERLEAVED), found.pooled(chosen.task)
+        yield Candidate(
+            line["solver"],
+            line["lane"],
+            line["furthest"],
+            line["margin"] if line["setting"] else 0.0,
+            line["largest"],
+            int(of_lane.groupby(PROBLEM).ngroups),
+            line["right"],
+            calls.size,
+            int(np.count_nonzero(calls > rule.deadline_us)),
+            explained(floor, calls, rule.deadline_us),
+            (*(percentile(hot, q).value or math.nan for q in QUANTILES[:-1]), float(chosen.answer_us.agg(TYPICAL))),
+            hot.size,
         )
 
 
@@ -59,34 +168,32 @@ def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
 
     Compiled loops are not on the schedule and are excluded. Of two settings of a lane, the less exact one is looser.
     """
-    rows, times = run.rows(STREAM), run.times()
-
-    def late(tasks: Iterable[str]) -> list[NDArray[np.bool_]]:
-        return [raw(times, [task], "response") > rule.deadline_us for task in tasks]
-
-    floor = late(rows.task[rows.solver == FLOOR])
-    samples = sum(each.size for each in floor)
-    _require_useful_deadline(run, rule, int(sum(each.sum() for each in floor)), samples)
-    field = rows[(rows.solver != FLOOR) & rows.paced.astype(bool) & rows.lane.isin([str(lane) for lane in rule.lanes])]
-    gaps = field.own_gap_max.astype(float).where(field.unanswered == 0).fillna(math.inf)
-    for (solver, lane), part in field.assign(gap=gaps).groupby(["solver", "lane"], sort=False):
-        worst = part.groupby("setting").gap.max().sort_values(ascending=False)
-        chosen = Choice.of(
-            worst.to_numpy(np.float64)[None, :], [str(setting) for setting in worst.index], rule.accuracy
-        )
-        tasks = part.task[part.setting == chosen.setting]
-        calls, missed = raw(times, tasks, "response"), late(tasks)
-        bouts = (sum(runs(each) for each in several) for several in (missed, floor))
-        ratio = rate_ratio(next(bouts), max(calls.size, 1), next(bouts), samples)
-        count = int(sum(each.sum() for each in missed))
-        yield Candidate.of(
-            (str(solver), str(lane)),
-            chosen,
-            calls,
-            (math.floor(count / max(1.0, ratio[1])), math.ceil(count / max(1.0, ratio[0]))),
-            rule.deadline_us,
-            calls,
-            float(np.median(calls)) if calls.size else math.nan,
+    times = run.times()
+    table = summary(for_deadline(run.rows(STREAM), times, rule.deadline_us), times)
+    floor, field = table[table.is_floor], table[~table.is_floor & table.lane.isin([*map(str, rule.lanes)])]
+    _require_useful_deadline(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
+    gaps = field.own_gap_max.where(field.unanswered == 0).fillna(math.inf)
+    lines = field.assign(gap=gaps).sort_values("gap", ascending=False).drop_duplicates(["solver", "lane", "setting"])
+    for _, part in lines.groupby(["solver", "lane"], sort=False):
+        errors = part.gap.to_numpy()[None, :]
+        at = choice(errors, rule.accuracy)
+        line = part.iloc[-1 if at is None else at]
+        yield Candidate(
+            line.solver,
+            line.lane,
+            line.setting,
+            0.0 if at is None else margin(errors[:, at], rule.accuracy),
+            float(line.gap),
+            1,
+            int(line.gap <= rule.accuracy),
+            int(line.response_samples),
+            int(line.missed),
+            (
+                math.floor(line.missed / max(1.0, line.bouts_ratio_high)),
+                math.ceil(line.missed / max(1.0, line.bouts_ratio_low)),
+            ),
+            tuple(float(line[column("response", q)]) for q in QUANTILES),
+            int(line.response_samples),
         )
 
 

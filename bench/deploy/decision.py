@@ -1,6 +1,6 @@
-"""Choice of a solver by the rule, explained in sentences.
+"""Choice of a solver by the rule, explained in sentences, and the file of it.
 
-1. Cost gap and violation of the answers to every problem are within the required accuracy, with a margin (`rule`).
+1. Cost gap and violation of the answers to every problem are within the required accuracy, with a margin.
 2. No deadline is missed that the machine's floor does not explain (`floor`).
 3. Of the remaining candidates, the one with the lowest p99.9 of the answer's time (in a stream: of the response time)
    is chosen. If one of them has too few calls for that, p99 decides, or the median.
@@ -8,17 +8,24 @@
 A deadline that the machine itself misses more often than not is refused, because the run is no evidence for it.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
-from bench.deploy.candidates import of_oneshot, of_stream
-from bench.deploy.rule import QUANTILES, Candidate, Rule
+from bench.deploy.actuator_model import ChosenModel
+from bench.deploy.candidates import Candidate, of_oneshot, of_stream
+from bench.deploy.rule import QUANTILES, Rule
 from bench.races.stream.race import SET as STREAM_SET
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
 from bench.timing import machine
 from bench.timing.percentiles import Percentile
+from piezo_model.deployment import Deployment
 from piezo_model.learning.settings import EXACT_SOLVERS
+from piezo_model.model import HysteresisCreepModel
+from solvers import Lane
+
+NAMES = (*(Percentile(q).name for q in QUANTILES[:-1]), "median")
 
 
 @dataclass(frozen=True)
@@ -37,25 +44,30 @@ class Decision:
 
     def sentences(self) -> list[str]:
         """The rule, the choice with its reasons, and the runners-up."""
-        it, name = self.chosen, "median" if self.by == len(QUANTILES) - 1 else Percentile(QUANTILES[self.by]).name
-        problems = "1 problem" if it.chosen.problems == 1 else f"{it.chosen.problems} problems"
+        it, name = self.chosen, NAMES[self.by]
         here = machine.name(self.run.settings["machine"])
+        problems = "1 problem" if it.problems == 1 else f"{it.problems} problems"
+        fewest, most = it.own_misses
+        own = f"{most or 'none'} of them its own"
+        if fewest < most:
+            own = f"{fewest} to {most} of them its own, which this run cannot tell more closely"
         found = [
             f"Rule: {self.rule.sentence}",
-            f"Chosen: {it.name}: cost gap and violation at most {gap(it.chosen.worst)} over {problems}, a "
-            f"margin of {it.chosen.margin:g}; {it.missed} of {it.samples} deadlines missed, {it.own_misses}; "
-            f"{name} of an answer {number(it.time(self.by))} µs on the machine of the run ({here}).",
+            f"Chosen: {it.name}: cost gap and violation at most {gap(it.worst)} over {problems}, a "
+            f"margin of {it.margin:g}; {it.missed} of {it.samples} deadlines missed, {own}; {name} of an answer "
+            f"{number(it.times_us[self.by])} µs on the machine of the run ({here}).",
             "The compensator learns continuously: in C and in piezobench live with box_active_set, in Python with "
             f"{'it, too' if it.solver in EXACT_SOLVERS else marked(it.solver)}.",
         ]
         if self.by:
-            least = next(each for each in (it, *self.runners_up) if each.tail[self.by - 1].value is None)
-            finer = least.tail[self.by - 1]
+            least = next(each for each in (it, *self.runners_up) if math.isnan(each.times_us[self.by - 1]))
             found.append(
-                f"Decided by the {name}, the finest percentile that all who qualify support: {finer.name} "
-                f"{finer.reason} for {least.name}."
+                f"Decided by the {name}, the finest percentile that all who qualify support: {NAMES[self.by - 1]} "
+                f"{least.lacking(self.by - 1)} for {least.name}."
             )
-        found += [f"Runner-up: {each.name}, {name} {number(each.time(self.by))} µs." for each in self.runners_up[:3]]
+        found += [
+            f"Runner-up: {each.name}, {name} {number(each.times_us[self.by])} µs." for each in self.runners_up[:3]
+        ]
         count = len(self.refused)
         return [*found, f"{solver_lanes(count)} do{'' if count != 1 else 'es'} not qualify."] if count else found
 
@@ -64,7 +76,7 @@ class Decision:
         settings = self.run.settings
         return {
             "run": self.run.path.name,
-            "race": settings.get("race", "oneshot"),
+            "race": self.run.race,
             "machine": settings["machine"],
             "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
             "rule": self.rule.sentence,
@@ -73,13 +85,23 @@ class Decision:
             "runners_up": [each.figures() for each in self.runners_up[:3]],
         }
 
+    def deployment(self, found: ChosenModel) -> Deployment[HysteresisCreepModel]:
+        """Content of the file; the mode is the one that `docs/learning.md` recommends."""
+        return Deployment(
+            model=found.model,
+            solver=self.chosen.solver,
+            lane=Lane(self.chosen.lane),
+            tier=self.chosen.tier,
+            settings=self.chosen.settings,
+            mode="continuous",
+            x_limits=found.model.structure.x_range,
+            evidence=self.evidence() | found.evidence(),
+        )
+
 
 def decide(run: Run, rule: Rule) -> Decision:
     """Apply the rule; RunError if no solver qualifies, or the run is of a kind without deadlines."""
-    race = run.settings.get("race", "oneshot")
-    if race not in ("oneshot", STREAM_SET):
-        raise RunError(f"{run.path} is a {race} race; a decision needs a one-shot race or a stream")
-    candidates = of_stream(run, rule) if race == STREAM_SET else of_oneshot(run, rule)
+    candidates = of_stream(run, rule) if run.race == STREAM_SET else of_oneshot(run, rule)
     verdicts = [(each, each.failing(rule)) for each in candidates]
     qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
     refused.sort(key=lambda pair: _distance(pair[0]))
@@ -92,14 +114,12 @@ def decide(run: Run, rule: Rule) -> Decision:
                 else f", none was raced on scaled data in the lanes {', '.join(rule.lanes)}"
             )
         )
-    by = next(
-        (i for i in range(len(QUANTILES) - 1) if all(each.tail[i].value is not None for each in qualified)),
-        len(QUANTILES) - 1,
-    )
-    chosen, *others = sorted(qualified, key=lambda each: (each.time(by), each.name))
+    finer = range(len(QUANTILES) - 1)
+    by = next((i for i in finer if not any(math.isnan(each.times_us[i]) for each in qualified)), len(finer))
+    chosen, *others = sorted(qualified, key=lambda each: (each.times_us[by], each.name))
     return Decision(run, rule, chosen, tuple(others), tuple(refused), by)
 
 
 def _distance(it: Candidate) -> tuple[bool, float, float]:
     """Sort key: distance from qualifying."""
-    return not it.chosen.margin, it.beyond_floor / max(it.samples, 1), it.chosen.worst
+    return it.right < it.problems, it.own_misses[0] / max(it.samples, 1), it.worst

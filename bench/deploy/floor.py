@@ -20,7 +20,6 @@ most one call in a hundred. If T > D, the solver is late by itself, and nothing 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,27 +31,16 @@ UNSEEN = 0.01
 SHORTEST_US = 1e-3
 
 
-@dataclass(frozen=True)
-class Floor:
-    """Times of the solver that does nothing, in series of consecutive calls, µs."""
-
-    series: Sequence[Microseconds]
-
-    @property
-    def calls(self) -> Microseconds:
-        """Times of all calls."""
-        return np.concatenate([np.zeros(0), *self.series])
-
-    def explained(self, calls: Microseconds, deadline_us: float) -> tuple[int, int]:
-        """Fewest and most late calls of a candidate, of times (N,), that the machine explains; 0 if the floor was not
-        measured."""
-        if not calls.size or not self.calls.size or (T := float(np.median(calls))) > deadline_us:
-            return 0, 0
-        n = self.calls
-        excess = np.concatenate([one - np.median(one) for one in self.series if one.size])
-        b = min(n.size, max(1, round(T / max(float(np.median(n)), SHORTEST_US))))
-        K = n.size // b
-        S = excess[: K * b].reshape(K, b).sum(axis=1)
-        k = int(np.count_nonzero(T + S - np.median(S) > deadline_us))
-        most = math.ceil(min(rate_bound(k, K), k / K + UNSEEN) * calls.size)
-        return math.floor((1.0 - rate_bound(K - k, K)) * calls.size), most
+def explained(series: Sequence[Microseconds], calls: Microseconds, deadline_us: float) -> tuple[int, int]:
+    """Fewest and most late calls of a candidate, of times (N,), that the machine explains; 0 if the solver that does
+    nothing, whose times come in series of consecutive calls, was not measured."""
+    n = np.concatenate([np.zeros(0), *series])
+    if not calls.size or not n.size or (T := float(np.median(calls))) > deadline_us:
+        return 0, 0
+    excess = np.concatenate([one - np.median(one) for one in series if one.size])
+    b = min(n.size, max(1, round(T / max(float(np.median(n)), SHORTEST_US))))
+    K = n.size // b
+    S = excess[: K * b].reshape(K, b).sum(axis=1)
+    k = int(np.count_nonzero(T + S - np.median(S) > deadline_us))
+    most = math.ceil(min(rate_bound(k, K), k / K + UNSEEN) * calls.size)
+    return math.floor((1.0 - rate_bound(K - k, K)) * calls.size), most

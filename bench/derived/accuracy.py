@@ -61,13 +61,3 @@ def supported(rows: pd.DataFrame) -> pd.DataFrame:
 def right(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:
     """Whether each answer meets the tier."""
     return error(rows, tier) <= 1.0
-
-
-def worst(values: pd.Series) -> float:
-    """The largest value, or NaN if any is NaN: a failed problem must not look like an accurate one."""
-    return float(values.max(skipna=False))
-
-
-def least_good(statuses: pd.Series) -> str:
-    """Ok if all are, else the first status that is not."""
-    return next((str(status) for status in statuses if status != Status.OK), str(Status.OK))

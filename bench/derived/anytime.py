@@ -35,11 +35,7 @@ LINE = ["name", "solver", "lane"]
 
 def anytime(measurements: Measurements) -> pd.DataFrame:
     """One row per solver lane (LINE) and ``budget``, with ``median_gap`` and ``worst_gap`` over ``problems``."""
-    rows = measurements.rows[
-        (measurements.rows.solver != FLOOR)
-        & (measurements.rows.start == "cold")
-        & (measurements.rows.scaling == measurements.scaling)
-    ]
+    rows = measurements.cold(measurements.rows[measurements.rows.solver != FLOOR])
     rows = with_pace(rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK).fillna(math.inf)))
     keys = [rows[name] for name in [*LINE, *PROBLEM]]
     parts = []

@@ -19,11 +19,7 @@ COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_
 def like_with_like(measurements: Measurements) -> pd.DataFrame:
     """COLUMNS, one row per lane, way of timing, number of unknowns d and other solver that reaches 1e-9, the fastest
     first."""
-    rows = measurements.tiers[
-        (measurements.tiers.tier == Tier.HIGH)
-        & (measurements.tiers.start == "cold")
-        & (measurements.tiers.scaling == measurements.scaling)
-    ]
+    rows = measurements.cold(measurements.tiers[measurements.tiers.tier == Tier.HIGH])
     lines = []
     for timed, us in ((HOT, rows.answer_us), (INTERLEAVED, rows.interleaved_us)):
         for lane, part in rows.assign(us=us).dropna(subset="us").groupby("lane"):

@@ -27,7 +27,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import applies, measured, right, supported
-from bench.derived.table import ONESHOT
+from bench.derived.table import rows_of
 from bench.derived.tier_settings import LANE, tier_settings
 from bench.messages.verdict import Status, Tier
 from bench.store import Run, Session
@@ -53,8 +53,8 @@ class Measurements:
 
     @classmethod
     def of(cls, run: Run) -> Self:
-        """Read those of a one-shot race."""
-        return cls(newest(run.rows(ONESHOT), run.sessions), run.times())
+        """Read those of a one-shot race; RunError for a run of another kind."""
+        return cls(newest(rows_of(run), run.sessions), run.times())
 
     @cached_property
     def host(self) -> str:
@@ -102,6 +102,10 @@ class Measurements:
     def tiers(self) -> pd.DataFrame:
         """The field's rows at each tier that a solver lane reaches, and at its defaults."""
         return at_tiers(self.field, self.settings)
+
+    def cold(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Those rows that are of the first screen: from a cold start, in its scaling."""
+        return rows[(rows.start == "cold") & (rows.scaling == self.scaling)]
 
     @cached_property
     def scaling(self) -> str:

@@ -30,9 +30,7 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     A lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings are {}
     where a solver crashed.
     """
-    rows = measurements.field
-    rows = rows[(rows.start == "cold") & (rows.scaling == measurements.scaling)]
-    judged = at_tiers(rows, measurements.settings, "furthest")
+    judged = at_tiers(measurements.cold(measurements.field), measurements.settings, "furthest")
     judged = judged[judged.tier == Tier.HIGH].astype({"right": bool})
     missed = judged.assign(count=~judged.right, some=judged.right)
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")

@@ -1,8 +1,8 @@
 """Tables of the figures of a one-shot race.
 
 All are of cold starts. Except in the work–precision picture, each solver lane has one setting for all problems: that of
-the tier 1e-9, or the one that is right on most problems. A *view* is one problem set in one scaling. The time of an
-answer is the median of update plus the median of solve.
+the tier 1e-9, or the one that is right on most problems. A *view* is one problem set in one scaling. Times are those of
+`bench.derived.statistics`.
 
 The performance profile of Dolan and Moré over the problems p of a view, with t_p,s infinite if s was not right:
 
@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from bench.derived import ranking, summary
-from bench.derived.accuracy import worst
 from bench.derived.measurements import Measurements, at_tiers
+from bench.derived.statistics import TYPICAL, worst
 from bench.derived.verdict import KNOWN
 from bench.messages.task import PAPER
 from bench.messages.verdict import Status, Tier
@@ -71,8 +71,8 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
         .agg(
             problems=("problem", "size"),
             worst_cost_gap=("cost_gap", worst),
-            answer_us=("answer_us", "median"),
-            paced_us=("paced_us", "median"),
+            answer_us=("answer_us", TYPICAL),
+            paced_us=("paced_us", TYPICAL),
             settings=("settings", "first"),
         )
         .reset_index()
@@ -141,7 +141,7 @@ def sizes(measurements: Measurements) -> pd.DataFrame:
     table = table[table.groupby("view").d.transform("nunique") > 1]
     lines = (
         table.groupby(["view", "name", "solver", "lane", "d"], sort=False)
-        .agg(problems=("time_us", "size"), time_us=("time_us", "median"), worst=("time_us", "max"))
+        .agg(problems=("time_us", "size"), time_us=("time_us", TYPICAL), worst=("time_us", "max"))
         .reset_index()
     )
     lines = lines[np.isfinite(lines.worst)].drop(columns="worst")
@@ -157,7 +157,7 @@ def time_by_size(measurements: Measurements) -> pd.DataFrame:
     """
     table = sizes(measurements)
     if not len(table):
-        return table
+        return table[["view", "name"]]
     wide = table.pivot_table(index=["view", "solver", "name"], columns="d", values="time_us").reset_index()
     times = wide[sorted(set(table.d))]
     wide = wide.assign(ours=wide.solver.isin(EXACT), right=times.notna().sum(axis=1), mean=np.log(times).mean(axis=1))

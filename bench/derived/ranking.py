@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from bench.derived.accuracy import supported, worst
+from bench.derived.accuracy import supported
 from bench.derived.measurements import Measurements
+from bench.derived.statistics import TYPICAL, worst
 from bench.derived.tier_settings import PROBLEM, TARGETS
 from bench.messages.task import PAPER
 from bench.messages.verdict import Status, Tier
@@ -39,8 +40,6 @@ class Result:
     setting: str = ""
     worst: str = ""
     """Problem with the largest error."""
-    left_out: float = math.nan
-    """Share of the problems on which the setting chosen on the other problems is right."""
 
     @property
     def reached(self) -> bool:
@@ -78,7 +77,7 @@ def ranking(measurements: Measurements) -> list[Line]:
         for table in (measurements.field, measurements.tiers, measurements.settings)
     )
     rows = rows[rows.start == "cold"]
-    us = with_pace(rows).groupby(["name", "lane", "tier"]).answer_us.median()
+    us = with_pace(rows).groupby(["name", "lane", "tier"]).answer_us.agg(TYPICAL)
     gaps = rows[rows.is_default].drop_duplicates("task").groupby(["solver", "lane"]).cost_gap.agg(worst)
     lines = []
     cold = with_pace(supported(field[field.start == "cold"]))
@@ -92,7 +91,6 @@ def ranking(measurements: Measurements) -> list[Line]:
                 one.problems,
                 one.setting,
                 one.worst,
-                one.left_out,
             )
             for one in settings[(settings.solver == solver) & (settings.lane == lane)].itertuples()
         }

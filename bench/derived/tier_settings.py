@@ -10,7 +10,8 @@ the others is right.
 """
 
 import math
-from typing import cast
+from collections.abc import Iterator
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -24,48 +25,49 @@ MARGINS = (10.0, 3.0, 1.0)
 FEWEST = 3
 """Smallest number of problems for leave-one-out validation."""
 LANE = ["scaling", "solver", "lane"]
+CHOSEN = ["setting", "rung", "margin", "problems", "right", "worst", "furthest", "left_out"]
 PROBLEM = ["problem_set", "problem"]
 
 
 def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row per LANE and ``tier``, with the chosen ``setting`` ("" if the tier is not reached), its ``rung`` and
-    ``margin``, the number of ``problems``, ``furthest``, the chosen setting or the one that is right on most problems,
-    ``right``, on how many that one is, ``worst``, the problem of its largest error, and ``left_out``, the share that
-    stays right with the judged problem left out.
-    """
+    """One row per LANE and ``tier``, with CHOSEN."""
     rows = supported(measured(rows))
-    cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
-    cold = cold.assign(number=cold.groupby(PROBLEM).ngroup())
     lines = []
     for tier in TARGETS:
-        part = cold[applies(cold, tier)]
-        for key, lane in part.assign(error=error(part, tier)).groupby(LANE, sort=False):
-            lines.append(
-                {**dict(zip(LANE, cast(tuple[str, ...], key), strict=True)), "tier": str(tier), **_chosen(lane)}
-            )
-    return pd.DataFrame(
-        lines,
-        columns=[*LANE, "tier", "setting", "rung", "margin", "problems", "right", "worst", "furthest", "left_out"],
-    )
+        part = rows[applies(rows, tier)]
+        chosen = chosen_settings(part.assign(error=error(part, tier)))
+        lines += [{**line, "tier": str(tier)} for line in chosen]
+    return pd.DataFrame(lines, columns=[*LANE, "tier", *CHOSEN])
 
 
-def _chosen(rows: pd.DataFrame) -> dict[str, object]:
-    errors, rungs = by_problem(rows)
-    names = dict(zip(rows.rung, rows.setting, strict=True))
-    at = choice(errors)
-    counts = (errors <= 1.0).sum(axis=0)
-    furthest = int(np.argmax(counts)) if at is None else at
-    reached = at is not None
-    return {
-        "setting": names[rungs[furthest]] if reached else "",
-        "rung": rungs[furthest] if reached else -1,
-        "margin": margin(errors[:, furthest]) if reached else math.nan,
-        "problems": len(errors),
-        "right": int(counts[furthest]),
-        "worst": rows.problem[rows.number == np.unique(rows.number)[int(np.argmax(errors[:, furthest]))]].iloc[0],
-        "furthest": names[rungs[furthest]],
-        "left_out": left_out(errors) if reached and len(errors) >= FEWEST else math.nan,
-    }
+def chosen_settings(rows: pd.DataFrame, within: float = 1.0) -> Iterator[dict[str, Any]]:
+    """For each LANE the chosen ``setting`` of its ladder from a cold start, for rows with an ``error`` of at most
+    ``within``.
+
+    ``setting`` is "" if no setting is right on every problem; ``rung`` and ``margin`` belong to it. ``problems`` is the
+    number of problems, ``furthest`` the chosen setting or the one that is right on most of them, ``right`` on how many
+    that one is, ``worst`` the problem of its largest error ``largest``, and ``left_out`` the share that stays right
+    with the judged problem left out.
+    """
+    cold = rows[(rows.start == "cold") & (rows.rung >= 0)]
+    for key, lane in cold.assign(number=cold.groupby(PROBLEM).ngroup()).groupby(LANE, sort=False):
+        errors, rungs = by_problem(lane)
+        names = dict(zip(lane.rung, lane.setting, strict=True))
+        at, counts = choice(errors, within), (errors <= within).sum(axis=0)
+        furthest, reached = int(np.argmax(counts)) if at is None else at, at is not None
+        worst = np.unique(lane.number)[int(np.argmax(errors[:, furthest]))]
+        yield {
+            **dict(zip(LANE, cast(tuple[str, ...], key), strict=True)),
+            "setting": names[rungs[furthest]] if reached else "",
+            "rung": rungs[furthest] if reached else -1,
+            "margin": margin(errors[:, furthest], within) if reached else math.nan,
+            "problems": len(errors),
+            "right": int(counts[furthest]),
+            "worst": lane.problem[lane.number == worst].iloc[0],
+            "largest": float(errors[:, furthest].max()),
+            "furthest": names[rungs[furthest]],
+            "left_out": left_out(errors, within) if reached and len(errors) >= FEWEST else math.nan,
+        }
 
 
 def by_problem(rows: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -78,8 +80,8 @@ def by_problem(rows: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.int6
     return np.where(worst < 0.0, math.inf, worst), rungs
 
 
-def choice(errors: NDArray[np.float64]) -> int | None:
-    """Index of the chosen setting for errors (problems, settings from loose to tight), or None.
+def choice(errors: NDArray[np.float64], within: float = 1.0) -> int | None:
+    """Index of the chosen setting for errors (problems, settings from loose to tight), or None if none is ``within``.
 
     Examples
     --------
@@ -89,15 +91,15 @@ def choice(errors: NDArray[np.float64]) -> int | None:
     0
     """
     worst = errors.max(axis=0)
-    return next((int(met.argmax()) for each in MARGINS if (met := each * worst <= 1.0).any()), None)
+    return next((int(met.argmax()) for each in MARGINS if (met := each * worst <= within).any()), None)
 
 
-def margin(errors: NDArray[np.float64]) -> float:
+def margin(errors: NDArray[np.float64], within: float = 1.0) -> float:
     """The largest of MARGINS that all errors meet."""
-    return next(each for each in MARGINS if each * errors.max() <= 1.0)
+    return next(each for each in MARGINS if each * errors.max() <= within)
 
 
-def left_out(errors: NDArray[np.float64]) -> float:
+def left_out(errors: NDArray[np.float64], within: float = 1.0) -> float:
     """Share of the problems on which the setting chosen on the other problems is right."""
-    chosen = [choice(np.delete(errors, i, axis=0)) for i in range(len(errors))]
-    return float(np.mean([at is not None and errors[i, at] <= 1.0 for i, at in enumerate(chosen)]))
+    chosen = [choice(np.delete(errors, i, axis=0), within) for i in range(len(errors))]
+    return float(np.mean([at is not None and errors[i, at] <= within for i, at in enumerate(chosen)]))

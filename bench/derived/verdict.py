@@ -211,9 +211,7 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
 
 def _interleaved(measurements: Measurements) -> Iterator[str]:
     """Cost of cold caches."""
-    rows = measurements.field[
-        (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
-    ]
+    rows = measurements.cold(measurements.field)
     ratio = (rows.interleaved_us / rows.answer_us).groupby([rows.solver, rows.lane]).median().dropna()
     if len(ratio):
         yield (

@@ -9,7 +9,10 @@ import pandas as pd
 
 from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
+from bench.derived.statistics import TYPICAL
+from bench.messages.columns import Column, combined
 from bench.messages.verdict import Tier
+from bench.report.words import number, settings_label
 from piezo_model.json_file import decoded
 from solvers import Lane
 from solvers.registry import FAMILIES
@@ -18,7 +21,15 @@ OTHER_NAMES = {"highs": "highspy", "proxqp": "proxsuite"}
 """Names in the lane direct of libraries that qpsolvers and cvxpy call differently."""
 REPORTING = {"raise_error"}
 """Settings that affect how a failure is reported, but not the answer."""
-COLUMNS = ["solver", "lane", "settings", "problems", "us", "direct_us", "ratio"]
+WRAPPERS = (
+    Column("solver", heading="solver"),
+    Column("lane", heading="lane"),
+    Column("settings", None, "first", "settings", settings_label),
+    Column("problems", None, "size", "problems", of="ratio"),
+    Column("us", None, TYPICAL, "µs", number),
+    Column("direct_us", None, TYPICAL, "direct, µs", number),
+    Column("ratio", None, TYPICAL, "ratio", number),
+)
 
 
 def in_lane_direct(solver: str) -> str:
@@ -27,11 +38,9 @@ def in_lane_direct(solver: str) -> str:
 
 
 def wrapper_share(measurements: Measurements) -> pd.DataFrame:
-    """COLUMNS, one row per wrapper and setting that the lane direct has, too; medians over the ``problems`` on which
+    """WRAPPERS, one row per wrapper and setting that the lane direct has, too; medians over the ``problems`` on which
     both are right."""
-    rows = measurements.field[
-        (measurements.field.start == "cold") & (measurements.field.scaling == measurements.scaling)
-    ]
+    rows = measurements.cold(measurements.field)
     rows = rows.assign(us=rows.answer_us, key=rows.settings.map(_key), library=rows.solver.map(in_lane_direct))
     rows = rows[right(rows, Tier.LOW) & (rows.key != "")]
     direct = (
@@ -42,18 +51,7 @@ def wrapper_share(measurements: Measurements) -> pd.DataFrame:
         direct[[*same, "direct_us"]].drop_duplicates(same), on=same
     )
     both = both.assign(ratio=both.us / both.direct_us)
-    table = (
-        both.groupby(["solver", "lane", "setting"], sort=True)
-        .agg(
-            settings=("settings", "first"),
-            problems=("ratio", "size"),
-            us=("us", "median"),
-            direct_us=("direct_us", "median"),
-            ratio=("ratio", "median"),
-        )
-        .reset_index()
-    )
-    return table[COLUMNS]
+    return combined(both, WRAPPERS, ["solver", "lane", "setting"])
 
 
 def _key(settings: str) -> str:

@@ -1,11 +1,12 @@
-"""Columns of the tables of a run: the type of a column follows from its name; columns that are not listed hold doubles.
+"""Columns of the tables of a run, each with its type, its aggregate, its heading and its format.
 
-The columns by which rows are sorted are their key: it is complete, and unique to a row.
+A race has one list of them, from which its rows, its summary and its tables follow. The columns by which rows are
+sorted are their key: it is complete, and unique to a row.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, get_args
 
 import pandas as pd
@@ -18,7 +19,8 @@ from bench.messages.verdict import Tier
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane
 
-TEXT, COUNT, FLAG = pa.large_string(), pa.int64(), pa.bool_()
+TEXT, COUNT, FLAG, NUMBER = pa.large_string(), pa.int64(), pa.bool_(), pa.float64()
+NUMBERS = pa.list_(NUMBER)
 SHARED = {
     **dict.fromkeys(
         (
@@ -45,7 +47,7 @@ SHARED = {
     **dict.fromkeys(("is_default", "mutates_input", "repeatable"), FLAG),
     "ns": pa.list_(pa.int64()),
 }
-"""Types of columns that several tables share; a kind of race declares those of its own columns."""
+"""Types of columns that several tables share; any other column holds doubles, unless its type is given."""
 CHOICES = {
     "lane": tuple(Lane),
     "tier": tuple(Tier),
@@ -59,9 +61,37 @@ class TableError(ValueError):
     """A file does not hold the expected table; the message is one sentence without its path."""
 
 
-def schema(columns: Sequence[str], more: Mapping[str, pa.DataType] = MappingProxyType({})) -> pa.Schema:
-    """The columns with their types; ``more`` are types of a single table."""
-    return pa.schema([(name, more.get(name, SHARED.get(name, pa.float64()))) for name in columns])
+@dataclass(frozen=True)
+class Column:
+    """A column of the rows of a race, of its summary, of its tables, or of several of these."""
+
+    name: Any
+    """Text, except in a table with a column for each value of another, such as a number of unknowns."""
+    type: pa.DataType | None = NUMBER
+    """Type in the rows; None for a column of the summary alone."""
+    aggregate: Any = None
+    """How pandas combines the rows of a line of the summary, by name or function; None if it does not."""
+    heading: str = ""
+    """Heading in a table; "" if it is in none."""
+    format: Callable[[Any], str] = str
+    of: str = ""
+    """The column of the rows that is combined, if it has another name."""
+
+
+def named(*names: str) -> tuple[Column, ...]:
+    """Columns of the rows alone, of the types that tables share."""
+    return tuple(Column(name, SHARED.get(name, NUMBER)) for name in names)
+
+
+def schema(columns: Iterable[Column]) -> pa.Schema:
+    """The columns of the rows with their types."""
+    return pa.schema([(column.name, column.type) for column in columns if column.type is not None])
+
+
+def combined(rows: pd.DataFrame, columns: Iterable[Column], by: Sequence[str]) -> pd.DataFrame:
+    """One row for each combination of values in the columns ``by``, with the columns that have an aggregate."""
+    aggregates = {column.name: (column.of or column.name, column.aggregate) for column in columns if column.aggregate}
+    return rows.groupby([*by], dropna=False).agg(**aggregates).reset_index()
 
 
 def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:

@@ -14,7 +14,7 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
-from bench.derived.table import ONESHOT
+from bench.derived.table import ONESHOT, rows_of
 from bench.derived.tier_settings import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError
@@ -27,22 +27,9 @@ from solvers.registry import Described
 SCALING = "scaled"
 """Scaling of the data in a stream and in a loop."""
 SHIPPED = "reference_rows.parquet"
-NAMES = (
-    "problem_set",
-    "problem",
-    "scaling",
-    "solver",
-    "lane",
-    "setting",
-    "rung",
-    "is_default",
-    "start",
-    "repeat",
-    "host",
-    "status",
-)
-FIGURES = ("cost_gap", "violation", "timed_gap", "timed_violation", "stage_excess", "timed_stage_excess", "noise_um")
-ACCURACY = columns.schema((*NAMES, *FIGURES))
+NAMES = "problem_set problem scaling solver lane setting rung is_default start repeat host status"
+FIGURES = "cost_gap violation timed_gap timed_violation stage_excess timed_stage_excess noise_um"
+ACCURACY = pa.schema([ONESHOT.arrow.field(name) for name in f"{NAMES} {FIGURES}".split()])
 """Columns of the shipped rows."""
 DEFAULT, EACH, REFERENCE = "default", "each", "reference"
 UNTESTED, NOT_REACHED = "untested", "not reached"
@@ -63,9 +50,7 @@ def table_of(run: str) -> tuple[pd.DataFrame, str]:
     if not run:
         return tier_settings(columns.read(Path(__file__).with_name(SHIPPED), ACCURACY)), REFERENCE
     opened = Run.open(Path(run))
-    if (race := opened.settings.get("race", "oneshot")) != "oneshot":
-        raise RaceError(f"{run}: settings are taken from a one-shot race, and this is one of the kind {race!r}")
-    rows = opened.rows(ONESHOT)
+    rows = rows_of(opened)
     if not (rows.scaling == SCALING).any():
         raise RaceError(f"{run}: settings are taken from a race in scaled data, and this one has none")
     return tier_settings(rows), opened.path.name
@@ -122,7 +107,7 @@ def accuracy(rows: pd.DataFrame) -> pd.DataFrame:
 
 def ship(run: Path, path: Path) -> None:
     """Write the shipped table from a finished run."""
-    table = pa.Table.from_pandas(accuracy(Run.open(run).rows(ONESHOT)), ACCURACY, preserve_index=False)
+    table = pa.Table.from_pandas(accuracy(rows_of(Run.open(run))), ACCURACY, preserve_index=False)
     with replacing(path) as temporary:
         parquet.write_table(table, temporary, compression="zstd")
 

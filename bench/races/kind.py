@@ -1,10 +1,11 @@
 """The kinds of race: how each is started, resumed and reported.
 
-The folder is the registry: each ``kind.py`` in a folder beside this file defines a kind, or several that differ in
+The folder is the registry: each ``report.py`` in a folder beside this file defines a kind, or several that differ in
 settings and report.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -43,6 +44,8 @@ class Kind:
     """Makes the :class:`bench.report.report.Report` of a finished run."""
     anchors: Callable[[Run], Sequence[Anchor]] | None = None
     """What is timed again when solvers are added to a finished run; None if none can be added."""
+    finding: Callable[[Run], Sequence[str]] | None = None
+    """What a finished run says of a one-shot race beside it; None for nothing."""
 
     @property
     def schema(self) -> Schema:
@@ -85,25 +88,38 @@ class Kind:
     def write(self, run: Run) -> tuple[Report, Path]:
         """Write ``report.md``, ``report.html`` and their files; returns the report and the path of ``report.md``."""
         report = with_run(self.report(run), run, self.title)
+        if self.name == DEFAULT:
+            report = replace(report, verdict=[*report.verdict, *findings(run.path.parent)])
         return report, write_report(report, run.path)
+
+
+def findings(folder: Path) -> Iterator[str]:
+    """What the newest finished run in a folder says, of each kind that has a finding."""
+    for kind in kinds().values():
+        if kind.finding is None:
+            continue
+        for table in sorted(folder.glob(f"*/{kind.schema.file}"), key=lambda path: path.stat().st_mtime)[-1:]:
+            with suppress(RunError):  # a damaged run is no fault of the one beside it
+                yield from kind.finding(open_run(table.parent))
 
 
 @cache
 def kinds() -> dict[str, Kind]:
     """The kinds of race by name, the default one first."""
     names = sorted(
-        (path.parent.name for path in Path(__file__).parent.glob("*/kind.py")), key=lambda name: (name != DEFAULT, name)
+        (path.parent.name for path in Path(__file__).parent.glob("*/report.py")),
+        key=lambda name: (name != DEFAULT, name),
     )
-    modules = [import_module(f"{__package__}.{name}.kind") for name in names]
+    modules = [import_module(f"{__package__}.{name}.report") for name in names]
     return {kind.name: kind for module in modules for kind in vars(module).values() if isinstance(kind, Kind)}
 
 
 def kind_of(run: Run) -> Kind:
     """The kind of a run; RunError if it is unknown."""
-    name = run.settings.get("race", DEFAULT)
-    if name not in kinds():
-        raise RunError(f"{run.path / 'run.json'}: there is no race {name[:60]!r}; known are {', '.join(kinds())}")
-    return kinds()[name]
+    if run.race not in kinds():
+        known = ", ".join(kinds())
+        raise RunError(f"{run.path / 'run.json'}: there is no race {run.race[:60]!r}; known are {known}")
+    return kinds()[run.race]
 
 
 def open_run(path: Path) -> Run:
@@ -145,7 +161,7 @@ def environment(run: Run) -> list[tuple[str, str]]:
     field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
     absent = ", ".join(settings.get("absent", {}))
     chosen = ", ".join(
-        f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], None)
+        f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], {}, None, "")
     )
     return [
         (name, text)

@@ -3,14 +3,15 @@
 There are three renderings: the terminal (`bench.report.console`), Markdown and an HTML page (`bench.report.writing`).
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pandas as pd
 
+from bench.messages.columns import Column
 from bench.report.plot import Plot
 from bench.report.words import by_heading, marked
 
@@ -31,6 +32,13 @@ class Table:
     file: str = ""
     """File with the same rows, which Markdown names instead of a long table."""
 
+    @classmethod
+    def of(cls, title: str, lines: pd.DataFrame, columns: Iterable[Column], left: int = 1, **more: Any) -> Self:
+        """The columns that have a heading, in their format; ``more`` are other fields."""
+        shown = [column for column in columns if column.heading]
+        cells = [[column.format(line[column.name]) for column in shown] for line in lines.to_dict("records")]
+        return cls(title, [column.heading for column in shown], cells, left, **more)
+
     @property
     def choices(self) -> dict[str, list[str]]:
         """The values of each filtered column that has several."""
@@ -40,6 +48,20 @@ class Table:
             if name in self.headings
         }
         return {name: texts for name, texts in found.items() if len(texts) > 1}
+
+
+def side_by_side(
+    lines: pd.DataFrame, table: pd.DataFrame, by: str, columns: Iterable[Column]
+) -> tuple[pd.DataFrame, list[Column]]:
+    """The lines, each of one ``label`` and ``lane``, with these columns of a table once for each value of ``by``, which
+    their headings name."""
+    wide = []
+    for value, part in table.groupby(by, sort=False):
+        here = {column.name: replace(column, name=f"{column.name} {value}") for column in columns}
+        wide += [replace(column, heading=column.heading.format(value)) for column in here.values()]
+        shown = part[["label", "lane", *here]].rename(columns={name: column.name for name, column in here.items()})
+        lines = lines.merge(shown, how="left", on=["label", "lane"])
+    return lines, wide
 
 
 def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:

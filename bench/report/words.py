@@ -52,6 +52,11 @@ def gap(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{value:.1e}"
 
 
+def whole(value: float) -> str:
+    """A whole number of samples or events; – where there is none."""
+    return f"{value:.0f}" if math.isfinite(value) else "–"
+
+
 def percent(share: float) -> str:
     """A relative cost gap in a sentence.
 
@@ -70,6 +75,11 @@ def percent(share: float) -> str:
 def share(value: float) -> str:
     """A share in a table."""
     return "–" if math.isnan(value) else f"{100.0 * value:.3g} %"
+
+
+def thousand(value: float) -> str:
+    """A number in thousands, in a table."""
+    return number(value / 1e3)
 
 
 def duration(us: float) -> str:

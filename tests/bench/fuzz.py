@@ -31,7 +31,6 @@ from bench.derived.table import ONESHOT
 from bench.export.building import EXACT, WARNINGS
 from bench.export.fmu import write_fmu
 from bench.export.settings import SOLVERS, ExportError, ExportSettings
-from bench.messages import columns
 from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
 from bench.races.kind import open_run
@@ -123,7 +122,7 @@ VALUES = st.one_of(*(st.lists(cells, min_size=3, max_size=3) for cells in CELL_T
 def rows(pick: Any) -> bytes:
     """Rows of the reference run with other values in one column."""
     table = parquet.read_table(REFERENCE / "rows.parquet").slice(0, 3)
-    name = pick(st.sampled_from(columns.schema(("task", *ONESHOT.columns)).names))
+    name = pick(st.sampled_from(ONESHOT.arrow.names))
     try:
         column = pa.array(pick(VALUES))
     except (pa.ArrowException, UnicodeEncodeError, OverflowError):

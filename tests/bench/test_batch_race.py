@@ -15,7 +15,7 @@ from conftest import hostile_reports, killed_and_resumed
 from programs import that_load
 
 from bench.messages.progress import silent
-from bench.races.batch import summary
+from bench.races.batch import report
 from bench.races.batch.contestant import Contestant
 from bench.races.batch.programs import Programs
 from bench.races.batch.race import BATCH, SKIPPED, BatchRace, BatchSettings, skip_reason, task_of
@@ -82,24 +82,24 @@ def test_wrong_answers_are_missed_and_a_contestant_that_crashed_gets_no_larger_b
     assert (small.status == "missed").all()
     assert (small.share_low == 0.0).all()
     assert set(large.status) == {"crashed"}
-    table = summary.summary(raced.rows(BATCH))
-    assert set(summary.everywhere_right(table).solver) >= {"box_batch", "box_active_set"}
-    assert "liar" not in set(summary.everywhere_right(table).solver)
-    assert "liar" not in " ".join(summary.verdict(table))
+    table = report.summary(raced.rows(BATCH))
+    assert set(report.everywhere_right(table).solver) >= {"box_batch", "box_active_set"}
+    assert "liar" not in set(report.everywhere_right(table).solver)
+    assert "liar" not in " ".join(report.verdict(table))
 
 
 def test_the_report_begins_with_our_solver_beside_the_best_other_and_lists_every_contestant(raced: Run) -> None:
-    report, path = kinds()["batch"].write(raced)
-    for sentence, d in zip(report.verdict, (18, 60), strict=False):
+    found, path = kinds()["batch"].write(raced)
+    for sentence, d in zip(found.verdict, (18, 60), strict=False):
         assert re.match(rf"At d = {d} box_(batch|lanes|active_set)† solves ", sentence)  # whichever is the fastest here
         assert "the best other with equally accurate answers" in sentence
-    several = [sentence.startswith("With a thread on each of ") for sentence in report.verdict[2:]]
+    several = [sentence.startswith("With a thread on each of ") for sentence in found.verdict[2:]]
     assert several == [True] * (len(cores.usable()) > 1)
     text = path.read_text(encoding="utf-8")
     assert "![Programs per second and core by batch size](batch.svg)" in text
     assert "| 60 | liar | direct | 1 | 4 | crashed |" in text
     assert "<svg" in (raced.path / "batch.svg").read_text(encoding="utf-8")
-    lines = report.figures[0].data
+    lines = found.figures[0].data
     assert lines[lines.name == "box_batch†"].groupby("view").size().to_dict() == {"d = 18": 2, "d = 60": 2}
 
 
@@ -211,7 +211,7 @@ def test_times_are_medians_of_the_groups_of_calls_and_of_the_repeats(raced: Run)
         )
         rows.append(row_of(raced, programs, 1, 1, repeat, outcome))
     assert [row["cpu_us_p50"] for row in rows] == [3.0, 5.0, 1.0]
-    line = summary.summary(pd.DataFrame(rows)).iloc[0]
+    line = report.summary(pd.DataFrame(rows)).iloc[0]
     assert (line.core_rate, line.rate) == (1e6 / 3.0, 1e6 / 6.0)
 
 

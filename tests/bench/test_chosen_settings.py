@@ -136,7 +136,7 @@ def test_a_run_without_chosen_settings_is_refused_before_anything_is_written(
     for run, message in (
         ("unfinished", "has no rows.parquet: the run was not finished, so resume it"),
         ("file", "is not a run folder"),
-        ("stream", "settings are taken from a one-shot race, and this is one of the kind 'stream'"),
+        ("stream", "is a stream race, and this needs the rows of a one-shot race"),
         ("missing", "is not a run folder: it has no run.json"),
     ):
         for kind in ("stream", "loop"):

@@ -458,8 +458,13 @@ def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: Comma
         assert str(clean_race.run.path / "report.md") in call.stdout
 
 
-def test_a_race_on_some_of_the_problems_says_how_to_race_all(clean_race: Race) -> None:
-    assert "1 of 15 problems were raced; --limit 0 races all." in clean_race.call.stdout
+def test_a_race_whose_limit_cut_a_set_says_how_to_race_all_and_one_on_named_problems_does_not(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    said = "1 of 15 problems were raced; --limit 0 races all."
+    assert said in clean_race.call.stdout
+    named = clean_race.copied(tmp_path / "named", settings={"limit": 0, "problems": [clean_race.rows.problem.iloc[0]]})
+    assert said not in piezobench("report", named.path).stdout
 
 
 def test_every_problem_set_is_listed_with_its_size_and_purpose(piezobench: CommandLine) -> None:

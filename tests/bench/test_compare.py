@@ -258,7 +258,7 @@ def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Ra
 
 
 def test_runs_of_another_kind_are_refused_in_one_sentence(wide_race: Race, tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="only one-shot races"):
+    with pytest.raises(RunError, match="needs the rows of a one-shot race"):
         compare_runs(wide_race.run, wide_race.copied(tmp_path / "other", race="stream"))
 
 

@@ -42,7 +42,7 @@ TIMES = [
     "reported_us",
     "preemptions",
     "judged",
-    *(name for name in ONESHOT.columns if name.startswith("timed_")),
+    *(name for name in ONESHOT.arrow.names if name.startswith("timed_")),
 ]
 
 

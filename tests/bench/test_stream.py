@@ -326,7 +326,7 @@ def test_a_solver_is_late_if_its_bouts_are_shown_to_be_more_frequent_than_the_ma
     table = summary_of(rows).set_index("solver")
     assert table.status.to_dict() == {"null": "null", "as_the_machine": "ok", "worse": "late"}
     assert table.keeps_up.to_dict() == {"null": True, "as_the_machine": True, "worse": False}
-    sentences = {solver: stream_summary.bouts(line) for solver, line in table.iterrows()}
+    sentences = {solver: report.bouts(line) for solver, line in table.iterrows()}
     assert sentences["worse"] == "60 bouts of late answers, 1.27 to 3.21 times as often as the machine itself"
     assert sentences["as_the_machine"].startswith("40 bouts of late answers, 0.81 to 2.2")
 
@@ -341,7 +341,7 @@ def test_a_solver_is_late_if_its_bouts_are_shown_to_be_more_frequent_than_the_ma
 )
 def test_what_cannot_be_told_of_bouts_is_said(bouts: int, sentence: str) -> None:
     table = summary_of([paced_row("null", 3_000, 0, 0), paced_row("daqp", 3_000, bouts, bouts)]).set_index("solver")
-    assert stream_summary.bouts(table.loc["daqp"]) == sentence
+    assert report.bouts(table.loc["daqp"]) == sentence
     assert table.keeps_up["daqp"] == (bouts < 10)
 
 
@@ -349,7 +349,7 @@ def test_what_cannot_be_told_of_bouts_is_said(bouts: int, sentence: str) -> None
 def test_too_many_missed_deadlines_of_the_machine_itself_are_stated_first(missed: int, unfit: bool) -> None:
     rows = [paced_row("null", 5000, missed, missed), paced_row("daqp", 5000, 0, 0)]
     table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000)
-    sentences = stream_summary.verdict(table, settings)
+    sentences = report.verdict(table, settings)
     assert sentences[0].startswith("This run cannot say who keeps the schedule") == unfit
     assert any("solver lane keeps the schedule" in sentence for sentence in sentences) != unfit
     assert table.keeps_up[table.solver == "daqp"].item() != unfit

@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 
 from bench.derived.accuracy import TOLERANCE
-from bench.messages.columns import COUNT
+from bench.derived.ranking import TIER_NAMES
+from bench.derived.statistics import TYPICAL, first_text, least_good, worst
+from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
 from bench.messages.task import NO_SETTING, Outcome, Request, Row, Task
 from bench.messages.verdict import Status, Tier
 from bench.processes.solver_child import SolverPool
@@ -28,6 +30,7 @@ from bench.races.driver import Part, TaskRace
 from bench.races.field import chosen
 from bench.races.metrics import relative_gap
 from bench.races.settings import OwnProblemSettings, Positive, option
+from bench.report.words import gap, number, share, thousand
 from bench.store import Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
@@ -35,8 +38,7 @@ from solvers import Lane
 from solvers.arrays import Matrix, Vector
 from solvers.registry import Described, Entry
 
-TIERS = (Tier.LOW, Tier.MID, Tier.HIGH)
-SHARES = tuple(f"share_{tier}" for tier in TIERS)
+SHARES = {"share_high": Tier.HIGH, "share_mid": Tier.MID, "share_low": Tier.LOW}
 SKIPPED = "not run"
 FEWEST = 2048
 """Smallest number of programs that one task solves, in many calls if its batches are smaller."""
@@ -44,32 +46,32 @@ FEWEST = 2048
 BATCH = Schema(
     "batch.parquet",
     (
-        "problem_set",
-        "problem",
-        "d",
-        "solver",
-        "lane",
-        "scaling",
-        "settings",
-        "repeat",
-        "status",
-        "message",
-        "batch",
-        "threads",
-        "programs",
-        "judged",
-        *SHARES,
-        "worst_gap",
-        "wall_us_p50",
-        "cpu_us_p50",
-        "bytes",
-        "grown_mb",
+        Column("d", COUNT, heading="d"),
+        Column("label", None, heading="contestant"),
+        Column("lane", TEXT, heading="lane"),
+        Column("threads", COUNT, heading="threads"),
+        Column("batch", COUNT, heading="batch"),
+        *(Column(name, NUMBER, "sum", TIER_NAMES[tier], share) for name, tier in SHARES.items()),
+        Column("worst_gap", NUMBER, worst, "worst gap", gap),
+        Column("rate", None, heading="thousand/s", format=thousand),
+        Column("core_rate", None, heading="per core", format=thousand),
+        Column("cores_busy", None, heading="cores busy", format=number),
+        Column("bytes", COUNT, "first", "bytes"),
+        Column("gb_s", None, heading="GB/s", format=number),
+        Column("grown_mb", NUMBER, "max", "memory, MB", number),
+        Column("status", TEXT, least_good),
+        Column("message", TEXT, first_text),
+        Column("programs", COUNT, "sum"),
+        Column("judged", COUNT, "sum"),
+        Column("wall_us_p50", NUMBER, TYPICAL),
+        Column("cpu_us_p50", NUMBER, TYPICAL),
+        *named("problem_set", "problem", "solver", "scaling", "settings", "repeat"),
     ),
     ("d", "lane", "solver", "threads", "batch", "repeat"),
-    types=dict.fromkeys(("batch", "threads", "programs", "judged", "bytes"), COUNT),
 )
 """One row per contestant, number of threads, batch size and repeat. Times are per program, medians over the groups of
-calls. ``bytes``: size of a program's data and answer; ``grown_mb``: increase of the peak memory during the calls."""
+calls. ``bytes``: size of a program's data and answer; ``grown_mb``: increase of the peak memory during the calls. A
+line of the summary is a contestant with a number of threads at one batch size, over its repeats."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,8 @@ class BatchRace(TaskRace[BatchSettings]):
         """Accuracy of the sampled answers, and times."""
         errors = self.errors(task, outcome.answers)
         shares = {
-            f"share_{tier}": float(np.mean(errors <= TOLERANCE[tier])) if errors.size else math.nan for tier in TIERS
+            name: float(np.mean(errors <= TOLERANCE[tier])) if errors.size else math.nan
+            for name, tier in SHARES.items()
         }
         wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))
         return [

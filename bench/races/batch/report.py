@@ -1,17 +1,33 @@
-"""The report of a batch race."""
+"""The report of a batch race.
 
+Programs per second come from wall time; programs per second and core from CPU time, on which other load of the machine
+has far less influence:
+
+    rate = 1 / wall time of a program,   core rate = 1 / CPU time of a program,   both medians over the groups of calls
+    and over the repeats, GB/s = rate × (8 (d² + 4 d) bytes of P, q, lb, ub and x).
+"""
+
+import numpy as np
 import pandas as pd
 
+from bench.derived.pictures import ranked
+from bench.messages.columns import Column, combined
 from bench.messages.verdict import Status
-from bench.races.batch import summary
-from bench.races.batch.race import BATCH, SHARES, BatchSettings
+from bench.races.batch.race import BATCH, SHARES, BatchRace, BatchSettings
+from bench.races.kind import Kind
 from bench.races.settings import settings_of
 from bench.report.plot import Axis, Plot, best_lines
-from bench.report.report import Figure, Report, Table
-from bench.report.words import OURS_NOTE, gap, number, share
+from bench.report.report import Figure, Report, Table, side_by_side
+from bench.report.words import OURS_NOTE, gap, joined, marked, number, share, thousand
 from bench.store import Run
+from solvers.registry import OURS
 
-WRONG = ("d", "contestant", "lane", "threads", "batch", "status", "message")
+ID_COLUMNS = ["d", "solver", "lane", "threads"]
+WRONG = (
+    *(column for column in BATCH.columns if column.name in ("d", "label", "lane", "threads", "batch")),
+    Column("status", heading="status"),
+    Column("message", heading="message"),
+)
 
 
 def definitions(settings: BatchSettings) -> tuple[str, ...]:
@@ -33,39 +49,100 @@ def definitions(settings: BatchSettings) -> tuple[str, ...]:
     )
 
 
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row per contestant, number of threads and batch size."""
+    judged = rows.assign(**{name: rows[name] * rows.judged for name in SHARES})
+    table = combined(judged, BATCH.columns, [*ID_COLUMNS, "batch"])
+    for name in SHARES:
+        table[name] /= table.judged.where(table.judged > 0)
+    table["label"], table["ours"] = table.solver.map(marked), table.solver.isin(OURS)
+    table["rate"], table["core_rate"] = 1e6 / table.wall_us_p50, 1e6 / table.cpu_us_p50
+    table["gb_s"], table["cores_busy"] = 1e-9 * table.rate * table.bytes, table.cpu_us_p50 / table.wall_us_p50
+    return table
+
+
+def best(table: pd.DataFrame, rate: str = "core_rate") -> pd.DataFrame:
+    """The fastest batch size of each contestant and number of threads; fastest contestants first, those without a time
+    last."""
+    order = table.sort_values(["d", rate], ascending=[True, False], na_position="last")
+    return order.drop_duplicates(ID_COLUMNS).reset_index(drop=True)
+
+
+def everywhere_right(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the contestants whose judged answers are all right to 1e-9, at every batch size that was run."""
+    return table[table.groupby(ID_COLUMNS).share_high.transform("min") == 1.0]  # NaN if none was judged
+
+
+def verdict(table: pd.DataFrame) -> list[str]:
+    """Our rate beside the best other contestant that is equally accurate, and the rate with all cores."""
+    right = everywhere_right(table)
+    sentences = []
+    for d, part in best(right[right.threads == 1]).groupby("d"):
+        ours, others = part[part.ours], part[~part.ours]
+        if len(ours) and len(others):
+            first, other = ours.iloc[0], others.iloc[0]
+            judged = table[(table[ID_COLUMNS] == first[ID_COLUMNS]).all(axis=1)].judged.sum()
+            times = first.core_rate / other.core_rate
+            compared = f"{number(times)} times as many" if times >= 1.0 else f"{number(100.0 * times)} % as many"
+            sentences.append(
+                f"At d = {d} {first.label} solves {_rounded(first.core_rate)} programs a second and core, each of "
+                f"{judged} judged answers right to 1e-9: {compared} as {other.label}, the "
+                f"best other with equally accurate answers, with {_rounded(other.core_rate)}."
+            )
+        elif len(part):
+            sentences.append(
+                f"At d = {d} {part.iloc[0].label} solves {_rounded(part.iloc[0].core_rate)} programs a "
+                "second and core, right to 1e-9."
+            )
+    several = best(right[(right.threads > 1) & right.ours], "rate").drop_duplicates("d")
+    if len(several):
+        rates = joined(f"{_rounded(line.rate)} a second at d = {line.d}" for _, line in several.iterrows())
+        sentences.append(
+            f"With a thread on each of {several.threads.iloc[0]} cores {several.label.iloc[0]} solves {rates}."
+        )
+    return sentences or ["No contestant has answers that are right to 1e-9."]
+
+
+def _rounded(rate: float) -> str:
+    """A rate in a sentence, to three digits."""
+    return f"{float(f'{rate:.3g}'):,.0f}"
+
+
 def report(run: Run) -> Report:
     """The report of a finished run."""
     settings = settings_of(run, BatchSettings)
-    table = summary.summary(run.rows(BATCH))
-    first = table.drop_duplicates([*summary.ID_COLUMNS, "status", "message"])
-    wrong = [
-        [
-            str(line.d),
-            line.label,
-            line.lane,
-            str(line.threads),
-            str(line.batch),
-            line.status,
-            line.message or f"worst {gap(line.worst_gap)}",
-        ]
-        for _, line in first[first.status != Status.OK].iterrows()
-    ]
+    table = summary(run.rows(BATCH))
+    wrong = table[table.status != Status.OK].drop_duplicates([*ID_COLUMNS, "status", "message"])
+    name = table.label + np.where(table.threads > 1, ", " + table.threads.astype(str) + " threads", "")
+    lines = table.assign(name=name, view="d = " + table.d.astype(str))[np.isfinite(table.core_rate)]
     return Report(
-        summary.verdict(table),
-        ranking(table, settings),
+        verdict(table),
+        ranking(table),
         table.drop(columns="label"),
         definitions=definitions(settings),
         tables=[
-            *(_by_batch(part, settings) for _, part in table.groupby("d")),
-            _at_best(table),
-            Table("Missed and skipped batches", WRONG, wrong, 7, ("d", "contestant", "threads", "status")),
+            *(_by_batch(d, part) for d, part in table.groupby("d")),
+            Table.of(
+                "At the fastest batch size of each contestant",
+                best(table),
+                BATCH.columns,
+                3,
+                filters=("d", "lane", "threads"),
+            ),
+            Table.of(
+                "Missed and skipped batches",
+                wrong.assign(message=wrong.message.where(wrong.message != "", "worst " + wrong.worst_gap.map(gap))),
+                WRONG,
+                7,
+                filters=("d", "contestant", "threads", "status"),
+            ),
         ],
         figures=[
             Figure(
                 "batch",
                 "Programs per second and core by batch size",
                 "Programs per second and core against the number of programs in a call; higher is better.",
-                summary.by_batch(table),
+                ranked(lines, -lines.core_rate),
                 [
                     Plot(
                         Axis("batch", "programs in a batch", log=True),
@@ -79,93 +156,41 @@ def report(run: Run) -> Report:
     )
 
 
-def ranking(table: pd.DataFrame, settings: BatchSettings) -> Table:
+def ranking(table: pd.DataFrame) -> Table:
     """Each contestant with one thread at its best batch size; three columns per size of program."""
-    best = summary.best(table[table.threads == 1])
-    rows = []
-    for key, part in best.groupby(["label", "lane"], sort=False):
-        by_size = {line.d: line for _, line in part.iterrows()}
-        rows.append([*map(str, key), *(cell for d in settings.sizes for cell in _cells(by_size.get(d)))])
-    headings = (
-        "contestant",
-        "lane",
-        *(f"{what}, d = {d}" for d in settings.sizes for what in ("thousand/s", "1e-9", "GB/s")),
+    fastest = best(table[table.threads == 1])
+    shown = (
+        Column("core_rate", heading="thousand/s, d = {}", format=thousand),
+        Column("share_high", heading="1e-9, d = {}", format=share),
+        Column("gb_s", heading="GB/s, d = {}", format=number),
     )
-    return Table(
+    lines, wide = side_by_side(fastest[["label", "lane"]].drop_duplicates(), fastest, "d", shown)
+    return Table.of(
         "Programs per second and core",
-        headings,
-        rows,
+        lines,
+        (Column("label", heading="contestant"), Column("lane", heading="lane"), *wide),
         2,
-        ("lane",),
-        "Thousands of programs per second on one core, at the fastest batch size of each contestant; the share of "
+        filters=("lane",),
+        note="Thousands of programs per second on one core, at the fastest batch size of each contestant; the share of "
         f"judged answers right to 1e-9; data and answers moved. {OURS_NOTE}",
     )
 
 
-def _cells(line: pd.Series | None) -> tuple[str, str, str]:
-    """The three cells of a contestant for one size of program."""
-    if line is None:
-        return "–", "–", "–"
-    return number(line.core_rate / 1e3), share(line.share_high), number(line.gb_s)
-
-
-def _by_batch(part: pd.DataFrame, settings: BatchSettings) -> Table:
+def _by_batch(d: object, part: pd.DataFrame) -> Table:
     """Core rates for one size of program by batch size, fastest first."""
-    rows = []
-    for _, line in summary.best(part).iterrows():
-        rates = part[(part[summary.ID_COLUMNS] == line[summary.ID_COLUMNS]).all(axis=1)].set_index("batch").core_rate
-        rows.append(
-            [
-                line.label,
-                line.lane,
-                str(line.threads),
-                *(number(float(rates[batch]) / 1e3) for batch in settings.batches),
-            ]
-        )
-    return Table(
-        f"Thousands of programs per second and core, by batch size, d = {part.d.iloc[0]}",
-        ("contestant", "lane", "threads", *map(str, settings.batches)),
-        rows,
+    rates = part.pivot(index=ID_COLUMNS, columns="batch", values="core_rate")
+    return Table.of(
+        f"Thousands of programs per second and core, by batch size, d = {d}",
+        best(part)[[*ID_COLUMNS, "label"]].join(rates, on=ID_COLUMNS),
+        (
+            Column("label", heading="contestant"),
+            Column("lane", heading="lane"),
+            Column("threads", heading="threads"),
+            *(Column(batch, heading=str(batch), format=thousand) for batch in rates.columns),
+        ),
         2,
-        ("lane", "threads"),
+        filters=("lane", "threads"),
     )
 
 
-def _at_best(table: pd.DataFrame) -> Table:
-    """All numbers of each contestant at its fastest batch size."""
-    rows = [
-        [
-            str(line.d),
-            line.label,
-            line.lane,
-            str(line.threads),
-            str(line.batch),
-            *(share(line[name]) for name in SHARES[::-1]),
-            gap(line.worst_gap),
-            number(line.rate / 1e3),
-            number(line.core_rate / 1e3),
-            number(line.cores_busy),
-            str(line.bytes),
-            number(line.gb_s),
-            number(line.grown_mb),
-        ]
-        for _, line in summary.best(table).iterrows()
-    ]
-    headings = (
-        "d",
-        "contestant",
-        "lane",
-        "threads",
-        "batch",
-        "1e-9",
-        "1e-6",
-        "1e-3",
-        "worst gap",
-        "thousand/s",
-        "per core",
-        "cores busy",
-        "bytes",
-        "GB/s",
-        "memory, MB",
-    )
-    return Table("At the fastest batch size of each contestant", headings, rows, 3, ("d", "lane", "threads"))
+KIND = Kind("batch", "Batch race", "many programs at once", BatchSettings, BatchRace, report)

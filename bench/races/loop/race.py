@@ -22,7 +22,8 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from bench.messages.columns import COUNT, TEXT
+from bench.derived.statistics import least_good, root_mean_square, worst
+from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
 from bench.messages.task import PAPER, Request, Task
 from bench.messages.verdict import Status, Tier
 from bench.processes.worker import ChildSettings
@@ -30,6 +31,7 @@ from bench.races.chosen_settings import EACH, Choices, choices, default_setting,
 from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Decision, Driven, LoopRequest
 from bench.races.settings import Positive, TierSettings, fixed
+from bench.report.words import gap, whole
 from bench.stage.setup import AXES, RANGE_UM, StageSetup
 from bench.stage.trial import straight
 from bench.store import Schema
@@ -45,39 +47,32 @@ STILL, DRIFTING = "still", "drifting"
 LOOP = Schema(
     "loop.parquet",
     (
-        "problem_set",
-        "problem",
-        "d",
-        "solver",
-        "lane",
-        "tier",
-        "setting",
-        "basis",
-        "scaling",
-        "settings",
-        "repeat",
-        "status",
-        "message",
-        "axis",
-        "window",
-        "rms_percent",
-        "max_percent",
-        "rms_um",
-        "max_um",
-        "straight_rms_percent",
-        "hand_overs",
-        "refused",
-        "learn_samples",
-        "cost_gap",
-        "error_old",
-        "error_new",
-        "faults",
+        Column("problem", TEXT, heading="stage"),
+        Column("label", None, heading="solver"),
+        Column("lane", TEXT, heading="lane"),
+        Column("cost_gap", NUMBER, worst, "cost gap", gap),
+        Column("rms_percent", NUMBER, root_mean_square, "RMS, %", "{:.4f}".format),
+        Column("rms_um", NUMBER, root_mean_square, "RMS, nm", lambda um: f"{1e3 * um:.1f}"),
+        Column("max_percent", NUMBER, worst, "largest, %", "{:.3f}".format),
+        Column("max_um", NUMBER, worst, "largest, nm", lambda um: f"{1e3 * um:.0f}"),
+        Column("learn_samples", NUMBER, worst, "time to learn, samples", whole),
+        Column("hand_overs", NUMBER, "min", "hand-overs", whole),
+        Column("refused", NUMBER, "max", "refused", whole),
+        Column("status", TEXT, least_good, "status"),
+        Column("setting", TEXT, "first"),
+        Column("basis", TEXT, "first"),
+        Column("straight_rms_percent", NUMBER, root_mean_square),
+        *named("problem_set", "d", "solver", "tier", "scaling", "settings", "repeat", "message"),
+        Column("axis", TEXT),
+        Column("window", COUNT),
+        *named("error_old", "error_new", "faults"),
     ),
     ("problem", "solver", "lane", "tier", "settings", "repeat", "axis", "window"),
-    types={"axis": TEXT, "window": COUNT},
 )
-"""One row per axis and window. ``hand_overs`` and ``refused`` are counted up to the window's end; the columns after
-them belong to the last hand-over, NaN before the first one. Errors are in percent of the reference's range."""
+"""One row per axis and window. ``hand_overs`` and ``refused`` are counted up to the window's end; gap, time and
+errors of learning are those of the last hand-over, NaN before the first one. Errors are in percent of the reference's
+range. A line of the summary is a solver with its settings on one stage in the last window: the errors of both axes
+together, and the cost gap and time to learn of the worse axis."""
 
 
 @dataclass(frozen=True)

@@ -1,21 +1,30 @@
-"""The report of a closed-loop race."""
+"""The report of a closed-loop race: whether the accuracy of the solver changes the tracking error."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
-from bench.derived.accuracy import worst
 from bench.derived.pictures import ranked
-from bench.races.chosen_settings import definition
-from bench.races.loop import summary
-from bench.races.loop.race import LOOP, LoopSettings
+from bench.derived.statistics import root_mean_square, worst
+from bench.messages.columns import Column, combined
+from bench.messages.task import PAPERS_SETTING
+from bench.races.chosen_settings import definition, tier_label
+from bench.races.kind import Kind
+from bench.races.loop.race import LOOP, LoopRace, LoopSettings
 from bench.races.settings import settings_of
 from bench.report.plot import GREY, LEAST_GAP, Axis, Mark, Plot
-from bench.report.report import Figure, Report, Table, what_went_wrong
-from bench.report.words import OURS_NOTE, gap, number
+from bench.report.report import Figure, Report, Table, side_by_side, what_went_wrong
+from bench.report.words import OURS_NOTE, format_distinct, gap, joined, marked, number, settings_label, whole
+from bench.stage.setup import RANGE_UM
 from bench.store import Run
 
+NOTICED = 1.1
+"""Smallest ratio to the least error that counts as a difference."""
+EXACT = 1e-6
+"""Largest cost gap of an exact solution."""
+GROUP = ["problem", "solver", "lane", "tier", "settings"]
 _POINTS = (
     Mark("point", colour=GREY, size=30.0, opacity=0.5),
     Mark("point", "name", where={"front": [True]}, size=80.0),
@@ -33,50 +42,101 @@ DEFINITIONS = (
 )
 
 
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row per stage, solver and settings, by tracking error; failures are left out."""
+    table = combined(rows[(rows.window >= 0) & (rows.window == rows.window.max())], LOOP.columns, GROUP)
+    table["label"] = [
+        f"{marked(line.solver)}, {settings_label(line.settings) or tier_label(line.tier, line.basis)}"
+        for _, line in table.iterrows()
+    ]
+    return table.sort_values(["problem", "rms_percent"], ascending=[False, True], ignore_index=True)
+
+
+def verdict(table: pd.DataFrame) -> list[str]:
+    """The least tracking error, the accuracy that it needs, and the error of the paper's method."""
+    stages = [(problem, part.reset_index(drop=True)) for problem, part in _learned(table)]
+    if not stages:
+        return ["No solver learned weights that the loop used."]
+    near, far = [], []
+    for problem, part in stages:
+        inside = part.rms_percent <= NOTICED * part.rms_percent.min()
+        near.append(
+            f"on the {problem} stage {inside.sum()} of {len(part)} learners are within "
+            f"{100 * (NOTICED - 1):.0f} % of the least error, "
+            f"{_nm(part.rms_um[0])} nm RMS, with cost gaps up to {gap(part[inside].cost_gap.max())} (a "
+            f"straight line in place of a model leaves {_nm(part.straight_rms_percent[0] / 100.0 * RANGE_UM)} nm)"
+        )
+        if not inside.all():
+            far.append(f"{gap(part[~inside].cost_gap.min())} on the {problem} stage")
+    sentence = "; ".join(near)
+    return [
+        f"{sentence[0].upper()}{sentence[1:]}.",
+        *(f"The paper's method with its 15 200 steps reaches {reached}." for reached in _paper(table)),
+        *([f"Learners farther away have cost gaps of at least {joined(far)}."] if far else []),
+    ]
+
+
+def _learned(table: pd.DataFrame) -> Iterator[tuple[object, pd.DataFrame]]:
+    """Each stage with its learners whose weights were used."""
+    return iter(table[table.cost_gap.notna()].groupby("problem", sort=False))
+
+
+def _paper(table: pd.DataFrame) -> list[str]:
+    """What the paper's method reaches on each stage, if it learned weights."""
+    reached = [
+        f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
+        f"times the least, at a cost gap of {gap(line.cost_gap)}"
+        for problem, part in _learned(table)
+        for _, line in part[part.settings == PAPERS_SETTING].iterrows()
+    ]
+    return ["; ".join(reached)] if reached else []
+
+
+def finding(run: Run) -> list[str]:
+    """Whether the stage notices the cost gap of the paper's method."""
+    return [
+        f"In the loop with a simulated stage (run {run.path.name}) the paper's 15 200 steps reach a tracking error of "
+        f"{reached}."
+        for reached in _paper(summary(run.rows(LOOP)))
+    ]
+
+
+def notes(table: pd.DataFrame) -> Iterator[str]:
+    """Errors and times to learn of the exact learners that were refused no more often than the best one."""
+    for problem, learned in _learned(table):
+        exact = learned[(learned.cost_gap <= EXACT) & (learned.refused <= learned.refused.head(1).max())]
+        if len(exact) > 1:
+            least, most = format_distinct(1e3 * exact.rms_um.min(), 1e3 * exact.rms_um.max())
+            yield (
+                f"On the {problem} stage the {len(exact)} learners with a cost gap of at most {EXACT:g} leave "
+                + (f"{least} nm" if least == most else f"{least} to {most} nm")
+                + f" and take {exact.learn_samples.min():.0f} to {exact.learn_samples.max():.0f} samples to learn."
+            )
+
+
+def _nm(um: float) -> str:
+    return number(1e3 * um)
+
+
 def report(run: Run) -> Report:
     """The report of a finished run."""
     rows = run.rows(LOOP)
-    table = summary.summary(rows)
-    points = summary.closed_loop(table)
-    headings = (
-        "stage",
-        "solver",
-        "lane",
-        "cost gap",
-        "RMS, %",
-        "RMS, nm",
-        "largest, %",
-        "largest, nm",
-        "time to learn, samples",
-        "hand-overs",
-        "refused",
-        "status",
-    )
-    every = [
-        [
-            line.problem,
-            line.label,
-            line.lane,
-            gap(line.cost_gap),
-            f"{line.rms_percent:.4f}",
-            f"{1e3 * line.rms_um:.1f}",
-            f"{line.max_percent:.3f}",
-            f"{1e3 * line.max_um:.0f}",
-            _samples(line.learn_samples),
-            str(line.hand_overs),
-            str(line.refused),
-            line.status,
-        ]
-        for _, line in table.iterrows()
-    ]
+    table = summary(rows)
+    points = table[table.cost_gap.notna()].assign(front=table.settings == PAPERS_SETTING)
     return Report(
-        summary.verdict(table),
+        verdict(table),
         ranking(table),
         table,
-        notes=list(summary.notes(table)),
+        notes=list(notes(table)),
         definitions=(*DEFINITIONS, definition(settings_of(run, LoopSettings).settings_run)),
         tables=[
-            Table("Every learner on each stage, last window", headings, every, 3, ("stage", "lane", "status")),
+            Table.of(
+                "Every learner on each stage, last window",
+                table,
+                LOOP.columns,
+                3,
+                filters=("stage", "lane", "status"),
+            ),
             _by_window(rows, table),
             what_went_wrong(rows.rename(columns={"problem": "stage"}), (*ID_COLUMNS, "status", "message"), ID_COLUMNS),
         ],
@@ -91,7 +151,7 @@ def report(run: Run) -> Report:
                 Axis("drawn", "cost gap of the weights in use", log=True, powers_of_ten=True),
             ),
             _against(
-                points[points.learn_samples > 0.0].reset_index(drop=True),
+                points[points.learn_samples > 0.0],
                 "loop_time",
                 "Does it depend on the time to learn?",
                 "The same errors against the time to learn.",
@@ -106,7 +166,7 @@ def _against(points: pd.DataFrame, name: str, title: str, definition: str, x: Ax
     names."""
     view = "the " + points.problem + " stage"
     table = ranked(
-        points.assign(view=view, drawn=np.maximum(points.cost_gap, LEAST_GAP)),
+        points.assign(name=points.label, view=view, drawn=np.maximum(points.cost_gap, LEAST_GAP)),
         points.rms_percent.where(~points.front, 0.0),
     )
     y = Axis("rms_percent", "RMS error, % of range", log=True)
@@ -122,43 +182,56 @@ def _against(points: pd.DataFrame, name: str, title: str, definition: str, x: Ax
         )
         for stage, part in table.groupby("problem", sort=False)
     ]
-    return Figure(name, title, definition, table.drop(columns="view"), plots)
+    return Figure(name, title, definition, table.drop(columns=["view", "label"]), plots)
 
 
 def ranking(table: pd.DataFrame) -> Table:
-    """Errors of each learner on each stage, the paper's method first."""
-    stages, rows = list(dict.fromkeys(table.problem)), []
-    for label, lane in summary.learners(table):
-        part = table[(table.label == label) & (table.lane == lane)].set_index("problem")
-        cells = [(number(1e3 * line.rms_um), gap(line.cost_gap)) for _, line in part.reindex(stages).iterrows()]
-        rows.append([label, lane, *(text for cell in cells for text in cell), _samples(worst(part.learn_samples))])
-    headings = ("solver", "lane", *(f"{what} {stage}" for stage in stages for what in ("nm", "gap")), "samples")
-    return Table(
+    """Errors of each learner on each stage: the paper's method, then the others by their largest ratio to a stage's
+    least error."""
+    ratio = table.rms_percent / table.groupby("problem").rms_percent.transform("min")
+    learners = table.assign(ratio=ratio, paper=table.settings == PAPERS_SETTING).groupby(["label", "lane"])
+    order = learners.agg(paper=("paper", "any"), ratio=("ratio", "max"), samples=("learn_samples", worst))
+    order = order.sort_values(["paper", "ratio"], ascending=[False, True], kind="stable").reset_index()
+    shown = (Column("rms_um", heading="nm {}", format=_nm), Column("cost_gap", heading="gap {}", format=gap))
+    lines, wide = side_by_side(order, table, "problem", shown)
+    return Table.of(
         "Tracking error by solver",
-        headings,
-        rows,
+        lines,
+        (
+            Column("label", heading="solver"),
+            Column("lane", heading="lane"),
+            *wide,
+            Column("samples", heading="samples", format=whole),
+        ),
         2,
-        ("lane",),
-        f"RMS error over the last window in nm; up to {summary.NOTICED:g} times the least on that stage is no "
+        filters=("lane",),
+        note=f"RMS error over the last window in nm; up to {NOTICED:g} times the least on that stage is no "
         f"difference. Gap: (V − V*)/(V* + c) of the weights in use. Samples: time to learn. {OURS_NOTE}",
     )
 
 
 def _by_window(rows: pd.DataFrame, table: pd.DataFrame) -> Table:
     """RMS errors of both axes together in each window, in the order of the summary."""
-    windows = rows[rows.window >= 0].groupby([*summary.GROUP, "window"])
-    errors = windows.rms_percent.agg(summary.root_mean_square).unstack()
-    lines = [
-        [line.problem, line.label, *(f"{value:.4f}" for value in errors.loc[tuple(line[summary.GROUP])])]
-        for _, line in table.iterrows()
-    ]
-    return Table(
+    windows = rows[rows.window >= 0].groupby([*GROUP, "window"])
+    errors = windows.rms_percent.agg(root_mean_square).unstack()
+    return Table.of(
         "RMS error in each window, % of range",
-        ("stage", "solver", *(str(1 + int(w)) for w in errors.columns)),
-        lines,
+        table[[*GROUP, "label"]].join(errors, on=GROUP),
+        (
+            Column("problem", heading="stage"),
+            Column("label", heading="solver"),
+            *(Column(window, heading=str(1 + int(window)), format="{:.4f}".format) for window in errors.columns),
+        ),
         2,
     )
 
 
-def _samples(value: float) -> str:
-    return f"{value:.0f}" if np.isfinite(value) else "–"
+KIND = Kind(
+    "loop",
+    "Closed-loop race",
+    "learning in the loop with a stage",
+    LoopSettings,
+    LoopRace,
+    report,
+    finding=finding,
+)

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.accuracy import TOLERANCE
-from bench.messages.columns import FLAG, TEXT
+from bench.derived.statistics import TYPICAL, first_text, least_good, worst
+from bench.messages.columns import COUNT, FLAG, NUMBER, TEXT, Column, named
 from bench.messages.task import NO_SETTING, PAPER, Outcome, Request, Row, Setting, Task, settings_ladder
 from bench.messages.verdict import Status, Tier
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
@@ -32,6 +33,7 @@ from bench.races.driver import Part, TaskRace
 from bench.races.settings import Positive, TierSettings, fixed, option
 from bench.races.stream.stream_problem import StreamProblem, make
 from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
+from bench.report.words import gap, marked, number, settings_label, share, whole
 from bench.store import Schema
 from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_NS, Timeline, runs
@@ -46,45 +48,40 @@ FLOOR_EVERY = 10
 STREAM = Schema(
     "stream.parquet",
     (
-        "problem_set",
-        "problem",
-        "d",
-        "solver",
-        "lane",
-        "tier",
-        "setting",
-        "basis",
-        "scaling",
-        "settings",
-        "repeat",
-        "status",
-        "message",
-        "paced",
-        "samples",
-        "solves",
-        "stopped",
-        "missed",
-        "stalls",
-        "unanswered",
-        "reused",
-        "gap_mean",
-        "gap_max",
-        "exact_gap_mean",
-        "exact_gap_max",
-        "exact_instants",
-        "exact_difference",
-        "own_gap_max",
-        "data_us_p50",
-        "update_us_p50",
-        "solve_us_p50",
-        "mutates_input",
+        Column("solver", TEXT, heading="solver", format=marked),
+        Column("lane", TEXT, heading="lane"),
+        Column("tier", TEXT),
+        Column("settings", TEXT, heading="settings", format=settings_label),
+        Column("setting", TEXT),
+        Column("basis", TEXT, "first"),
+        Column("paced", FLAG, "first"),
+        Column("status", TEXT, least_good, "status"),
+        Column("processes", None, "size", of="task"),
+        Column("samples", COUNT, "sum", "rows", whole),
+        Column("solves", NUMBER, "sum", "solves", whole),
+        Column("stopped", TEXT, first_text, "stopped"),
+        Column("message", TEXT, first_text),
+        Column("missed", NUMBER, "sum"),
+        Column("stalls", NUMBER, "sum", "bouts", whole),
+        Column("unanswered", NUMBER, "sum", "unanswered", whole),
+        Column("gap_mean", NUMBER, "mean", "mean", gap),
+        Column("gap_max", NUMBER, worst, "max", gap),
+        Column("exact_gap_mean", NUMBER, "mean", "exact mean", gap),
+        Column("exact_gap_max", NUMBER, worst, "exact max", gap),
+        Column("exact_difference", NUMBER, worst),
+        Column("own_gap_max", NUMBER, worst, "own answers", gap),
+        Column("reused", NUMBER, "mean", "reused", share),
+        Column("data_us_p50", NUMBER, TYPICAL),
+        Column("update_us_p50", NUMBER, TYPICAL, "update p50", number),
+        Column("solve_us_p50", NUMBER, TYPICAL, "solve p50", number),
+        *named("problem_set", "problem", "d", "scaling", "repeat", "exact_instants", "mutates_input"),
     ),
     ("problem", "lane", "solver", "tier", "settings", "repeat"),
-    types={"stopped": TEXT, "paced": FLAG},
 )
 """One row per process. ``missed``: deadlines, in ``stalls`` runs; ``unanswered``: solves without an answer; ``reused``:
 share of samples at whose deadline an older answer was in use; gaps of the answers in use, in doubles at all samples and
-exact at the proven instants; ``own_gap_max``: largest gap of an answer at its own sample."""
+exact at the proven instants; ``own_gap_max``: largest gap of an answer at its own sample. A line of the summary is a
+solver in one lane, at one tier, with its settings, over its processes."""
 
 
 @dataclass(frozen=True)

@@ -2,24 +2,45 @@
 
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 
 import pandas as pd
 
+from bench.messages.columns import Column
 from bench.messages.task import PAPER
+from bench.messages.verdict import Status
 from bench.races.chosen_settings import definition, tier_label
+from bench.races.kind import Kind
 from bench.races.settings import settings_of
-from bench.races.stream import plot_data, summary
-from bench.races.stream.race import STREAM, StreamSettings
+from bench.races.stream import summary as summaries
+from bench.races.stream.race import STREAM, StreamRace, StreamSettings
+from bench.races.stream.summary import CORRECTED, FAILURES, FARTHEST, FLOOR_NAME, column
 from bench.report.plot import Axis, Plot, best_lines
 from bench.report.report import Figure, Report, Table, what_went_wrong
-from bench.report.words import OURS_NOTE, gap, marked, number, settings_label, share
+from bench.report.words import OURS_NOTE, gap, marked, number, percent, settings_label, share, solver_lanes
 from bench.store import Run
 from bench.timing.percentiles import QUANTILES, Percentile, needed
-from bench.timing.schedule import PERIOD_US
+from bench.timing.schedule import PERIOD_NS, PERIOD_US
+from solvers import Lane
 
+EXACT = "box_active_set"
+TOLD = 4.0
+"""Largest ratio of rates that may be left open where a sentence says that two rates do not differ."""
+ONE_STEP = json.dumps({"steps": 1})
 NAMES = ("solver", "lane", "tier", "settings")
-QUANTILE_NAMES = tuple(Percentile(q).name for q in QUANTILES)
+PERCENTILES = {
+    kind: (
+        *(Column(f"{kind} {Percentile(q).name}", heading=Percentile(q).name) for q in QUANTILES),
+        Column(f"{kind}_max_us", heading="max", format=number),
+    )
+    for kind in ("response", "service")
+}
+TEXTS = (
+    Column("tier_label", heading="tier"),
+    Column("late", heading="missed"),
+    Column("beside_machine", heading="times the machine's"),
+    Column("corrected", heading=f"{Percentile(FARTHEST).name} corrected"),
+)
 
 
 def definitions(settings: StreamSettings) -> tuple[str, ...]:
@@ -54,16 +75,16 @@ def definitions(settings: StreamSettings) -> tuple[str, ...]:
 def report(run: Run) -> Report:
     """The report of a finished run."""
     rows, times = run.rows(STREAM), run.times()
-    table = summary.summary(rows, times)
-    lines = plot_data.lines(table, rows, times)
+    table = summaries.summary(rows, times)
+    lines = summaries.lines(table, rows, times)
     shown = [
         Figure(
             "latency_tails",
             "Latency tails",
             "Response time by percentile, as far as the number of samples supports it; lower is better, and above the "
-            f"dashed line the deadline is missed. In colour: {plot_data.FLOOR_NAME}, a solver that answers at once, "
+            f"dashed line the deadline is missed. In colour: {FLOOR_NAME}, a solver that answers at once, "
             "and the lanes with the lowest p99. Compiled loops have no schedule and are drawn by their service time.",
-            plot_data.latency_tails(lines),
+            summaries.latency_tails(lines),
             [
                 Plot(
                     Axis(
@@ -83,7 +104,7 @@ def report(run: Run) -> Report:
             "deadline_profile",
             "Deadline profile",
             "Share of samples answered within k sampling periods of their due time. The deadline is one period.",
-            plot_data.deadline_profile(lines),
+            summaries.deadline_profile(lines),
             [
                 Plot(
                     Axis("periods", f"k: periods of {PERIOD_US:g} µs after the due time", log=True),
@@ -98,106 +119,117 @@ def report(run: Run) -> Report:
 
 def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Figure] = ()) -> Report:
     """The report of a summary, the settings of the race and its figures."""
-    paced, kernel = ([line for _, line in part.iterrows()] for part in (table[table.paced], table[~table.paced]))
+    texts = _with_texts(table)
+    paced, loops = texts[texts.paced], texts[~texts.paced]
+    response, service = PERCENTILES["response"], PERCENTILES["service"]
     tables = [
-        _table(
+        Table.of(
             "Response time on the schedule, µs: due time to answer",
-            (*QUANTILE_NAMES, "max", "missed", "bouts", "times the machine's", "status"),
             paced,
-            lambda line: [
-                *_percentiles(line, "response"),
-                f"{line.missed}/{line.samples}",
-                str(line.stalls),
-                "–" if line.is_floor else f"{number(line.bouts_ratio_low)} to {number(line.bouts_ratio_high)}",
-                line.status,
-            ],
+            (*_columns(*NAMES), *response, *_columns("late", "stalls", "beside_machine", "status")),
+            len(NAMES),
         ),
-        _table(
+        Table.of(
             "Service time on the schedule, µs: begin to answer",
-            (*QUANTILE_NAMES, "max", "update p50", "solve p50", "solves", "stopped"),
             paced,
-            lambda line: [
-                *_percentiles(line, "service"),
-                number(line.update_us_p50),
-                number(line.solve_us_p50),
-                str(line.solves),
-                line.stopped,
-            ],
+            (*_columns(*NAMES), *service, *_columns("update_us_p50", "solve_us_p50", "solves", "stopped")),
+            len(NAMES),
         ),
-        _table(
+        Table.of(
             "Relative cost gap of the answer in use",
-            ("mean", "max", "exact mean", "exact max", "own answers", "reused", "unanswered"),
-            paced + kernel,
-            lambda line: [
-                gap(line.gap_mean),
-                gap(line.gap_max),
-                gap(line.exact_gap_mean),
-                gap(line.exact_gap_max),
-                gap(line.own_gap_max),
-                share(line.reused),
-                str(line.unanswered),
-            ],
+            pd.concat([paced, loops]),
+            (
+                *_columns(*NAMES, "gap_mean", "gap_max", "exact_gap_mean", "exact_gap_max"),
+                *_columns("own_gap_max", "reused", "unanswered"),
+            ),
+            len(NAMES),
         ),
-        _table(
+        Table.of(
             "Service time in compiled loops, µs, back to back and not paced",
-            (*QUANTILE_NAMES, "max", f"{QUANTILE_NAMES[-1]} corrected", "rows", "stopped", "status"),
-            kernel,
-            lambda line: [
-                *_percentiles(line, "service"),
-                _or_needs(line[summary.CORRECTED], summary.FARTHEST),
-                str(line.samples),
-                line.stopped,
-                line.status,
-            ],
+            loops,
+            (*_columns(*NAMES), *service, *_columns("corrected", "samples", "stopped", "status")),
+            len(NAMES),
         ),
     ]
     return Report(
-        summary.verdict(table, settings),
+        verdict(table, settings),
         ranking(table),
         table,
         figures=shown,
-        notes=summary.notes(table, settings),
+        notes=notes(table, settings),
         tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
         definitions=definitions(settings),
         limits=["The operating system is not a real-time one."],
     )
 
 
+def _columns(*names: str) -> list[Column]:
+    """Columns of the tables by name; the tier with the basis of its setting."""
+    known = {each.name: each for each in (*STREAM.columns, *TEXTS)}
+    return [known["tier_label" if name == "tier" else name] for name in names]
+
+
+def _with_texts(table: pd.DataFrame) -> pd.DataFrame:
+    """The summary with TEXTS, and with percentiles as texts: value and interval, marked if it is not above the
+    machine's floor, or the number of samples that it needs."""
+    lines = table.to_dict("records")
+    texts: dict[str, list[str]] = {
+        "tier_label": [tier_label(line["tier"], line["basis"]) for line in lines],
+        "late": [f"{line['missed']:.0f}/{line['samples']}" for line in lines],
+        "corrected": [_or_needs(line[CORRECTED], FARTHEST) for line in lines],
+        "beside_machine": [
+            "–" if line["is_floor"] else f"{number(line['bouts_ratio_low'])} to {number(line['bouts_ratio_high'])}"
+            for line in lines
+        ],
+    }
+    for kind in PERCENTILES:
+        for q in QUANTILES:
+            name = Percentile(q).name
+            texts[f"{kind} {name}"] = [
+                _or_needs(line[column(kind, q)], q)
+                + (f" ({number(line[column(kind, q, 'low')])} to {number(line[column(kind, q, 'high')])})")
+                * (line[column(kind, q)] >= 0)
+                + " ≈ floor" * (kind == "response" and not line["is_floor"] and line[f"at_floor_{name}"])
+                for line in lines
+            ]
+    return table.assign(**texts)
+
+
+def _or_needs(value: float, q: float) -> str:
+    """A percentile, or the number of samples that it needs."""
+    return f"needs {needed(q)}" if math.isnan(value) else number(value)
+
+
 def ranking(table: pd.DataFrame) -> Table:
     """Table of the solvers that keep the schedule; the paper's method first, then the floor."""
-    paper = (table.solver == PAPER) & (table.settings == json.dumps({"steps": 1}))
-    tail = max((q for q in QUANTILES if table[summary.column("response", q)].notna().any()), default=QUANTILES[0])
-    rows = [
-        [
-            marked(line.solver),
-            line.lane,
-            settings_label(str(line.settings)) or tier_label(line.tier, line.basis),
-            _schedule(line),
-            *(number(line[summary.column("response" if line.paced else "service", q)]) for q in (QUANTILES[0], tail)),
-            share(line.missed / line.samples if line.samples else math.nan),
-            gap(line.gap_mean),
-            gap(line.gap_max),
-        ]
-        for _, line in pd.concat([table[paper], table[~paper]]).iterrows()
-    ]
-    headings = (
-        "solver",
-        "lane",
-        "setting",
-        "schedule",
-        "p50, µs",
-        f"{Percentile(tail).name}, µs",
-        "missed",
-        "mean gap",
-        "worst gap",
+    paper = (table.solver == PAPER) & (table.settings == ONE_STEP)
+    tail = max((q for q in QUANTILES if table[column("response", q)].notna().any()), default=QUANTILES[0])
+    lines = pd.concat([table[paper], table[~paper]])
+    us = [lines[column("response", q)].where(lines.paced, lines[column("service", q)]) for q in (QUANTILES[0], tail)]
+    lines = lines.assign(
+        schedule=[_schedule(line) for _, line in lines.iterrows()],
+        setting=[settings_label(line.settings) or tier_label(line.tier, line.basis) for _, line in lines.iterrows()],
+        median_us=us[0],
+        tail_us=us[1],
+        missed=lines.missed / lines.samples.where(lines.samples > 0),
     )
-    return Table(
+    return Table.of(
         "Who keeps the schedule",
-        headings,
-        rows,
+        lines,
+        (
+            Column("solver", heading="solver", format=marked),
+            Column("lane", heading="lane"),
+            Column("setting", heading="setting"),
+            Column("schedule", heading="schedule"),
+            Column("median_us", heading="p50, µs", format=number),
+            Column("tail_us", heading=f"{Percentile(tail).name}, µs", format=number),
+            Column("missed", heading="missed", format=share),
+            Column("gap_mean", heading="mean gap", format=gap),
+            Column("gap_max", heading="worst gap", format=gap),
+        ),
         3,
-        ("lane", "schedule"),
-        "Response time by percentile; for compiled loops the time of a row. Missed: answers later than "
+        filters=("lane", "schedule"),
+        note="Response time by percentile; for compiled loops the time of a row. Missed: answers later than "
         f"{PERIOD_US:g} µs. Gap: the cost of the answer in use above the optimum of its sample, over that optimum. "
         f"{OURS_NOTE}",
     )
@@ -209,42 +241,105 @@ def _schedule(line: pd.Series) -> str:
         return "floor" if line.paced else "loop"
     if line.keeps_up:
         return "kept"
-    return str(line.status) if line.machine_keeps or line.status in summary.FAILURES else "unknown"
+    return str(line.status) if line.machine_keeps or line.status in FAILURES else "unknown"
 
 
-def _table(
-    title: str,
-    headings: Sequence[str],
-    lines: Iterable[pd.Series],
-    cells: Callable[[pd.Series], Sequence[str]],
-) -> Table:
-    """A table of solver lanes."""
-    rows = [
-        [
-            marked(line.solver),
-            line.lane,
-            tier_label(line.tier, line.basis),
-            settings_label(str(line.settings)),
-            *cells(line),
-        ]
-        for line in lines
+def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
+    """Sentences on the solvers that keep the schedule, if the machine permits any, and on the cost of stale answers."""
+    floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
+    sentences = []
+    if not table.machine_keeps.all():
+        sentences.append(
+            "This run cannot say who keeps the schedule: the machine itself misses "
+            f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines; it was "
+            "busy or is too slow."
+        )
+    elif len(paced):
+        kept = paced[paced.keeps_up & (paced.status == Status.OK)]
+        sentences.append(
+            f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they reach their "
+            "tier, and their bouts of late answers are not shown to be more frequent than the machine's own"
+            + (
+                f"; the fastest is {marked(kept.solver.iloc[0])} ({kept.lane.iloc[0]}), with a response time of "
+                f"{_tail(kept.iloc[0], 'response')} and {bouts(kept.iloc[0])}."
+                if len(kept)
+                else "."
+            )
+        )
+    return sentences + _staleness(table, settings)
+
+
+def bouts(line: pd.Series) -> str:
+    """Bouts of late answers, and how often they come beside those of the machine.
+
+    Examples
+    --------
+    >>> bouts(pd.Series({"stalls": 3, "bouts_ratio_low": 0.4, "bouts_ratio_high": 2.5}))
+    '3 bouts of late answers, 0.4 to 2.5 times as often as the machine itself'
+    >>> bouts(pd.Series({"stalls": 1, "bouts_ratio_low": 0.03, "bouts_ratio_high": math.inf}))
+    '1 bout of late answers, whether more often than the machine itself cannot be told'
+    """
+    low, high = line.bouts_ratio_low, line.bouts_ratio_high
+    count = f"{line.stalls:.0f} bout{'' if line.stalls == 1 else 's'} of late answers"
+    if not line.stalls:
+        return "no bouts of late answers"
+    if low <= 1.0 and high > TOLD:
+        return f"{count}, whether more often than the machine itself cannot be told"
+    return f"{count}, {number(low)} to {number(high)} times as often as the machine itself"
+
+
+def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
+    """The machine's own response times, the solvers that were stopped, and the times of our compiled loop."""
+    stopped = table[table.paced & ~table.is_floor & (table.stopped != "")]
+    floor, loops = table[table.is_floor], table[~table.paced & (table.solver == EXACT) & (table.samples > 0)]
+    late = (
+        f"{len(stopped)} lanes were late at each of the first {settings.give_up} samples and were "
+        f"stopped there; their median service times are {number(stopped['service_p50_us'].min())} to "
+        f"{number(stopped['service_p50_us'].max())} µs."
+    )
+    return [
+        *(
+            f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed:.0f} of "
+            f"{line.samples} deadlines, in {line.stalls:.0f} stalls, and responds with {_tail(line, 'response')}, at "
+            f"most {number(line.response_max_us)} µs."
+            for _, line in floor.iterrows()
+        ),
+        *([late] if len(stopped) else []),
+        *(
+            f"Compiled and back to back, not on the schedule, {marked(line.solver)} processes {line.samples:,} rows "
+            f"with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
+            for _, line in loops.iterrows()
+        ),
     ]
-    return Table(title, (*NAMES, *headings), rows, len(NAMES))
 
 
-def _percentiles(line: pd.Series, kind: str) -> list[str]:
-    """All percentiles of a kind and the maximum."""
-    return [*(_percentile(line, kind, q) for q in QUANTILES), number(line[f"{kind}_max_us"])]
+def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
+    """Cost gaps of the first answer, of the paper's method and of the exact solver."""
+    costs = [
+        f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
+        for text, selected in (
+            ("the first answer, if it is kept,", table.is_floor),
+            (
+                "the paper's one projected step a sample (compiled, not on the schedule)",
+                (table.solver == PAPER) & ~table.paced & (table.settings == ONE_STEP),
+            ),
+            (
+                f"{marked(EXACT)} (direct) with the exact optimum at every sample",
+                (table.solver == EXACT) & table.paced & (table.lane == Lane.DIRECT),
+            ),
+        )
+        for _, line in table[selected & table.gap_mean.notna()].head(1).iterrows()
+    ]
+    seconds = settings.samples * PERIOD_NS * 1e-9
+    return [f"Over {seconds:.3g} s of drift {'; '.join(costs)}."] if costs else []
 
 
-def _percentile(line: pd.Series, kind: str, q: float) -> str:
-    """Value and interval, marked if it is not above the machine's floor; or the number of samples that it needs."""
-    value, low, high = (line[summary.column(kind, q, end)] for end in ("", "low", "high"))
-    interval = "" if math.isnan(value) else f" ({number(low)} to {number(high)})"
-    at_floor = kind == "response" and not line.is_floor and line[f"at_floor_{Percentile(q).name}"]
-    return _or_needs(value, q) + interval + (" ≈ floor" if at_floor else "")
+def _tail(line: pd.Series, kind: str) -> str:
+    """The median and the farthest percentile that the sample supports."""
+    known = [
+        f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in QUANTILES if line[column(kind, q)] >= 0
+    ]
+    return " and ".join(known[:1] + known[1:][-1:]) or "too few samples to say"
 
 
-def _or_needs(value: float, q: float) -> str:
-    """A percentile, or the number of samples that it needs."""
-    return f"needs {needed(q)}" if math.isnan(value) else number(value)
+KIND = Kind("stream", "Stream race", "sample by sample at 8 kHz", StreamSettings, StreamRace, report)

@@ -1,52 +1,47 @@
-"""Numbers and sentences of a stream race; `report` renders them.
+"""Numbers of a stream race; `report` renders them.
 
-A row of the *summary* is one solver in one lane, at one tier, with its settings, over its processes. Late answers come
+A row of the *summary* is one solver in one lane, at one tier, with its setting, over its processes. Late answers come
 in bouts, since a delay of the machine makes one sample after the other late; so bouts (runs of late samples) are
 compared with those of the null solver, the machine itself: their rates have a ratio with a 95 % interval. A solver is
 late if the whole interval is above 1. If the machine itself misses too many deadlines, no solver keeps the schedule. A
 percentile of response times is above the floor if its whole interval lies above the floor's.
+
+The deadline profile of a solver is the share of samples that are answered within k sampling periods of their due time.
+A latency tail is the response time by percentile, as far as the number of samples supports it.
 """
 
-import json
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Hashable
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.messages.columns import combined
 from bench.messages.task import PAPER
 from bench.messages.verdict import Status
-from bench.races.stream.race import StreamSettings
-from bench.report.words import marked, number, percent, solver_lanes
+from bench.races.stream.race import STREAM
+from bench.report.plot import BEST, together
+from bench.report.words import marked, settings_label
 from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, rate_ratio
-from bench.timing.schedule import PERIOD_NS, PERIOD_US
-from solvers import Lane
+from bench.timing.schedule import PERIOD_US, runs
 
-GROUP = ["solver", "lane", "tier", "settings"]
-FLOOR, EXACT = "null", "box_active_set"
-TOLD = 4.0
-"""Largest ratio of rates that may be left open where a sentence says that two rates do not differ."""
+GROUP = ["solver", "lane", "tier", "settings", "setting"]
+FLOOR = "null"
+FLOOR_NAME = "the machine's floor"
 TOLERATED_FLOOR = 0.01
 """Largest share of deadlines missed by the machine itself in a run that can tell who keeps the schedule."""
 FAILURES = tuple(
     str(status)
     for status in (Status.ADAPTER_FAILED, Status.UNSUPPORTED, Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY)
 )
-AGGREGATES = {
-    "gap_mean": "mean",
-    "gap_max": "max",
-    "exact_gap_mean": "mean",
-    "exact_gap_max": "max",
-    "exact_difference": "max",
-    "own_gap_max": "max",
-    "reused": "mean",
-    "data_us_p50": "median",
-    "update_us_p50": "median",
-    "solve_us_p50": "median",
-}
-"""Columns of the rows, and how the processes of a solver are combined."""
+DECADES = np.geomspace(0.5, 1e-6, 60)
+FARTHEST_PERIODS = 1_000
+"""Sampling periods up to which the deadline profile goes."""
+ID_COLUMNS = ["view", "name", "solver", "lane"]
+Microseconds = NDArray[np.float64]
+Lines = list[tuple[pd.Series, Microseconds]]
+"""Lines of the summary by name, each with its sorted times in µs."""
 
 
 def column(kind: str, q: float, end: str = "") -> str:
@@ -59,25 +54,26 @@ CORRECTED = column("service_corrected", FARTHEST)
 """Column of a compiled loop's farthest percentile, corrected for the missing schedule."""
 
 
-def raw(times: pd.DataFrame, tasks: Iterable[str], what: str) -> NDArray[np.float64]:
-    """The raw times of some tasks, µs."""
-    parts = times[times.task.isin(list(tasks)) & (times.what == what)].ns
-    return np.concatenate([np.zeros(0), *parts]) / 1e3
+def raw(rows: pd.DataFrame, times: pd.DataFrame, what: str) -> dict[tuple[Hashable, ...], Microseconds]:
+    """The raw times of each line, all its processes together, µs."""
+    found = rows[["task", *GROUP]].merge(times.loc[times.what == what, ["task", "ns"]], on="task")
+    return {key: np.concatenate([*part.ns]) / 1e3 for key, part in found.groupby(GROUP)}
 
 
-def percentiles(kind: str, microseconds: NDArray[np.float64]) -> dict[str, float]:
+def percentiles(kind: str, microseconds: Microseconds) -> dict[str, float]:
     """Percentiles, ends of their intervals, maximum and number of samples by column; NaN for a refused percentile."""
     columns: dict[str, float] = {}
     for q in QUANTILES:
         estimate = percentile(microseconds, q)
         for end, value in (("", estimate.value), ("low", estimate.low), ("high", estimate.high)):
             columns[column(kind, q, end)] = math.nan if value is None else value
-    columns[f"{kind}_max_us"] = float(microseconds.max()) if microseconds.size else math.nan
-    columns[f"{kind}_samples"] = microseconds.size
-    return columns
+    return columns | {
+        f"{kind}_max_us": float(microseconds.max()) if microseconds.size else math.nan,
+        f"{kind}_samples": microseconds.size,
+    }
 
 
-def corrected(microseconds: NDArray[np.float64], period_us: float = PERIOD_US) -> NDArray[np.float64]:
+def corrected(microseconds: Microseconds, period_us: float = PERIOD_US) -> Microseconds:
     """Times of calls back to back, with the response times of the samples that would have waited behind them on a
     schedule: a call of length t > T stands for t, t − T, t − 2 T, … down to the first that is at most T (G. Tene, "How
     NOT to measure latency", 2013).
@@ -92,171 +88,109 @@ def corrected(microseconds: NDArray[np.float64], period_us: float = PERIOD_US) -
     return np.repeat(microseconds, counts) - waited * period_us
 
 
+def for_deadline(rows: pd.DataFrame, times: pd.DataFrame, deadline_us: float) -> pd.DataFrame:
+    """The rows on the schedule, with the misses and bouts of another deadline."""
+    paced = rows[rows.paced.astype(bool)]
+    response = times[times.what == "response"].set_index("task").ns
+    late = [response.get(task, np.zeros(0)) > 1e3 * deadline_us for task in paced.task]
+    return paced.assign(missed=[each.sum() for each in late], stalls=[runs(each) for each in late])
+
+
 def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
     """One row per solver, lane, tier and settings: the floor, then those that keep up, by median response time."""
-    floor = rows[rows.solver == FLOOR]
-    machine_bouts = int(floor.stalls.sum()), int(floor.samples.sum())
-    table = pd.DataFrame(
-        [
-            _line(dict(zip(GROUP, names, strict=True)), part, times, machine_bouts)
-            for names, part in rows.groupby(GROUP, sort=False)
-        ]
-    )
+    table, figures = combined(rows, STREAM.columns, GROUP), []
     machine = table[table.solver == FLOOR]
+    machine_bouts = int(machine.stalls.sum()), int(machine.samples.sum())
+    services, responses = raw(rows, times, "service"), raw(rows, times, "response")
+    for _, line in table.iterrows():
+        key, nothing = tuple(line[GROUP]), np.zeros(0)
+        service, ran = services.get(key, nothing), line.paced and line.samples
+        low, high = rate_ratio(int(line.stalls), line.samples, *machine_bouts) if ran else (0.0, math.inf)
+        waits = not line.paced and service.size >= needed(FARTHEST)
+        figures.append(
+            {
+                "bouts_ratio_low": low,
+                "bouts_ratio_high": high,
+                **percentiles("service", service),
+                CORRECTED: np.quantile(corrected(service), FARTHEST, method="inverted_cdf") if waits else math.nan,
+                **percentiles("response", responses.get(key, nothing)),
+            }
+        )
+    table = table.join(pd.DataFrame(figures)).assign(is_floor=table.solver == FLOOR)
+    late, failed, machine = table.bouts_ratio_low > 1.0, table.status.isin(FAILURES), table[table.is_floor]
+    status = table.status.mask(table.is_floor & ~failed, FLOOR)
+    keeps = bool((machine.missed <= TOLERATED_FLOOR * machine.samples).all())
     for q in QUANTILES:
         reached = float(machine[column("response", q, "high")].iloc[0]) if len(machine) else math.nan
         table[f"at_floor_{Percentile(q).name}"] = table.paced & (table[column("response", q, "low")] <= reached)
-    table["is_floor"] = table.solver == FLOOR
-    table["machine_keeps"] = bool((machine.missed <= TOLERATED_FLOOR * machine.samples).all())
-    table["keeps_up"] &= table.machine_keeps
+    table = table.assign(
+        status=status.mask((status == Status.OK) & late, str(Status.LATE)),
+        keeps_up=table.paced & ~failed & ~late & keeps,
+        machine_keeps=keeps,
+    )
     order = ["is_floor", "paced", "keeps_up", column("response", 0.5), column("service", 0.5), "solver", "settings"]
     return table.sort_values(order, ascending=[False, False, False, True, True, True, True], ignore_index=True)
 
 
-def _line(
-    key: Mapping[str, Any], part: pd.DataFrame, times: pd.DataFrame, machine_bouts: tuple[int, int]
-) -> dict[str, Any]:
-    failed = part[part.status.isin(FAILURES)]
-    ran = part.drop(failed.index)
-    paced = bool(part.paced.iloc[0])
-    samples, stalls = int(ran.samples.sum()), int(ran.stalls.sum())
-    service = raw(times, ran.task, "service")
-    low, high = rate_ratio(stalls, samples, *machine_bouts) if paced and samples else (0.0, math.inf)
-    late = low > 1.0
-    status = (
-        str(failed.status.iloc[0])
-        if len(failed)
-        else FLOOR
-        if key["solver"] == FLOOR
-        else str(Status.MISSED)
-        if (ran.status != Status.OK).any()
-        else str(Status.LATE if late else Status.OK)
+def _names(table: pd.DataFrame) -> pd.DataFrame:
+    """Names of the lines, with the tier if a solver lane has several, and with settings."""
+    several = table.groupby(["solver", "lane"]).tier.transform("nunique") > 1
+    settings = table.settings.map(settings_label)
+    label = (
+        table.solver.map(marked)
+        + " ("
+        + table.lane
+        + np.where(several, ", " + table.tier, "")
+        + np.where(settings != "", ", " + settings, "")
+        + np.where(table.paced, ")", "), service time")
     )
-    return {
-        **key,
-        "setting": part.setting.iloc[0],
-        "basis": part.basis.iloc[0],
-        "paced": paced,
-        "status": status,
-        "processes": len(part),
-        "samples": samples,
-        "solves": int(ran.solves.sum()),
-        "stopped": _first(part.stopped),
-        "message": _first(part.message),
-        "missed": int(ran.missed.sum()),
-        "stalls": stalls,
-        "bouts_ratio_low": low,
-        "bouts_ratio_high": high,
-        "keeps_up": bool(len(ran) and not len(failed) and paced and not late),
-        "unanswered": int(ran.unanswered.sum()),
-        **ran.agg(AGGREGATES),
-        **percentiles("service", service),
-        CORRECTED: (
-            float(np.quantile(corrected(service), FARTHEST, method="inverted_cdf"))
-            if not paced and service.size >= needed(FARTHEST)
-            else math.nan
-        ),
-        **percentiles("response", raw(times, ran.task, "response")),
-    }
+    return table.assign(
+        name=label.where(~table.is_floor, FLOOR_NAME),
+        view="stream",
+        lane=table.lane.where(~table.is_floor, "the machine"),
+    )
 
 
-def _first(values: Iterable[str]) -> str:
-    return next((str(value) for value in values if value), "")
-
-
-def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
-    """Sentences on the solvers that keep the schedule, if the machine permits any, and on the cost of stale answers."""
-    floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
-    sentences = []
-    if not table.machine_keeps.all():
-        sentences.append(
-            "This run cannot say who keeps the schedule: the machine itself misses "
-            f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines; it was "
-            "busy or is too slow."
-        )
-    elif len(paced):
-        kept = paced[paced.keeps_up & (paced.status == Status.OK)]
-        sentences.append(
-            f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they reach their "
-            "tier, and their bouts of late answers are not shown to be more frequent than the machine's own"
-            + (
-                f"; the fastest is {marked(kept.solver.iloc[0])} ({kept.lane.iloc[0]}), with a response time of "
-                f"{_tail(kept.iloc[0], 'response')} and {bouts(kept.iloc[0])}."
-                if len(kept)
-                else "."
-            )
-        )
-    return sentences + _staleness(table, settings)
-
-
-def bouts(line: pd.Series) -> str:
-    """Bouts of late answers, and how often they come beside those of the machine.
-
-    Examples
-    --------
-    >>> bouts(pd.Series({"stalls": 3, "bouts_ratio_low": 0.4, "bouts_ratio_high": 2.5}))
-    '3 bouts of late answers, 0.4 to 2.5 times as often as the machine itself'
-    >>> bouts(pd.Series({"stalls": 1, "bouts_ratio_low": 0.03, "bouts_ratio_high": math.inf}))
-    '1 bout of late answers, whether more often than the machine itself cannot be told'
-    """
-    low, high = line.bouts_ratio_low, line.bouts_ratio_high
-    count = f"{line.stalls:.0f} bout{'' if line.stalls == 1 else 's'} of late answers"
-    if not line.stalls:
-        return f"no {count[2:]}"
-    if low <= 1.0 and high > TOLD:
-        return f"{count}, whether more often than the machine itself cannot be told"
-    return f"{count}, {number(low)} to {number(high)} times as often as the machine itself"
-
-
-def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
-    """The machine's own response times, the solvers that were stopped, and the times of our compiled loop."""
-    paced, sentences = table[table.paced & ~table.is_floor], []
-    for _, line in table[table.is_floor].iterrows():
-        sentences.append(
-            f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed} of "
-            f"{line.samples} deadlines, in {line.stalls} stalls, and responds with {_tail(line, 'response')}, at most "
-            f"{number(line.response_max_us)} µs."
-        )
-    stopped = paced[paced.stopped != ""]
-    if len(stopped):
-        sentences.append(
-            f"{len(stopped)} lanes were late at each of the first {settings.give_up} samples and were "
-            f"stopped there; their median service times are {number(stopped['service_p50_us'].min())} to "
-            f"{number(stopped['service_p50_us'].max())} µs."
-        )
-    for _, line in table[~table.paced & (table.solver == EXACT) & (table.samples > 0)].iterrows():
-        sentences.append(
-            f"Compiled and back to back, not on the schedule, {marked(line.solver)} processes {line.samples:,} rows "
-            f"with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
-        )
-    return sentences
-
-
-def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
-    """Cost gaps of the first answer, of the paper's method and of the exact solver."""
-    costs = []
-    for text, selected in (
-        ("the first answer, if it is kept,", table.is_floor),
-        (
-            "the paper's one projected step a sample (compiled, not on the schedule)",
-            (table.solver == PAPER) & ~table.paced & (table.settings == json.dumps({"steps": 1})),
-        ),
-        (
-            f"{marked(EXACT)} (direct) with the exact optimum at every sample",
-            (table.solver == EXACT) & table.paced & (table.lane == Lane.DIRECT),
-        ),
-    ):
-        costs += [
-            f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
-            for _, line in table[selected & table.gap_mean.notna()].head(1).iterrows()
-        ]
-    seconds = settings.samples * PERIOD_NS * 1e-9
-    return [f"Over {seconds:.3g} s of drift {'; '.join(costs)}."] if costs else []
-
-
-def _tail(line: pd.Series, kind: str) -> str:
-    """The median and the farthest percentile that the sample supports."""
-    known = [
-        f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in QUANTILES if line[column(kind, q)] >= 0
+def lines(table: pd.DataFrame, rows: pd.DataFrame, times: pd.DataFrame) -> Lines:
+    """Response times on the schedule, the machine's floor first and then the fastest; then service times of compiled
+    loops."""
+    there = np.where(table.paced, table.response_samples, table.service_samples)
+    ran = table[(there > 0) & (table.paced | (table.solver != PAPER))]
+    calls = {what: raw(rows, times, what) for what in ("response", "service")}
+    found = [
+        (shown, np.sort(calls["response" if line.paced else "service"][tuple(line[GROUP])]))
+        for (_, line), (_, shown) in zip(ran.iterrows(), _names(ran).iterrows(), strict=True)
     ]
-    return " and ".join(known[:1] + known[1:][-1:]) or "too few samples to say"
+    return sorted(found, key=lambda pair: (not pair[0].paced, not pair[0].is_floor, float(np.quantile(pair[1], 0.99))))
+
+
+def deadline_profile(lines: Lines) -> pd.DataFrame:
+    """Share of samples answered within k periods, one row per solver lane and k."""
+    ks = np.unique(np.geomspace(1, FARTHEST_PERIODS, 40).round()).astype(int)
+    return together(
+        [pd.DataFrame(columns=[*ID_COLUMNS, "periods", "share", "samples", "front"])]
+        + [
+            pd.DataFrame(
+                {
+                    **line[ID_COLUMNS],
+                    "periods": ks,
+                    "samples": us.size,
+                    "front": rank < BEST,
+                    "share": np.searchsorted(us, ks * PERIOD_US, side="right") / us.size,
+                }
+            )
+            for rank, (line, us) in enumerate(lines)
+            if line.paced
+        ]
+    )
+
+
+def latency_tails(lines: Lines) -> pd.DataFrame:
+    """Response time against the share of samples above it; service time for compiled loops."""
+    parts = [pd.DataFrame(columns=[*ID_COLUMNS, "one_in", "us", "front"])]
+    for rank, (line, us) in enumerate(lines):
+        shares = np.array([share for share in DECADES if needed(1.0 - share) <= us.size])
+        ranks = np.ceil(np.round((1.0 - shares) * us.size, 6)).astype(int) - 1
+        tail = {"one_in": 1.0 / shares, "us": us[ranks], "front": rank < BEST and line.paced}
+        parts.append(pd.DataFrame({**line[ID_COLUMNS], **tail}))
+    return together(parts)
