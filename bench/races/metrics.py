@@ -12,14 +12,12 @@
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from qpsolvers import Solution
 
 from bench.messages.solver_info import amount
-from bench.messages.task import Outcome
+from bench.messages.task import Outcome, Row
 from bench.messages.verdict import Status
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
@@ -28,46 +26,16 @@ from solvers.certificate import exact_cost_gap
 from solvers.protocol import Matrix, Vector
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """Status and accuracy of one answer; NaN if not measurable."""
+def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: int) -> Row:
+    """Columns of the worst of the timed answers (n, d) that are judged, at most ``few``, drawn from all in secret; with
+    the draw of its data, as of ``FreshData.draw``, from which it can be judged again.
 
-    status: Status
-    message: str
-    cost_gap: float = math.nan
-    violation: float = math.nan
-    primal_residual: float = math.nan
-    dual_residual: float = math.nan
-    duality_gap: float = math.nan
-    weight_error: float = math.nan
-    model_error_percent: float = math.nan
-    stage_excess: float = math.nan
-
-
-@dataclass(frozen=True)
-class TimedJudgement:
-    """The worst of the judged timed answers, with the draw of its data, from which it can be judged again."""
-
-    judged: int = 0
-    """Number of judged answers."""
-    timed_gap: float = math.nan
-    """The larger of cost gap and violation; infinite if the answer is not finite, NaN if none was judged."""
-    timed_violation: float = math.nan
-    timed_stage_excess: float = math.nan
-    """As of a first answer, beyond the model of the optimum to the same data."""
-    timed_call: int = -1
-    """Number of the call, from 0."""
-    timed_answer: Sequence[float] = ()
-    timed_shares: Sequence[float] = ()
-    timed_factors: Sequence[float] = ()
-    """As of ``FreshData.draw``."""
-
-
-def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: int) -> TimedJudgement:
-    """Judge at most ``few`` of the timed answers (n, d), drawn from all of them in secret."""
+    ``timed_gap`` is the larger of cost gap and violation, infinite if the answer is not finite. ``timed_stage_excess``
+    is as of a first answer, beyond the model of the optimum to the same data.
+    """
     forms = dict(fresh.judged(len(answers), few))
     if not forms:
-        return TimedJudgement()
+        return {}
     gaps = {
         call: relative_gap(form, answers[call]) if np.isfinite(answers[call]).all() else (math.inf, math.inf)
         for call, form in forms.items()
@@ -77,23 +45,32 @@ def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: in
     if np.isfinite(x).all():
         best = model_error(problem, form, np.array(form.certificate.x))
         excess = stage_excess(problem, model_error(problem, form, x), best)
-    draw = (tuple(map(float, part)) for part in (x, *fresh.draw(call)))
-    return TimedJudgement(len(forms), max(gaps[call]), gaps[call][1], excess, call, *draw)
+    answer, shares, factors = (tuple(map(float, part)) for part in (x, *fresh.draw(call)))
+    return {
+        "judged": len(forms),
+        "timed_gap": max(gaps[call]),
+        "timed_violation": gaps[call][1],
+        "timed_stage_excess": excess,
+        "timed_call": call,
+        "timed_answer": answer,
+        "timed_shares": shares,
+        "timed_factors": factors,
+    }
 
 
-def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement:
-    """Judge an outcome; its status is ok if there is an answer to measure."""
+def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
+    """Columns of an outcome; its status is ok if there is an answer to measure, and else status and message are all."""
     if outcome.failure:
-        return Judgement(Status(outcome.failure), outcome.message)
+        return _refused(Status(outcome.failure), outcome.message)
     form = problem.forms[scaling]
     x = outcome.x
     if x is None or x.shape != form.qp.q.shape or not np.all(np.isfinite(x)):
         what = "no answer of the right shape" if x is None or x.shape != form.qp.q.shape else "NaN or infinity"
         if outcome.found:
-            return Judgement(Status.MISSED, f"says solved and returned {what}")
-        return Judgement(Status.SOLVER_FAILED, f"{outcome.solver_status}: returned {what}")
+            return _refused(Status.MISSED, f"says solved and returned {what}")
+        return _refused(Status.SOLVER_FAILED, f"{outcome.solver_status}: returned {what}")
     if not outcome.found:
-        return Judgement(Status.SOLVER_FAILED, outcome.solver_status)
+        return _refused(Status.SOLVER_FAILED, outcome.solver_status)
     bounds = form.qp.q if form.qp.lb is not None or form.qp.ub is not None else None
     for name, dual, primal in (
         ("y", outcome.y, form.qp.b),
@@ -101,22 +78,23 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Judgement
         ("z_box", outcome.z_box, bounds),
     ):
         if dual is not None and primal is not None and dual.shape != primal.shape:
-            return Judgement(
-                Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}"
-            )
+            return _refused(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
     gap, violation = relative_gap(form, x)
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
     error = model_error(problem, form, x)
-    return Judgement(
-        Status.OK,
-        "",
-        gap,
-        violation,
-        *_residuals(solution),
-        _weight_error(problem, form, x),
-        error,
-        stage_excess(problem, error, problem.optimum_error_percent),
-    )
+    return {
+        "status": str(Status.OK),
+        "cost_gap": gap,
+        "violation": violation,
+        **_residuals(solution),
+        "weight_error": _weight_error(problem, form, x),
+        "model_error_percent": error,
+        "stage_excess": stage_excess(problem, error, problem.optimum_error_percent),
+    }
+
+
+def _refused(status: Status, message: str) -> Row:
+    return {"status": str(status), "message": message}
 
 
 def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:
@@ -149,7 +127,7 @@ def model_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
     return problem.validation.error_percent(form.to_weights @ np.clip(x, form.qp.lb, form.qp.ub))
 
 
-def _residuals(solution: Solution) -> tuple[float, float, float]:
+def _residuals(solution: Solution) -> Row:
     """Primal and dual residual and duality gap by qpsolvers; NaN if the solver gave no duals for it."""
     problem = solution.problem
     bounded = problem.lb is not None or problem.ub is not None
@@ -157,4 +135,4 @@ def _residuals(solution: Solution) -> tuple[float, float, float]:
         primal, dual, gap = solution.primal_residual(), solution.dual_residual(), solution.duality_gap()
     if bounded and solution.z_box is None:  # since qpsolvers would leave the bounds out of the gap
         gap = math.inf
-    return amount(primal), amount(dual), amount(gap)
+    return {"primal_residual": amount(primal), "dual_residual": amount(dual), "duality_gap": amount(gap)}

@@ -2,7 +2,7 @@
 default values."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,13 @@ import pyarrow as pa
 from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
-from bench.messages.task import PAPER, Row
+from bench.messages.task import PAPER, Outcome, Row
 from bench.messages.verdict import Tier
-from bench.races.metrics import Judgement
+from bench.problems.protocol import RaceProblem
+from bench.races.metrics import judge
 from bench.store import TIMES
 from bench.timing.schedule import PERIOD_US
+from piezo_model.identification_problem import Scaling
 
 ORDINARY: Row = {
     "problem_set": "paper",
@@ -88,9 +90,14 @@ def table(rows: Iterable[Row]) -> pd.DataFrame:
     return pa.Table.from_pylist(list(rows), ONESHOT.arrow).to_pandas()
 
 
-def is_right(found: Judgement, tier: Tier) -> bool:
+def judged(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> SimpleNamespace:
+    """The columns of a judged outcome; those that it does not have are as in a row."""
+    return SimpleNamespace(**ONESHOT.row(**judge(problem, scaling, outcome)))
+
+
+def is_right(found: SimpleNamespace, tier: Tier) -> bool:
     """Whether a judged answer meets a tier."""
-    return bool(right(table([row(**asdict(found))]), tier).item())
+    return bool(right(table([vars(found)]), tier).item())
 
 
 def measured(rows: Iterable[Row]) -> Measurements:

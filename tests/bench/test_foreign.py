@@ -18,7 +18,7 @@ import pytest
 import scipy.sparse as sp
 from box_programs import many_weak_rows
 from command_line import CommandLine
-from measured_rows import is_right
+from measured_rows import is_right, judged
 from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
@@ -35,7 +35,6 @@ from bench.problems.equilibration import equilibrated
 from bench.problems.foreign import ForeignPrograms, Source
 from bench.problems.proofs import proof
 from bench.problems.protocol import SCALINGS
-from bench.races.metrics import judge
 from bench.store import Run
 from solvers.certificate import NotCertified, verify
 
@@ -320,7 +319,7 @@ def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost_or_to_its_unit
     for scaling, form in problem.forms.items():
         assert form.yardstick == pytest.approx(yardstick * form.cost_unit)
         x = np.linalg.solve(dense(form.to_weights), w)
-        assert judge(problem, scaling, Outcome(found=True, x=x)).cost_gap == pytest.approx(gap)
+        assert judged(problem, scaling, Outcome(found=True, x=x)).cost_gap == pytest.approx(gap)
 
 
 def test_saved_problems_keep_their_forms_and_proofs_to_the_last_bit(
@@ -345,12 +344,12 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
     problem = foreign[name]
     form = problem.forms[scaling]
     best = np.array(form.certificate.x)
-    right = judge(problem, scaling, Outcome(found=True, x=best))
+    right = judged(problem, scaling, Outcome(found=True, x=best))
     assert (right.status, right.weight_error, np.isnan(right.model_error_percent)) == (Status.OK, 0.0, True)
     assert is_right(right, Tier.EXACT)
     rows = dense(form.qp.G)
     k = int(np.argmin(form.qp.h - rows @ best))  # an active row, violated by 1e-3
-    wrong = judge(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k])))
+    wrong = judged(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k])))
     assert not is_right(wrong, Tier.HIGH)
     assert wrong.violation > 1e-5
 

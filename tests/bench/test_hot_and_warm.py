@@ -196,7 +196,7 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     assert not outcome.mutated
     assert outcome.solve_ns.size == 7
     problem = RaceProblem("none", "none", {"scaled": form})
-    assert judge_timed(problem, fresh, measured.answers, 3).timed_gap <= 1e-9
+    assert judge_timed(problem, fresh, measured.answers, 3)["timed_gap"] <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import qpsolvers
-from measured_rows import is_right
+from measured_rows import is_right, judged
 from qpsolvers import Problem
 
 from bench.messages.task import Outcome
 from bench.messages.verdict import Status, Tier
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import Experiment
-from bench.races.metrics import Judgement, judge
 from piezo_model import HysteresisCreepModel
 from solvers.certificate import certify
 
@@ -39,10 +38,6 @@ BOX = race_problem(drawn(0))
 BEST = np.array(BOX.forms["scaled"].certificate.x)
 
 
-def judged(outcome: Outcome, problem: RaceProblem = BOX) -> Judgement:
-    return judge(problem, "scaled", outcome)
-
-
 def answered(x: np.ndarray, **more: object) -> Outcome:
     return replace(Outcome(found=True, x=x, solver_status="solved"), **more)
 
@@ -51,7 +46,7 @@ def answered(x: np.ndarray, **more: object) -> Outcome:
 def test_residuals_are_those_of_qpsolvers(rows: bool) -> None:
     qp = drawn(1, rows=rows)
     found = qpsolvers.solve_problem(qp, solver="daqp")
-    ours = judged(answered(found.x, y=found.y, z=found.z, z_box=found.z_box), problem=race_problem(qp))
+    ours = judged(race_problem(qp), "scaled", answered(found.x, y=found.y, z=found.z, z_box=found.z_box))
     assert (ours.primal_residual, ours.dual_residual, ours.duality_gap) == (
         found.primal_residual(),
         found.dual_residual(),
@@ -60,13 +55,13 @@ def test_residuals_are_those_of_qpsolvers(rows: bool) -> None:
 
 
 def test_residuals_are_missing_and_not_zero_without_duals() -> None:
-    ours = judged(answered(BEST))
+    ours = judged(BOX, "scaled", answered(BEST))
     assert ours.primal_residual == 0.0
     assert np.isnan([ours.dual_residual, ours.duality_gap]).all()
 
 
 def test_the_certified_optimum_has_no_error() -> None:
-    ours = judged(answered(BEST))
+    ours = judged(BOX, "scaled", answered(BEST))
     assert (ours.status, ours.message, ours.violation, ours.weight_error) == (Status.OK, "", 0.0, 0.0)
     assert 0.0 <= ours.cost_gap < 1e-15
 
@@ -78,7 +73,7 @@ def test_a_cost_gap_is_relative_to_the_optimal_cost_with_its_constant(gap: float
     value = 0.5 * BEST @ qp.P @ BEST + qp.q @ BEST
     x = BEST.copy()
     x[free] += np.sqrt(2.0 * gap * abs(value + c) / qp.P[free, free])  # V(x* + t e) − V* = ½ P_ee t², since e is free
-    ours = judged(answered(x))
+    ours = judged(BOX, "scaled", answered(x))
     assert (ours.status, ours.message) == (Status.OK, "")
     assert ours.cost_gap == pytest.approx(gap, rel=1e-4)
     assert ours.weight_error == pytest.approx(abs(x - BEST).max() / abs(BEST).max())
@@ -89,7 +84,7 @@ def test_a_violation_is_relative_to_the_largest_variable_of_the_optimum(violatio
     bound = int(np.flatnonzero(BOX.forms["scaled"].qp.lb == BEST)[0])
     x = BEST.copy()
     x[bound] -= violation * abs(BEST).max()
-    ours = judged(answered(x))
+    ours = judged(BOX, "scaled", answered(x))
     assert ours.violation == pytest.approx(violation, rel=1e-3)
     assert ours.primal_residual == pytest.approx(ours.violation * abs(BEST).max())
 
@@ -98,8 +93,8 @@ def test_the_stage_excess_is_the_error_of_the_model_beyond_the_optimums_in_units
     problem = Experiment("bouc_wen", "multi_sine", build_s=1.0).problem("tests", "stage")
     form, noise_um = problem.forms["scaled"], problem.validation.noise_um
     best = np.array(form.certificate.x)
-    assert judge(problem, "scaled", answered(best)).stage_excess == pytest.approx(0.0, abs=1e-9)
-    worse = judge(problem, "scaled", answered(1.05 * best))
+    assert judged(problem, "scaled", answered(best)).stage_excess == pytest.approx(0.0, abs=1e-9)
+    worse = judged(problem, "scaled", answered(1.05 * best))
     model = HysteresisCreepModel.from_weights(problem.validation.structure, form.to_weights @ (1.05 * best))
     error_um = model.simulate(problem.validation.x, problem.validation.state) - problem.validation.y
     optimum_um = problem.optimum_error_percent / 100.0 * np.ptp(problem.validation.y)
@@ -121,20 +116,20 @@ def test_an_answer_that_cannot_be_measured_is_missed_if_called_found_and_failed_
         (True, Status.MISSED, "says solved and returned "),
         (False, Status.SOLVER_FAILED, "solved: returned "),
     ):
-        ours = judged(answered(x, found=found))
+        ours = judged(BOX, "scaled", answered(x, found=found))
         assert (ours.status, ours.message) == (status, message + what)
         assert np.isnan(ours.cost_gap)
 
 
 @pytest.mark.parametrize("size", [1e30, 1e150, 1e300, -1e308])
 def test_an_absurd_finite_answer_reaches_no_tier(size: float) -> None:
-    ours = judged(answered(np.full(6, size)))
+    ours = judged(BOX, "scaled", answered(np.full(6, size)))
     assert not any(is_right(ours, tier) for tier in Tier)
     assert ours.violation > 1e29
 
 
 def test_a_right_answer_that_the_solver_calls_not_found_is_its_failure() -> None:
-    ours = judged(answered(BEST, found=False, solver_status="gave up"))
+    ours = judged(BOX, "scaled", answered(BEST, found=False, solver_status="gave up"))
     assert (ours.status, ours.message) == (Status.SOLVER_FAILED, "gave up")
 
 
@@ -142,7 +137,7 @@ def test_a_right_answer_that_the_solver_calls_not_found_is_its_failure() -> None
     "status", [Status.UNSUPPORTED, Status.ADAPTER_FAILED, Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY]
 )
 def test_a_failure_of_the_process_is_the_status(status: Status) -> None:
-    ours = judged(Outcome(str(status), "said why"))
+    ours = judged(BOX, "scaled", Outcome(str(status), "said why"))
     assert (ours.status, ours.message) == (status, "said why")
 
 
@@ -150,12 +145,12 @@ def test_a_failure_of_the_process_is_the_status(status: Status) -> None:
 def test_duals_of_another_shape_are_a_failure_of_the_adapter(name: str) -> None:
     problem = race_problem(drawn(1, rows=True))
     x = np.array(problem.forms["scaled"].certificate.x)
-    ours = judged(answered(x, **{name: np.zeros(7)}), problem=problem)
+    ours = judged(problem, "scaled", answered(x, **{name: np.zeros(7)}))
     assert ours.status == Status.ADAPTER_FAILED
     assert f"duals {name} are of shape (7,)" in ours.message
 
 
 def test_duals_that_are_not_finite_leave_the_residuals_missing_and_the_answer_right() -> None:
-    ours = judged(answered(BEST, z_box=np.full(6, np.nan)))
+    ours = judged(BOX, "scaled", answered(BEST, z_box=np.full(6, np.nan)))
     assert ours.status == Status.OK
     assert np.isnan([ours.dual_residual, ours.duality_gap]).all()

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
+from measured_rows import judged
 
 from bench.messages.task import Outcome
 from bench.messages.verdict import Status
 from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS
-from bench.races.metrics import judge
 from bench.races.run_problems import raced
 from bench.races.settings import RaceSettings
 from piezo_model import HysteresisCreepModel, plants
@@ -109,7 +109,7 @@ def test_weights_are_not_judged_if_the_optimum_is_not_unique(
 ) -> None:
     for problem in excitation[1].values():
         form = problem.forms[scaling]
-        verdict = judge(problem, scaling, Outcome(found=True, x=np.array(form.certificate.x)))
+        verdict = judged(problem, scaling, Outcome(found=True, x=np.array(form.certificate.x)))
         assert verdict.status == Status.OK
         assert np.isnan(verdict.weight_error) == (not form.optimum_is_unique)
 
