@@ -61,13 +61,13 @@ lint: $(VENV)/.dev    ## style and types
 	$(BIN)/ruff format --check
 	$(BIN)/clang-format --dry-run -Werror $$(find bench examples piezo_model solvers tests -name '*.[ch]')
 	$(BIN)/mypy
-	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters comparison experiment problem_sets)) tests/benchmarks/[!t]*.py
+	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters comparison experiment performance problem_sets))
 
 docs: $(VENV)/.docs   ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 perf: core            ## time the hot kernels beside vectorised NumPy, the slowest sample, and banks
-	for each in kernels bank; do $(BIN)/python tests/benchmarks/$$each.py || exit 1; done
+	for each in kernels bank; do $(BIN)/python examples/performance/$$each.py || exit 1; done
 
 report: $(VENV)/.field ## write the report of RUN=results/<run> again
 	$(BIN)/piezobench report $(RUN)

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from command_line import without_waiting
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -18,5 +20,5 @@ def run_example(script: str, *words: object) -> str:
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, without_waiting(done.stderr)) == (0, "")
     return done.stdout

@@ -1,4 +1,4 @@
-"""The hot kernels beside vectorised NumPy, in nanoseconds a sample or a step: ``python tests/benchmarks/kernels.py
+"""The hot kernels beside vectorised NumPy, in nanoseconds a sample or a step: ``python examples/performance/kernels.py
 [REPEATS]``.
 
 Each figure is the fastest of several runs on one core: compare ratios. NumPy's version is the same arithmetic with

@@ -1,4 +1,5 @@
-"""What a bank of compensators costs, a sample of an actuator against their number: ``python tests/benchmarks/bank.py``.
+"""What a bank of compensators costs, a sample of an actuator against their number:
+``python examples/performance/bank.py``.
 
 ``bank.py COUNT [RATE_HZ] [SECONDS] [THREADS]`` steps a bank of so many in real time instead. Step k is due at t0 + k T,
 as of

@@ -1,30 +1,13 @@
 """The benchmarks of the kernels and of a bank run, each as a developer starts it."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 from bank import by_count
-
-HERE = Path(__file__).parent
-
-
-def run(script: str, *words: object) -> str:
-    environment = {**os.environ, "PYTHONPATH": str(HERE.parents[1])}
-    return subprocess.run(
-        [sys.executable, str(HERE / script), *map(str, words)],
-        env=environment,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
+from example_scripts import run_example
 
 
 @pytest.mark.slow
 def test_the_kernels_are_timed_beside_a_numpy_version_with_the_same_result() -> None:
-    said = run("kernels.py", 1)
+    said = run_example("performance/kernels.py", 1)
     assert len(said.partition("data basis, d = 18, 3 creep rates, a sample")[2].splitlines()[0].split()) == 3, (
         "ours, NumPy's and the ratio"
     )
@@ -32,7 +15,7 @@ def test_the_kernels_are_timed_beside_a_numpy_version_with_the_same_result() -> 
 
 
 def test_a_bank_is_stepped_in_real_time_beside_a_null_step() -> None:
-    said = run("bank.py", 9, 500, 0.1, 2)
+    said = run_example("performance/bank.py", 9, 500, 0.1, 2)
     assert said.partition("a bank of 9, 2 threads")[2].split()[1:3] == ["–", "–"], "50 steps support a median alone"
     assert "a null step as long, the machine's floor" in said
     assert "Period 2000 µs, 10 exact optima a second of each" in said
