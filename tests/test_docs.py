@@ -86,6 +86,31 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
     assert all(figure in measured for figure in figures), figures
 
 
+def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_iterations_or_time(
+    tmp_path: Path, piezobench: CommandLine
+) -> None:
+    texts = {block.rest: block.text for block in documents.blocks(ROOT / "docs" / "tutorial-solver-author.md")}
+    source, workflow = texts['title="my_solver.py"'], texts['title=".github/workflows/solver.yml"']
+    race, history = re.findall(r"- run: piezobench (.*)", workflow)
+    solver = tmp_path / "my_solver.py"
+    solver.write_text(source)
+    piezobench.run(*race.replace("--name now", "--name baseline").split(), folder=tmp_path)
+    assert piezobench(*race.split(), folder=tmp_path).status == 0
+    assert piezobench(*history.split(), folder=tmp_path).status == 0
+    shutil.rmtree(tmp_path / "now")
+    slower = "return self._solve() if self._solve() is None else self._solve()"
+    solver.write_text(
+        source.replace(
+            "def solve(self, warm_start=None):",
+            f"def solve(self, warm_start=None):\n        {slower}\n\n    def _solve(self):",
+        ).replace("iterations=self.iterations", "iterations=1 + self.iterations")
+    )
+    assert piezobench(*race.split(), folder=tmp_path).status == 0
+    failed = piezobench(*history.split(), folder=tmp_path)
+    assert failed.status == 3
+    assert failed.stdout.count("times as many iterations") == failed.stdout.count("times as long") == 1
+
+
 def documented(which: int) -> Steps:
     """Transitions of a state machine on the page, by its number."""
     table = re.findall(r"^\| from \|.*\n.*\n((?:\|.*\n)+)", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)[

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from bench.cli import FAILED
+from bench.comparison.asv import write_asv
 from bench.comparison.combination import Combination, report
 from bench.comparison.compare import SMALLEST
 from bench.comparison.history import COLUMNS, history, regressions
@@ -44,6 +45,9 @@ def history_verb(
     most_time: Annotated[
         float, typer.Option(min=1.0, help=f"Exit with status {FAILED} if times grow by more than this ratio.")
     ] = 1.25,
+    asv: Annotated[
+        Path | None, typer.Option(help="Folder of results of airspeed velocity (asv), to which the runs are added.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Follow a solver from run to run: iterations exactly, times by the rule of 'compare', each against the first run.
@@ -53,8 +57,11 @@ def history_verb(
     """
     if len(runs) < 2:
         raise typer.BadParameter("a history has two runs or more", param_hint="RUN_A RUN_B")
-    table = history([open_run(path) for path in runs], solver, SMALLEST)
+    read = [open_run(path) for path in runs]
+    table = history(read, solver, SMALLEST)
     worse = regressions(table, most_iterations, most_time)
+    if asv is not None:
+        write_asv(read, solver, asv)
     if as_json:
         print_json(
             [

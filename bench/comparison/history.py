@@ -21,7 +21,11 @@ COLUMNS = (
     Column("iterations", heading="iterations"),
     Column("iterations_ratio", heading="ratio", format=number),
     Column("time_ratio", heading="time ratio", format=number),
-    Column("interval", heading="interval", format=lambda interval: " to ".join(map(number, interval))),
+    Column(
+        "interval",
+        heading="interval",
+        format=lambda ends: "unknown" if ends[1] == np.inf else " to ".join(map(number, ends)),
+    ),
     Column("finding", heading="times", format=lambda text: text or "–"),
 )
 
@@ -49,7 +53,7 @@ def history(runs: Sequence[Run], solver: str, smallest: float) -> pd.DataFrame:
             found.append(
                 {
                     "run": run.path.name,
-                    "commit": settings["machine"].get("environment", {}).get("commit", ""),
+                    "commit": settings["machine"].get("environment", {}).get("commit", "")[:12],
                     "version": settings.get("field", {}).get(f"{solver} ({lane})", ""),
                     "lane": lane,
                     "iterations": after,
