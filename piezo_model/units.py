@@ -228,6 +228,13 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{number} {shown(unit)}".rstrip()
 
 
+def percent(value: float) -> str:
+    """A percentage with two digits."""
+    if abs(value) > 100.0:
+        return "over 100 %" if value > 0.0 else "under −100 %"
+    return f"{value:.2g} %" if abs(value) >= 1e-4 else "less than 0.0001 %"
+
+
 def _ascii(text: str) -> str:
     return text.replace("µ", "u").replace("μ", "u").strip()
 

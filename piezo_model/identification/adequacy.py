@@ -12,39 +12,25 @@ A refusal is one sentence that names the explanation; a resonance is no reason f
 purpose. Data on a curve with noise are not refused: they have no
 hysteresis, and if the fit is no better than the line, the line is the model, since noise in the output biases the slope
 of (6) and not that of the line.
-
-The model is compared on held-out data unless the recording is long. For this the drive of each part is cut into blocks
-of equal travel, up or down, or of equal time at rest, so that every branch of every loop has several blocks and one
-loop is enough. Line, cubic and model are fitted to every second block and judged on the others, and vice versa; the
-operators of the model run through all blocks, and its fit begins with that to all of them.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from piezo_model.identification.direction import is_monotonic, swapped
-from piezo_model.identification.dynamics_parameters import Parameters
-from piezo_model.identification.error_model import Solving, counted_from
-from piezo_model.identification.forward import ForwardFit, fit_forward
-from piezo_model.identification.report import Baseline, Fit, percent
+from piezo_model.identification.error_model import Solving
+from piezo_model.identification.fit_errors import Baseline, Fit, cross_validate, polynomials, residual, rms
+from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from piezo_model.units import quantity
-from solvers.arrays import Mask, Matrix, Vector
+from piezo_model.units import percent, quantity
+from solvers.arrays import Matrix, Vector
 
-BASELINE_SAMPLES = 1_000_000
-"""Samples, spread over a longer recording, to which a line and a cubic are fitted."""
-BLOCKS = 16
-"""Blocks for one traverse of the range, up to about MOST_BLOCKS in all."""
-FEWEST_BLOCKS, MOST_BLOCKS = 64, 2000
-STEPS = 2
-"""Gauss–Newton steps from the fit to all blocks to that of every second one."""
 WINDOW = 12_000
 """Samples, consecutive or spread over the recording, to which other explanations are fitted."""
 KNOTS = 24
@@ -96,47 +82,6 @@ class Adequacy:
     """The resonance that the output has, in place of a refusal, if dynamics are ignored; a sentence likewise."""
     monotonic_drive: bool
     """Whether the data are nearly a single branch."""
-
-
-def residual(columns: Matrix, v: Vector, fitted: Mask | slice = slice(None)) -> Vector:
-    """Residual (N,) of v (N,) for the combination of the columns (N, p) that is best over the fitted samples."""
-    difference: Vector = v - columns @ np.linalg.lstsq(columns[fitted], v[fitted], rcond=None)[0]
-    return difference
-
-
-def polynomials(u: Vector, degree: int) -> Matrix:
-    """Chebyshev polynomials of −1 ≤ u ≤ 1 up to a degree, shape (N, degree + 1)."""
-    return np.asarray(chebvander(u, degree), dtype=np.float64)
-
-
-def rms(error: Vector) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(error**2)))
-
-
-def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int, span: float) -> Fit:
-    """What the errors (N,) of a model are over the samples after ``skipped``, beside those of a line and a cubic."""
-    counted = counted_from(recording, skipped)
-    error, x, y = errors[counted], recording.x[counted], recording.y[counted]
-    stride = math.ceil(x.size / BASELINE_SAMPLES)
-    u, v = s.unit_input(x[::stride]), s.unit_output(y[::stride])
-    constant, slope = np.linalg.lstsq(polynomials(u, 1), v, rcond=None)[0].tolist()
-    line, cubic = (abs(s.y_scale) * rms(residual(polynomials(u, degree), v)) for degree in (1, 3))
-    deviation, largest = rms(error), float(np.max(np.abs(error)))
-    return Fit(
-        samples=error.size,
-        skipped=skipped,
-        rms_percent=100.0 * deviation / span,
-        max_percent=100.0 * largest / span,
-        rms=deviation,
-        max=largest,
-        skipped_max_percent=100.0 * float(np.max(np.abs(errors[:skipped]), initial=0.0)) / span,
-        line_percent=100.0 * line / span,
-        cubic_percent=100.0 * cubic / span,
-        line=(constant, slope),
-        span=span,
-        missing=recording.length - skipped - error.size,
-    )
 
 
 def check_adequacy(
@@ -370,33 +315,3 @@ def resonance(u: Vector, v: Vector) -> tuple[float, float]:
     damping = -np.log(rho) / np.hypot(np.log(rho), phi)
     applies = DAMPING[0] < damping < DAMPING[1] and phi < np.pi
     return float(best.fun) if applies else math.inf, phi / (2.0 * np.pi)
-
-
-def alternate_blocks(recording: Recording) -> Mask:
-    """Whether each sample is in an even block of its part, shape (N,)."""
-    sweeps = [np.abs(np.diff(sweep.x, prepend=sweep.x[0])) for sweep in recording.sweeps()]
-    block = max(float(np.ptp(recording.x)) / BLOCKS, sum(float(travel.sum()) for travel in sweeps) / MOST_BLOCKS)
-    blocks = [np.cumsum(np.maximum(travel / block, FEWEST_BLOCKS / recording.length)) for travel in sweeps]
-    mask: Mask = np.concatenate(blocks).astype(int) % 2 == 0
-    return mask
-
-
-def cross_validate(
-    recording: Recording, fitted: ForwardFit, skip: int, solving: Solving, span: float
-) -> Baseline | None:
-    """Errors of line, cubic and model of a recording on every second block, fitted to the others, per cent of ``span``;
-    None with too few samples."""
-    s, x, y = fitted.structure, recording.x, recording.y
-    known = None if fitted.dynamics is None else Parameters(fitted.dynamics, s.sample_time)
-    even, counted = alternate_blocks(recording), counted_from(recording, skip)
-    squares = np.zeros(3)
-    for inside in (even & counted, ~even & counted):
-        held_out = counted & ~inside
-        if np.count_nonzero(inside) <= s.d or not held_out.any():
-            return None
-        errors = [residual(polynomials(s.unit_input(x), degree), y, inside) for degree in (1, 3)]
-        model = fit_forward(recording, inside, s, fitted.states, fitted.v, solving, steps=STEPS, parameters=known)
-        errors.append(s.y_scale * model.error)
-        squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
-    line, cubic, model_error = 100.0 * np.sqrt(squares / np.count_nonzero(counted)) / span
-    return Baseline(float(line), float(cubic), float(model_error), held_out=True)

@@ -24,8 +24,9 @@ superposition of functions of plays.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,9 @@ HELD_SHARE = 0.1
 """Smallest share of held samples at which they are judged alone."""
 NEGLIGIBLE = 0.005
 """Upper limit of creep, as a share of the movement in a decade of time, below which the recording shows none."""
+UNDETERMINED = "Creep is not determined by this recording; hold a step for a minute."
+INDISTINCT = "Creep cannot be distinguished from hysteresis in this recording; hold a step for a minute."
+ABSENT = "The recording shows no creep, although its drive would show it."
 MARGIN = 2.0
 """Standard errors by which the weight of a model may differ from its estimate here."""
 
@@ -107,6 +111,30 @@ class Determined:
     independent: float
     """Number of independent samples in what is left of the output."""
 
+    @property
+    def is_clear(self) -> bool:
+        """Whether the recording tells creep from hysteresis."""
+        return self.creep is not None or self.absent
+
+    def sentence(self, rates: Sequence[float], chosen: bool) -> str:
+        """What a user of a model with these rates, given or ``chosen``, should know of its creep; "" if nothing."""
+        if self.creep is not None:
+            return "" if rates else "The recording holds creep, which the model leaves out."
+        why = UNDETERMINED if not self.rates else ABSENT if self.absent else INDISTINCT
+        return f"The creep of the given rates is a guess. {why}" if rates else why * chosen
+
+    def to_dict(self, rates: Sequence[float], chosen: bool) -> dict[str, Any]:
+        """What is said of creep, for JSON."""
+        return {
+            "determined": self.creep is not None,
+            "chosen": chosen,
+            "rates": self.rates,
+            "share": self.share,
+            "chi_square": self.chi_square,
+            "absent": self.absent,
+            "sentence": self.sentence(rates, chosen),
+        }
+
     def creep_limits(self, s: ModelStructure, slope: float) -> Vector | None:
         """Upper bounds (n + 1,) of the creep weights of a structure with these rates; None for those without."""
         if self.creep is None or not s.creep_rates:
@@ -114,6 +142,16 @@ class Determined:
         limits = np.zeros(s.n + 1)
         limits[0] = self.creep.highest * slope
         return limits
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A drift of the sensor, output unit per second; it is no part of the model."""
+
+    per_s: float
+    se: float
+    rms_percent: float
+    """Error of the model without the drift, per cent of the output's range."""
 
 
 def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:

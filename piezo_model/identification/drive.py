@@ -7,14 +7,17 @@ Source: P. D. Welch, "The use of fast Fourier transform for the estimation of po
 Electroacoust. 15 (1967) 70–73.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.signal import csd
 
 from piezo_model.identification.adequacy import is_undersampled
 from piezo_model.identification.creep import Determined
 from piezo_model.identification.direction import is_monotonic
-from piezo_model.identification.report import Drive
 from piezo_model.recordings import Recording
+from piezo_model.units import quantity
 
 SAMPLES = 1_000_000
 """Samples from the start in which frequencies are sought."""
@@ -23,6 +26,33 @@ SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
 COHERENT = 0.5
 FAINT = 1e-9
 """Smallest power of a frequency, as a share of the strongest one, that is no leakage of the window."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the drive of a recording can determine, whether that is in the data or not."""
+
+    hysteresis: bool
+    creep: bool
+    drift: bool
+    highest_Hz: float
+    """Highest frequency at which the output follows the drive; 0 without one."""
+
+    def sentence(self, creep: bool) -> str:
+        """The same in words, with creep if the recording tells it from hysteresis; otherwise that has a sentence of its
+        own (`creep`)."""
+        drift = "a drift of the sensor" if creep else "a drift"  # which may be creep
+        effects = {"hysteresis": self.hysteresis, "creep": creep, drift: self.drift}
+        can, cannot = ([name for name, shown in effects.items() if shown is which] for which in (True, False))
+        determined = f"This drive determines {_listed(can, 'and') or 'none of hysteresis, creep and drift'}"
+        cannot = [name for name in cannot if name != "creep"]
+        but = f", but not {_listed(cannot, 'or')}" if can and cannot else ""
+        dynamics = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
+        return f"{determined}{but}; it shows {dynamics}."
+
+
+def _listed(names: Sequence[str], last: str) -> str:
+    return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:

@@ -17,7 +17,7 @@ less biased than beside that of the final model.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -31,12 +31,12 @@ from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import IdentificationError, Solving, States, counted_from, spans
 from piezo_model.identification.forward import EXACT, ForwardFit, fit_forward
-from piezo_model.identification.report import DynamicsFinding
 from piezo_model.identification.resonance import Peak, Spectra
 from piezo_model.identification.selection import state_on
 from piezo_model.identification.start import Prepared
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
+from piezo_model.units import quantity
 from solvers.arrays import Mask, Vector
 
 DynamicsChoice = Literal["estimate", "ignore"]
@@ -59,6 +59,46 @@ APART = 0.1
 STEPS, FOLD_STEPS = 6, 2
 PERIODS, SHORTEST = 3.0, 20
 """Periods, and fewest samples, of a block."""
+NOTABLE = 0.1
+"""Smallest share of the squares that a mode explains in the scan at which it is worth a sentence if it is not kept."""
+
+
+@dataclass(frozen=True)
+class DynamicsFinding:
+    """What a recording says of structural dynamics."""
+
+    kept: bool
+    frequencies_Hz: tuple[float, ...]
+    damping: tuple[float, ...]
+    delay_s: float
+    intervals: dict[str, list[list[float]]]
+    """Those of frequencies, damping ratios and delay at 95 %."""
+    held_out_percent: tuple[float, float]
+    """Errors on held-out blocks without and with the dynamics, per cent of the output's range."""
+    reason: str
+    """Against dynamics that were not kept; "" for others."""
+    gain: float
+    """Share of the whitened squares that the mode explains in the scan."""
+
+    def sentences(self) -> Iterator[str]:
+        """What a user should know."""
+        if not self.kept and (self.gain < NOTABLE or self.held_out_percent[1] > self.held_out_percent[0]):
+            return
+        if not self.kept:
+            yield (
+                f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} is not in the model, since "
+                f"{self.reason}; record steps of 20 ms to determine it."
+            )
+            return
+        for f, zeta, between in zip(self.frequencies_Hz, self.damping, self.intervals["frequencies_Hz"], strict=True):
+            low, high = (f"{end:.5g}" for end in between)
+            within = f" ({low} to {high} Hz)" if low != high else ""
+            yield f"A resonance at {quantity(f, 'Hz', 5)}{within} with a damping of {100.0 * zeta:.3g} %."
+        without, behind = self.held_out_percent
+        yield (
+            f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; with "
+            f"the dynamics the error on held-out data is {behind:.3g} % of the range instead of {without:.3g} %."
+        )
 
 
 @dataclass(frozen=True)
@@ -108,7 +148,7 @@ def separate(
     finding = trials.judge(none, best, peak.gain)
     if not finding.kept:
         return Separated(recording, prepare(recording), finding=finding)
-    return Separated(trials.static(recording, best), prepared, best.at_optimum.start, finding)
+    return Separated(trials.static(recording, best), prepared, found(best).start, finding)
 
 
 def _is_plausible(peak: Peak) -> bool:
@@ -124,20 +164,6 @@ def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
 
 def _with_output(recording: Recording, y: Vector) -> Recording:
     return replace(recording, y=y, y_range=(float(y.min()), float(y.max())))
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A forward fit, and what was free in it."""
-
-    parameters: Parameters
-    fit: ForwardFit
-
-    @property
-    def at_optimum(self) -> Parameters:
-        """The same parameters, with bounds about those of the fit."""
-        assert self.fit.dynamics is not None  # it was made with parameters
-        return replace(self.parameters, start=self.fit.dynamics)
 
 
 @dataclass(frozen=True)
@@ -167,33 +193,29 @@ class Trials:
     def fit(
         self,
         parameters: Parameters,
-        near: Fitted | None = None,
+        near: ForwardFit | None = None,
         counted: Mask | None = None,
         steps: int = STEPS,
-    ) -> Fitted:
+    ) -> ForwardFit:
         """Fit from the weights of another fit, to all counted samples or some of them."""
-        counted, v = self.counted if counted is None else counted, self.v if near is None else near.fit.v
+        counted, v = self.counted if counted is None else counted, self.v if near is None else near.v
         s, states, solving = self.structure, self.states[: len(self.recording.starts)], self.solving
-        return Fitted(
-            parameters,
-            fit_forward(self.recording, counted, s, states, v, solving, steps=steps, parameters=parameters),
-        )
+        return fit_forward(self.recording, counted, s, states, v, solving, steps=steps, parameters=parameters)
 
-    def best(self, none: Fitted, one: Parameters) -> Fitted | None:
+    def best(self, none: ForwardFit, one: Parameters) -> ForwardFit | None:
         """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode;
         None if one gains nothing over no mode."""
 
-        def better(best: Fitted, parameters: Parameters) -> Fitted:
+        def better(best: ForwardFit, parameters: Parameters) -> ForwardFit:
             other = self.fit(parameters, best)
-            assert other.fit.dynamics is not None  # it was made with parameters
-            inside = parameters.inside(other.fit.dynamics, other.fit.free[self.structure.d :])
-            unknowns = parameters.vector.size - best.parameters.vector.size
-            return other if inside and best.fit.improved_by(other.fit, unknowns) else best
+            inside = parameters.inside(found(other).start, other.free[self.structure.d :])
+            unknowns = parameters.vector.size - found(best).vector.size
+            return other if inside and best.improved_by(other, unknowns) else best
 
         best = self.fit(one)
-        g = best.at_optimum.start
+        g = found(best).start
         best = better(best, replace(one, start=replace(g, gains=(1.0 - SHARE,)), residual=True))
-        if not none.fit.improved_by(best.fit, best.parameters.vector.size - none.parameters.vector.size):
+        if not none.improved_by(best, found(best).vector.size - found(none).vector.size):
             return None
         mode = g.frequencies_Hz[0], g.damping[0]
         second = Spectra(self.recording).peak([mode])
@@ -202,66 +224,68 @@ class Trials:
             f, zeta, gains = zip(*sorted(own), strict=True)
             two = replace(g, frequencies_Hz=f, damping=zeta, gains=gains)
             best = better(best, replace(one, start=two, residual=True))
-        lagging = replace(best.at_optimum.start, amplifier_lag_s=LAG * one.sample_time)
-        return better(best, replace(best.parameters, start=lagging, with_lag=True))
+        lagging = replace(found(best).start, amplifier_lag_s=LAG * one.sample_time)
+        return better(best, replace(found(best), start=lagging, with_lag=True))
 
-    def judge(self, none: Fitted, best: Fitted, gain: float) -> DynamicsFinding:
+    def judge(self, none: ForwardFit, best: ForwardFit, gain: float) -> DynamicsFinding:
         """Decide whether the dynamics are kept."""
-        g, T, count = best.at_optimum.start, self.recording.sample_time, int(np.count_nonzero(self.counted))
+        g, T, count = found(best).start, self.recording.sample_time, int(np.count_nonzero(self.counted))
         block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
         before, after = (self._held_out(each, block) for each in (none, best))
         smallest = EXACT * max(float(before.sum()), EXACT)
         gains = np.log((before + smallest) / (after + smallest))
         deviation = float(gains.std()) * math.sqrt(autocorrelation_time([gains]) / gains.size)
-        independent = count / max(autocorrelation_time(each.fit.errors) for each in (none, best))
+        independent = count / max(autocorrelation_time(each.errors) for each in (none, best))
         chance = f_distribution.sf(before.sum() / max(after.sum(), 1e-300), independent, independent)
         falls = before.sum() > after.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
-        modes = len(g.frequencies_Hz)
-        reason = ""
-        if not np.all(best.fit.free[self.structure.d :][: 2 * modes]):
+        modes, reason = len(g.frequencies_Hz), ""
+        if not np.all(best.free[self.structure.d :][: 2 * modes]):
             reason = "its frequency or damping reaches the bounds of the search"
         elif not all(LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping) or g.frequencies_Hz[-1] * T > HIGHEST:
             reason = "it is no lightly damped mode within the sampling rate"
-        elif np.max(_deviations(best.fit, best.parameters)[:modes]) > UNCERTAIN:
+        elif np.max(_deviations(best)[:modes]) > UNCERTAIN:
             reason = "its frequency is uncertain"
         elif not falls:
             reason = "the error on held-out data does not fall"
         scale = 100.0 * abs(self.structure.y_scale) / float(np.ptp(self.recording.y[self.counted]))
         without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
-        return _finding(best.fit, best.parameters, (without, behind), gain, reason)
+        return _finding(best, (without, behind), gain, reason)
 
-    def _held_out(self, fitted: Fitted, block: int) -> Vector:
+    def _held_out(self, fitted: ForwardFit, block: int) -> Vector:
         """Sum of squares on each block, for fits that have not used it and its like."""
         number = np.arange(self.recording.length) // block
         squares = np.zeros(self.recording.length)
         for inside in (number % 2 == 0, number % 2 == 1):
-            error = self.fit(fitted.at_optimum, fitted, inside & self.counted, FOLD_STEPS).fit.error
+            error = self.fit(found(fitted), fitted, inside & self.counted, FOLD_STEPS).error
             squares += np.where(self.counted & ~inside, error**2, 0.0)
         return np.bincount(number, squares).astype(np.float64)
 
-    def static(self, recording: Recording, fitted: Fitted) -> Recording:
+    def static(self, recording: Recording, fitted: ForwardFit) -> Recording:
         """The recording, of which the trials may be the head, with the output that the stage would have without
         dynamics: y + (S[…] − G S[…]) of a fit."""
-        known = Parameters(fitted.at_optimum.start, recording.sample_time)
+        known = Parameters(found(fitted).start, recording.sample_time)
         whole = replace(self, recording=recording, counted=~recording.uncounted)
-        s, fit = self.structure, whole.fit(known, fitted, steps=0).fit
+        s, fit = self.structure, whole.fit(known, fitted, steps=0)
         return _with_output(recording, s.y_centre + s.y_scale * (fit.static + fit.error))
 
 
-def _deviations(fit: ForwardFit, parameters: Parameters) -> Vector:
+def found(fit: ForwardFit) -> Parameters:
+    """The dynamics of a fit that was made with some."""
+    assert fit.parameters is not None
+    return fit.parameters
+
+
+def _deviations(fit: ForwardFit) -> Vector:
     """Standard errors of the parameters' vector, as of the intervals of the weights; 0 for those that are not free."""
     samples, time = sum(error.size for error in fit.errors), autocorrelation_time(fit.errors)
     C = fit.cost * time / samples * inverse_over(fit.P, fit.free)
-    return np.sqrt(np.diag(C))[fit.free.size - parameters.vector.size :]
+    return np.sqrt(np.diag(C))[fit.free.size - found(fit).vector.size :]
 
 
-def _finding(
-    fit: ForwardFit, parameters: Parameters, held_out_percent: tuple[float, float], gain: float, reason: str
-) -> DynamicsFinding:
+def _finding(fit: ForwardFit, held_out_percent: tuple[float, float], gain: float, reason: str) -> DynamicsFinding:
     """What a fit says of its dynamics, with intervals at 95 %."""
-    g, deviations = fit.dynamics, DEVIATIONS * _deviations(fit, parameters)
-    assert g is not None  # it was made with parameters
-    modes = len(g.frequencies_Hz)
+    parameters, deviations = found(fit), DEVIATIONS * _deviations(fit)
+    g, modes = parameters.start, len(parameters.start.frequencies_Hz)
     delay = parameters.sample_time * float(deviations[modes * (3 if parameters.residual else 2)])
 
     def between(values: Sequence[float], relative: Vector) -> list[list[float]]:

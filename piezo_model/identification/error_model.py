@@ -15,11 +15,11 @@ from threadpoolctl import threadpool_limits
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.report import Certificate, Offset
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
+from piezo_model.units import percent, quantity
 from solvers.arrays import Mask, Matrix, Vector
 from solvers.certificate import certify, exact_cost_gap
 
@@ -101,6 +101,37 @@ def accumulate(
         basis.state.play[:], basis.state.creep[:] = state.play, state.creep
         basis.update(recording.x[part], y[part])
     return basis.problem(proximal=proximal)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Proof that the weights are the optimum: relative cost gap and violation, exact arithmetic."""
+
+    cost_gap: float
+    violation: float
+    unique: bool | None
+    """None if that was not decided."""
+
+
+@dataclass(frozen=True)
+class Offset:
+    """The constant term b in units of the input, and the error (5) with and without it. An offset of the sensor and an
+    asymmetry of the loops both contribute to it."""
+
+    value: float
+    error_percent: float
+    error_without_offset_percent: float
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the constant lowers the error by more than two per cent of itself."""
+        return self.error_percent < 0.98 * self.error_without_offset_percent
+
+    def sentence(self, unit: str) -> str:
+        """The constant in words, and what it is good for if that shows."""
+        without, behind = percent(self.error_without_offset_percent), percent(self.error_percent)
+        gain = f"; without it the RMS error of the drive is {without} instead of {behind}" if without != behind else ""
+        return f"Constant term b = {quantity(self.value, unit, 3)}, input-referred{gain}."
 
 
 def prove(problem: IdentificationProblem, w: Vector) -> Certificate:

@@ -84,31 +84,43 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class ForwardFit:
+class Trial:
+    """The model of all unknowns ``z`` = (v, initial slopes, further, θ), simulated, in normalised units."""
+
+    z: Vector
+    states: States
+    """States before the first sample of each part."""
+    dynamics: Dynamics | None
+    static: Vector
+    """Output of the model (N,) before the dynamics."""
+    y_model: Vector
+    """Output of the model (N,), without the further columns."""
+    error: Vector
+    """y − ŷ (N,), with the further columns."""
+    cost: float
+    """Mean square error of the counted samples."""
+
+
+@dataclass(frozen=True)
+class ForwardFit(Trial):
     """Weights with the smallest error of the output, and the linearisation there."""
 
     structure: ModelStructure
-    states: States
-    """States before the first sample of each part."""
-    v: Vector
-    """Weights (d,) in slope coordinates."""
     further: Vector
     """Weights of the further columns."""
-    cost: float
-    """Mean square error of the counted samples, normalised units."""
-    static: Vector
-    """Output of the model (N,) before the dynamics, in normalised units."""
-    y_model: Vector
-    """Output of the model (N,) in normalised units, without the further columns."""
-    error: Vector
-    """y − ŷ (N,) in normalised units, with the further columns."""
     counted: Mask
     parts: Sequence[slice]
     P: Matrix
     """Mean of JᵀJ over (v, further, θ) at the last step."""
     free: Mask
     """Which of these the data determine and no bound holds."""
-    dynamics: Dynamics | None = None
+    parameters: Parameters | None
+    """The dynamics, and which of their parameters were unknowns."""
+
+    @property
+    def v(self) -> Vector:
+        """Weights (d,) in slope coordinates."""
+        return self.z[: self.structure.d]
 
     @property
     def weights(self) -> Vector:
@@ -239,13 +251,7 @@ def fit_forward(
     """
     sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
     n, d, k = s.n * len(free_parts), s.d, 0 if further is None else further.low.size
-    ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
-    low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), np.full(k, -np.inf), ends[0]])
-    high = np.concatenate([np.full(d, np.inf), np.ones(n), np.full(k, np.inf), ends[1]])
-    if further is not None:
-        low[d + n : d + n + k], high[d + n : d + n + k] = further.low, further.high
-    if creep_limits is not None:
-        high[s.slices[2]] = creep_limits
+    low, high = _bounds(s, n, further, creep_limits, parameters)
     theta = np.zeros(0) if parameters is None else parameters.vector
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
     z = np.where(np.isfinite(low) & np.isfinite(high), np.clip(z, low, high), np.maximum(np.minimum(z, high), low))
@@ -307,20 +313,29 @@ def fit_forward(
             break
     kept: NDArray[np.int64] = np.r_[np.arange(d), np.arange(d + n, z.size)]
     return ForwardFit(
-        s,
-        best.states,
-        best.z[:d],
-        best.z[d + n : d + n + k],
-        best.cost,
-        best.static,
-        best.y_model,
-        best.error,
-        counted,
-        spans(recording),
-        P[np.ix_(kept, kept)],
-        free[kept],
-        best.dynamics,
+        **vars(best),
+        structure=s,
+        further=best.z[d + n : d + n + k],
+        counted=counted,
+        parts=spans(recording),
+        P=P[np.ix_(kept, kept)],
+        free=free[kept],
+        parameters=None if best.dynamics is None or parameters is None else replace(parameters, start=best.dynamics),
     )
+
+
+def _bounds(
+    s: ModelStructure, n: int, further: Columns | None, creep_limits: Vector | None, parameters: Parameters | None
+) -> tuple[Vector, Vector]:
+    """Bounds of all unknowns z, among them n initial slopes."""
+    none = np.zeros(0)
+    columns = (none, none) if further is None else (further.low, further.high)
+    ends = (none, none) if parameters is None else parameters.bounds
+    highest = np.full(s.d, np.inf)
+    if creep_limits is not None:
+        highest[s.slices[2]] = creep_limits
+    low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), columns[0], ends[0]])
+    return low, np.concatenate([highest, np.ones(n), columns[1], ends[1]])
 
 
 def step_problem(
@@ -329,24 +344,10 @@ def step_problem(
     """The program of the next step from a fit, in the form of the program (6) of the same recording and structure: the
     proximal term keeps to the weights of the fit, and so do weights that no sample reaches."""
     s, v = fit.structure, fit.v
-    at = Trial(v, fit.states, fit.dynamics, fit.static, fit.y_model, fit.error, fit.cost)
-    gram = _gram(recording, counted, s, at, [], None)[0]
+    gram = _gram(recording, counted, s, fit, [], None)[0]
     P, Je, S = gram[:-1, :-1], gram[:-1, -1], s.inverse_slope_map
     q, c = -Je - P @ v, 0.5 * (gram[-1, -1] + 2.0 * Je @ v + v @ P @ v)
     return replace(problem, P=S.T @ P @ S, q=S.T @ q, c=float(c), reference=fit.weights)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """The model of all unknowns ``z``, simulated, in normalised units."""
-
-    z: Vector
-    states: States
-    dynamics: Dynamics | None
-    static: Vector
-    y_model: Vector
-    error: Vector
-    cost: float
 
 
 def _gram(

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
-from piezo_model.identification.adequacy import Adequacy, check_adequacy, fit_of
-from piezo_model.identification.creep import Determined, determine
+from piezo_model.identification.adequacy import Adequacy, check_adequacy
+from piezo_model.identification.creep import Determined, Drift, determine
 from piezo_model.identification.direction import check_direction
 from piezo_model.identification.drive import drive_of
 from piezo_model.identification.dynamics import DynamicsChoice, Separated, separate
@@ -35,9 +35,10 @@ from piezo_model.identification.error_model import (
     one_thread,
     prove,
 )
+from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, simulate
 from piezo_model.identification.intervals import intervals
-from piezo_model.identification.report import CreepFinding, Drift, Fit, FitReport, Lag, LaterPart
+from piezo_model.identification.report import FitReport
 from piezo_model.identification.selection import (
     HYSTERESIS_ORDERS,
     SUPERPOSITION_ORDERS,
@@ -46,7 +47,7 @@ from piezo_model.identification.selection import (
     select,
     state_on,
 )
-from piezo_model.identification.sensor_lag import estimate_lag, without_lag
+from piezo_model.identification.sensor_lag import Lag, estimate_lag, without_lag
 from piezo_model.identification.start import USUAL, Prepared, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -349,45 +350,29 @@ def _reported(
         errors = recording.y - simulate(s, model.arrays, recording, fit.states)
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)
     known = options.estimator == "forward" and not straight and fit.cost > 0.0
+    starts = zip(recording.starts, prepared.starts, fit.states, strict=True)
     report = FitReport(
-        solver=solving.solver,
         estimator=options.estimator,
+        solving=solving,
         fit=found,
-        baseline=verdict.baseline,
-        hysteresis=verdict.hysteresis,
-        refusal=verdict.refusal,
-        left_out=verdict.left_out,
-        monotonic_drive=verdict.monotonic_drive,
+        adequacy=verdict,
         excitation=problem.excitation_report(),
         certificate=None if straight else prove(problem, final.optimal),
         lag=lag,
         dynamics=fitting.separated.finding,
         offset=offset(problem, solving, final.optimal) if s.offset else None,
         start=prepared.starts[0],
-        parts=[
-            LaterPart(first, start, **state.to_dict(s))
-            for first, start, state in zip(recording.starts, prepared.starts, fit.states, strict=True)
-        ][1:],
+        parts=[{"first_sample": first, "start": how, **state.to_dict(s)} for first, how, state in starts][1:],
         drive=drive_of(recording, prepared.skip, determined),
-        creep=CreepFinding(
-            determined.creep is not None,
-            options.chooses_creep,
-            determined.rates,
-            determined.share,
-            determined.chi_square,
-            determined.absent,
-        ),
+        determined=determined,
+        creep_chosen=options.chooses_creep,
         drift=None if final.drift is None else _drift(final, determined, fitting.span),
+        selection=selection,
         intervals=intervals(fit) if known else None,
         figures=figures_of(model),
         units=recording.units,
-        passes=solving.passes,
-        programs=solving.programs,
-    ).to_dict(s)
-    if selection is not None:
-        report["selection"] = selection.to_dict()
-        report["sentences"].append(selection.sentence)
-    return replace(model, report=report, start=fit.states[0])
+    )
+    return replace(model, report=report.to_dict(s), start=fit.states[0])
 
 
 def _drift(final: Final, determined: Determined, span: float) -> Drift:

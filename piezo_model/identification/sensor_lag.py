@@ -11,7 +11,7 @@ of the variance of white noise, which would look like a better fit, and this ker
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import f as f_distribution
@@ -19,9 +19,9 @@ from scipy.stats import f as f_distribution
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.error_model import IdentificationError, Solving, counted_from, spans
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
-from piezo_model.identification.report import Lag
 from piezo_model.identification.start import first_motion
 from piezo_model.recordings import Recording
+from piezo_model.units import quantity
 from solvers.arrays import Vector
 
 HALF_WIDTH = 32
@@ -39,6 +39,44 @@ CHANCE = 1e-3
 """Largest probability of the gain without a lag."""
 ROUNDS, STEPS = 8, 2
 """Most advances of the output, and steps of the fit after each."""
+
+
+@dataclass(frozen=True)
+class Lag:
+    """The sensor's delay that fits best, in samples, and the error of the output without and with its removal."""
+
+    samples: float
+    removed: bool
+    error_percent: float
+    error_without_lag_percent: float
+    at_edge: bool
+    """Whether the best lag is the largest tried one: it may be larger."""
+    is_significant: bool
+    """Whether the gain of its removal is clear."""
+
+    def sentence(self, sample_time: float) -> str:
+        """The lag in words."""
+        samples = (
+            f"{self.samples:.0f} samples or more, the search limit," if self.at_edge else f"{self.samples:.2f} samples"
+        )
+        removed = "; it was removed before the fit" * self.removed
+        return (
+            f"The sensor lags by {samples} ({quantity(self.samples * sample_time, 's', 3)}): the RMS error of the "
+            f"output is {self.error_percent:.3f} % with the lag and {self.error_without_lag_percent:.3f} % "
+            f"without{removed}."
+        )
+
+    @property
+    def advice(self) -> str:
+        """What to do about it; "" for nothing."""
+        if self.removed:
+            return "The model is without the lag of the sensor; a loop that the sensor closes has it."
+        if not self.is_significant:
+            return ""
+        if self.at_edge:
+            limit = f"{self.samples:.0f} samples, the search limit"
+            return f"Align input and output first: the lag may be longer than {limit}."
+        return "Remove the lag of the sensor with the option --lag remove."
 
 
 def shift_output(y: Vector, lag: float) -> tuple[Vector, slice]:

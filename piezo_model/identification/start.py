@@ -301,9 +301,9 @@ def _memory_erased_from(recording: Recording, s: ModelStructure) -> int:
     return _index_after_travel(recording, max((width for width in widths if width < span), default=0.0))
 
 
-def initial_segment(recording: Recording, s: ModelStructure, skip: int = 0) -> Recording:
-    """The samples that decide about the start, not counting the first ``skip``."""
-    return recording.head(skip + _memory_erased_from(recording, s) + HEAD)
+def initial_segment(recording: Recording, s: ModelStructure) -> Recording:
+    """The samples that decide about the start."""
+    return recording.head(_memory_erased_from(recording, s) + HEAD)
 
 
 def y_range(recording: Recording, skip: int) -> tuple[float, float]:
@@ -423,13 +423,12 @@ def _centred(fit: ForwardFit, counted: Mask) -> Vector:
 
 @one_thread
 def simulated(model: HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
-    """Output (N,) of a model over a recording, from given states before its first sample, and settled at the start of
-    each later part; by default from those with which the model errs least."""
+    """Output (N,) of a model over a recording, from the states before each part with which it errs least, or from given
+    ones before the first sample."""
     model = model.at(recording.sample_time)
     s = model.structure
     recording = recording.in_units(s.input_unit, s.output_unit)
-    if state is None:
-        states, _ = start_and_transient(model, recording)
-    else:
-        states = [state, *(OperatorState.settled_at(s, float(recording.x[first])) for first in recording.starts[1:])]
-    return simulate(s, model.arrays, recording, states, model.dynamics)
+    given = [] if state is None else [state]
+    if len(given) < len(recording.starts):
+        given += start_and_transient(model, recording)[0][len(given) :]
+    return simulate(s, model.arrays, recording, given, model.dynamics)

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from piezo_model.identification.adequacy import fit_of, outlier
+from piezo_model.identification.adequacy import outlier
 from piezo_model.identification.error_model import States, counted_from, one_thread
+from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import simulate
-from piezo_model.identification.report import Fit, percent
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.start import start_and_transient, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.units import quantity
+from piezo_model.units import percent, quantity
 
 if TYPE_CHECKING:
     from piezo_model.model import HysteresisCreepModel

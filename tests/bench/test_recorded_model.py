@@ -16,7 +16,7 @@ from bench.problems.recorded import kept_back
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
 from piezo_model.deployment import Deployment
-from piezo_model.identification.report import UNDETERMINED
+from piezo_model.identification.creep import UNDETERMINED
 from piezo_model.operators import play
 from piezo_model.recordings import write_table
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter, sawtooth
 
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
-from piezo_model.identification.report import ABSENT, INDISTINCT, UNDETERMINED
+from piezo_model.identification.creep import ABSENT, INDISTINCT, UNDETERMINED
 from piezo_model.operators import play
 from piezo_model.signals import multi_sine
 

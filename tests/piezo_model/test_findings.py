@@ -1,6 +1,7 @@
 """Sentences about an identification have the digits that make a difference."""
 
-from piezo_model.identification.report import DynamicsFinding, Offset
+from piezo_model.identification.dynamics import DynamicsFinding
+from piezo_model.identification.error_model import Offset
 
 
 def resonance(low: float, high: float) -> str:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification import forward, start
-from piezo_model.identification.adequacy import alternate_blocks
 from piezo_model.identification.autocorrelation import autocorrelation_time
 from piezo_model.identification.creep import holds
+from piezo_model.identification.fit_errors import alternate_blocks
 from piezo_model.identification.forward import independent_samples
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.operators import play
@@ -144,3 +144,9 @@ def test_given_states_are_those_of_the_first_part_alone() -> None:
     np.testing.assert_array_equal(model.starts[0].play, start.play)
     assert model.report["parts"][0]["start"] == "searched"
     assert model.starts[1].play.max() > model.starts[1].play[0]
+
+
+def test_a_simulation_from_given_states_begins_later_parts_where_the_model_errs_least() -> None:
+    made = joined([(swelling(10.0, 3000), UP), (swelling(7.0, 3000), DOWN)])
+    model = identify(made, n=5, m=1)
+    np.testing.assert_allclose(model.simulate(made, model.starts[0]), model.simulate(made), atol=1e-9)
