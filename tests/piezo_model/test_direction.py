@@ -34,7 +34,8 @@ def measured(name: str, gain: float, noise: float = 1e-3, lag: int = 0, drift: f
     def act(x: Vector) -> Vector:
         true.extend(plant.run(x))
         k = np.arange(len(true) - x.size, len(true))
-        y = np.array(true)[np.maximum(k - lag, 0)] + (high - low) * drift * T * k
+        first = max(int(k[0]) - lag, 0)
+        y = np.array(true[first:])[np.maximum(k - lag, 0) - first] + (high - low) * drift * T * k
         return 0.5 * (low + high) + gain * (y - 0.5 * (low + high)) + noise * (high - low) * random.normal(size=x.size)
 
     return act

@@ -6,6 +6,7 @@ import math
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,6 +49,7 @@ def test_without_states_the_actuator_had_rested_where_a_compensators_drive_start
     np.testing.assert_array_equal(model.simulate(x), model.simulate(x, Compensator(model).state))
 
 
+@cache
 def identified() -> tuple[HysteresisCreepModel, np.ndarray, np.ndarray]:
     """A model, and the recording of an actuator that came from above, which it was identified from."""
     s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-10.0, 10.0), (10.0,), 1e-3, offset=True)
