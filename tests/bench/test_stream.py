@@ -480,3 +480,13 @@ def test_no_text_of_a_stream_is_evaluated_in_its_report(
         browser.open(page)
         assert browser.console() == []
         assert browser.run("return document.title").endswith(page.parent.name)
+
+
+def test_the_notes_count_the_lanes_that_were_stopped_with_their_service_times_and_say_nothing_where_none_was() -> None:
+    lanes = pd.DataFrame({"solver": ["a", "b", "c"], "paced": True, "is_floor": False, "samples": 50})
+    lanes["stopped"], lanes["service_p50_us"] = ["late", "late", ""], [200.0, 310.0, 5.0]
+    assert report.notes(lanes, StreamSettings(give_up=50)) == [
+        "Late at each of the first 50 samples and stopped there: 2 of 3 lanes; their median service times are 200 to "
+        "310 µs."
+    ]
+    assert report.notes(lanes[2:], StreamSettings(give_up=50)) == []

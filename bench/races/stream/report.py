@@ -293,9 +293,9 @@ def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
     stopped = table[table.paced & ~table.is_floor & (table.stopped != "")]
     floor, loops = table[table.is_floor], table[~table.paced & (table.solver == EXACT) & (table.samples > 0)]
     late = (
-        f"{len(stopped)} lanes were late at each of the first {settings.give_up} samples and were "
-        f"stopped there; their median service times are {number(stopped['service_p50_us'].min())} to "
-        f"{number(stopped['service_p50_us'].max())} µs."
+        f"Late at each of the first {settings.give_up} samples and stopped there: {len(stopped)} of "
+        f"{(table.paced & ~table.is_floor).sum()} lanes; their median service times are "
+        f"{number(stopped['service_p50_us'].min())} to {number(stopped['service_p50_us'].max())} µs."
     )
     return [
         *(
