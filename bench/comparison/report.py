@@ -10,17 +10,28 @@ import pandas as pd
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
 from bench.derived.ranking import TIER_NAMES
+from bench.messages.columns import Column
 from bench.messages.verdict import Tier
 from bench.report.console import plain_json
 from bench.report.plot import ROW, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
-from bench.report.words import OURS_NOTE, joined, marked, solver_lanes
+from bench.report.words import OURS_NOTE, joined, marked, solver_lanes, whole
 from bench.report.writing import write_report
 from bench.store import RunFile
 from piezo_model.atomic_file import write_text
 
 FORMAT, VERSION = "piezobench-comparison", 4
-HEADINGS = ("solver", "lane", "times", "finding", "ratio", "interval", "problems", "tiers")
+COLUMNS = (
+    Column("run", heading="run"),
+    Column("solver", heading="solver", format=marked),
+    Column("lane", heading="lane"),
+    Column("timed", heading="times"),
+    Column("finding", heading="finding"),
+    Column("ratio", heading="ratio", format=lambda ratio: "–" if pd.isna(ratio) else f"{ratio:.2f}"),
+    Column("interval", heading="interval"),
+    Column("problems", heading="problems", format=whole),
+    Column("tiers", heading="tiers"),
+)
 TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.3, 1.5, 2, 3, 5, 10, 20, 50, 100]
 COLOURS = {SLOWER: "#d55e00", FASTER: "#009e73", CANNOT_TELL: "#cc79a7", SAME: "#999999"}
 MOST_NAMED, MOST_TOLD = 4, 2
@@ -47,26 +58,12 @@ DEFINITIONS = (
 
 def report(comparisons: Sequence[Comparison]) -> Report:
     """Report of comparisons with the same first run."""
-    tables = [_table(comparison) for comparison in comparisons]
-    rows = [
-        [comparison.b.path.name, *row]
-        for comparison, table in zip(comparisons, tables, strict=True)
-        for row in _rows(table)
-    ]
-    changed = [row for row in rows if row[4] not in (SAME, "–") or row[-1] != "–"]
+    every = pd.concat([_table(comparison) for comparison in comparisons], ignore_index=True)
+    changed = every[~every.finding.isin([SAME, "–"]) | (every.tiers != "–")]
     first = 0 if len(comparisons) > 1 else 1
     grid = [
-        Table(
-            title,
-            ("run", *HEADINGS)[first:],
-            [row[first:] for row in shown],
-            5 - first,
-            ("run", "lane", "times", "finding"),
-        )
-        for title, shown in (
-            ("Solver lanes", rows),
-            ("Solver lanes that differ or cannot be told", changed),
-        )
+        Table.of(title, lines, COLUMNS[first:], 5 - first, filters=("run", "lane", "times", "finding"))
+        for title, lines in (("Solver lanes", every), ("Solver lanes that differ or cannot be told", changed))
     ]
     runs = [comparisons[0].a, *(comparison.b for comparison in comparisons)]
     return Report(
@@ -214,30 +211,18 @@ def _table(comparison: Comparison) -> pd.DataFrame:
         .reset_index()
     )
     table = comparison.times.merge(changed, on=SOLVER_LANE, how="outer").fillna(
-        {"tiers": "–", "timed": "–", "finding": "–"}
+        {"tiers": "–", "timed": "–", "finding": "–", "problems": 0}
     )
     order = table.finding.map({finding: i for i, finding in enumerate(COLOURS)}) - len(COLOURS) * (table.tiers != "–")
+    intervals = [
+        f"{low:.2f} to {high:.2f}" if low > 0.0 else "unknown"
+        for low, high in zip(table.ratio_low, table.ratio_high, strict=True)
+    ]
     return (
-        table.assign(order=order, size=-np.log(table.ratio).abs())
+        table.assign(run=comparison.b.path.name, interval=intervals, order=order, size=-np.log(table.ratio).abs())
         .sort_values(["order", "size"], ignore_index=True)
         .drop(columns=["order", "size"])
     )
-
-
-def _rows(table: pd.DataFrame) -> list[list[str]]:
-    return [
-        [
-            marked(row["solver"]),
-            row["lane"],
-            row["timed"],
-            row["finding"],
-            "–" if pd.isna(row["ratio"]) else f"{row['ratio']:.2f}",
-            f"{row['ratio_low']:.2f} to {row['ratio_high']:.2f}" if row["ratio_low"] > 0.0 else "unknown",
-            "0" if pd.isna(row["problems"]) else f"{row['problems']:.0f}",
-            row["tiers"],
-        ]
-        for row in table.to_dict("records")
-    ]
 
 
 def _ratios(comparison: Comparison, number: int) -> Figure:

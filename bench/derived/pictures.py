@@ -29,8 +29,6 @@ OUR_BEST = "box_active_set"
 MOST_GAP = 1e3
 """Largest cost gap on a plot; larger ones are drawn at this value."""
 OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
-EXACT, OTHERS = ("box_active_set", "recursive_active_set"), 5
-"""Our solvers in the report's table of times by size (the second in older runs), and the number of others."""
 MOST_IN_PROFILE, MOST_BARS = 10, 24
 STAGES = ("set-up", "update", "solve")
 
@@ -148,23 +146,6 @@ def sizes(measurements: Measurements) -> pd.DataFrame:
     of_name = lines.groupby(["view", "name"]).time_us
     missing = lines.groupby("view").d.transform("nunique") - of_name.transform("size")
     return ranked(lines, 1e3 * missing + np.log(lines.time_us).groupby([lines["view"], lines.name]).transform("mean"))
-
-
-def time_by_size(measurements: Measurements) -> pd.DataFrame:
-    """Excerpt of :func:`sizes`: our exact solvers and the fastest others in their fastest lane, one column per size.
-
-    The others are ordered by the number of sizes with right answers, then by the geometric mean of their times.
-    """
-    table = sizes(measurements)
-    if not len(table):
-        return table[["view", "name"]]
-    wide = table.pivot_table(index=["view", "solver", "name"], columns="d", values="time_us").reset_index()
-    times = wide[sorted(set(table.d))]
-    wide = wide.assign(ours=wide.solver.isin(EXACT), right=times.notna().sum(axis=1), mean=np.log(times).mean(axis=1))
-    wide = wide.sort_values(["view", "ours", "right", "mean"], ascending=[True, False, False, True])
-    others = wide[~wide.ours].drop_duplicates(["view", "solver"]).groupby("view").head(OTHERS)
-    shown = pd.concat([wide[wide.ours], others]).sort_values(["view", "ours"], ascending=[True, False], kind="stable")
-    return shown.drop(columns=["solver", "ours", "right", "mean"]).rename_axis(columns=None).reset_index(drop=True)
 
 
 def stages(table: pd.DataFrame) -> pd.DataFrame:

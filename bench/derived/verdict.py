@@ -16,13 +16,12 @@ from bench.derived.accuracy import TOLERANCE, UNNOTICED, right
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, TIER_NAMES, Line, of_paper, ranking
 from bench.derived.tier_settings import FEWEST
-from bench.derived.wrapper_share import REPORTING, in_lane_direct
 from bench.messages.task import PAPERS_SETTING
 from bench.messages.verdict import Tier
-from bench.report.words import format_distinct, joined, marked, number, percent, rounded, settings_label, solver_lanes
+from bench.report.words import format_distinct, joined, marked, number, percent, rounded, solver_lanes
 from piezo_model.json_file import decoded
 from solvers import Lane
-from solvers.registry import FAMILIES, OURS
+from solvers.registry import OURS
 
 GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
 """The first of these tiers that any solver lane reaches is the one of the verdict."""
@@ -170,8 +169,8 @@ def _stage(measurements: Measurements) -> Iterator[str]:
 
 
 def notes(measurements: Measurements, summary: pd.DataFrame) -> list[str]:
-    """Further findings: other scalings, warm starts, cold caches, defaults that differ between lanes."""
-    return [*_other_scalings(measurements), *_warm(summary), *_interleaved(measurements), *_lanes(measurements)]
+    """Further findings: other scalings, warm starts, cold caches."""
+    return [*_other_scalings(measurements), *_warm(summary), *_interleaved(measurements)]
 
 
 def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
@@ -218,27 +217,3 @@ def _interleaved(measurements: Measurements) -> Iterator[str]:
             f"Interleaved with other solvers, which leave cold caches, an answer takes {ratio.median():.2g} times as "
             f"long as hot (median over {solver_lanes(len(ratio))}, {ratio.min():.2g} to {ratio.max():.2g})."
         )
-
-
-def _lanes(measurements: Measurements) -> Iterator[str]:
-    """Wrapper lanes in which the defaults of a library differ from those in the lane direct."""
-    rows = measurements.field[
-        measurements.field.is_default & (measurements.field.scaling == measurements.scaling)
-    ].drop_duplicates(["solver", "lane"])
-    defaults = {
-        (line["solver"], line["lane"]): decoded(line["settings"], dict[str, Any]) for line in rows.to_dict("records")
-    }
-    for (solver, lane), wrapper in defaults.items():
-        direct = defaults.get((in_lane_direct(solver), Lane.DIRECT))
-        if direct is None or lane not in FAMILIES:
-            continue
-        differ = {name for name in {*wrapper, *direct} - REPORTING if wrapper.get(name) != direct.get(name)}
-        if differ:
-            labels = [
-                settings_label({name: value for name, value in settings.items() if name in differ}) or "none of these"
-                for settings in (wrapper, direct)
-            ]
-            yield (
-                f"The default settings of {solver} in the lane {lane} differ from those in the lane direct: "
-                f"{labels[0]}; direct: {labels[1]}."
-            )

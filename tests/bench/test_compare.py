@@ -249,7 +249,7 @@ def test_the_page_shows_what_differs_and_markdown_survives_any_name(
     page = comparison.write(found, comparison.report(found), tmp_path / "c")
     assert "ratios_1" in browser.sections(page)
     markdown = page.with_suffix(".md").read_text()
-    assert {line.count("|") for line in markdown.splitlines() if line.startswith("|")} == {len(comparison.HEADINGS) + 1}
+    assert {line.count("|") for line in markdown.splitlines() if line.startswith("|")} == {len(comparison.COLUMNS)}
     assert "<script>" not in markdown
 
 

@@ -1,15 +1,106 @@
-"""Sentences of a race: digits by the drift of the machine, reservations first, and cases that the committed run does
-not have."""
+"""The first screen of a race: its short table, sentences and pictures; the committed run has the rest."""
 
+from collections.abc import Callable
+
+import pandas as pd
 import pytest
 from measured_rows import ladder, measured, row, steps
 
-from bench.derived.ranking import ranking, short_table
+from bench.derived import pictures
+from bench.derived.measurements import Measurements
+from bench.derived.misses import misses
+from bench.derived.ranking import PACE, Line, Result, ranking, short_table
 from bench.derived.summary import summary
 from bench.derived.verdict import notes, verdict
 from bench.messages.task import Row
+from bench.messages.verdict import Tier
 
 NAN = float("nan")
+
+
+def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
+    """The cells of each line for 1e-3, 1e-6, 1e-9, 1e-12, then the stage and the default."""
+    shown = short_table(ranking(measured(rows)), "", terminal).rows
+    return {str(line[0]): [str(cell) for cell in line[2:]] for line in shown}
+
+
+def test_a_tier_that_is_not_reached_has_no_time_but_the_number_of_problems_that_are_right() -> None:
+    rows = ladder({"p1": [1e-12, 1e-12], "p2": [1e-12, 1e-12], "p3": [NAN, 1e-5]})
+    assert cells(rows)["daqp"] == ["1", "✗2/3 p3", "✗2/3 p3", "✗2/3 p3", "–"]
+    assert cells(rows, terminal=True)["daqp"] == ["1", "✗2/3", "✗2/3", "✗2/3", "–"]
+
+
+def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_result_has_a_dash() -> None:
+    noisy = ladder({"p1": [1e-14]}, noise_um=0.01, stage_excess=0.0)
+    assert short_table(ranking(measured(ladder({"p1": [1e-14]}))), "").headings[2:] == [
+        "to 1e-3",
+        "to 1e-6",
+        "to 1e-9",
+        "to 1e-12",
+        "default gap",
+    ]
+    other = ladder({"p1": [1e-14], "p2": [1e-14]}, solver="osqp", noise_um=0.0)
+    assert short_table(ranking(measured([*noisy, *other])), "").headings[-2] == "stage"
+    assert cells([*noisy, *other])["osqp"][-2] == "–"
+
+
+def test_a_terminal_shows_the_lanes_with_a_ladder_or_without_such_lanes_all() -> None:
+    rows = [
+        row(),
+        row(solver="quadprog", lane="qpsolvers"),
+        row(solver="clarabel", lane="cvxpy"),
+        row(solver="box_active_set", lane="kernel"),
+    ]
+    assert set(cells(rows)) == {"daqp", "quadprog", "clarabel", "box_active_set†"}
+    assert set(cells(rows, terminal=True)) == {"daqp", "box_active_set†"}
+    assert set(cells(rows[1:3], terminal=True)) == {"quadprog", "clarabel"}
+
+
+def test_only_cold_rows_of_the_first_scaling_are_in_the_table() -> None:
+    rows = [
+        *ladder({"p1": [1e-14]}, solve_us_p50=5.0),
+        row(start="warm", solve_us_p50=1.0),
+        row(scaling="raw", solve_us_p50=2.0),
+        row(solver="raw_alone", scaling="raw"),
+        row(solver="warm_alone", start="warm"),
+    ]
+    (line,) = ranking(measured(rows))
+    assert (line.name, line.results[Tier.HIGH].us) == ("daqp", 5.0)
+
+
+def test_the_papers_method_has_no_pace_if_it_supports_none_of_the_problems() -> None:
+    refused = [{**one, "status": "unsupported", "cost_gap": NAN} for one in steps({"p1": [0.5, 1e-4]})]
+    assert PACE not in [line.name for line in ranking(measured([row(), *refused]))]
+
+
+@pytest.mark.parametrize(
+    ("us", "wide", "narrow"),
+    [
+        (0.934, "0.934", "0.93"),
+        (6.57, "6.57", "6.57"),
+        (1900.0, "1900", "1900"),
+        (1.9e6, "1.9e6", "1.9 s"),
+        (25_000.0, "25000", "25 ms"),
+    ],
+)
+def test_a_time_is_in_microseconds_and_short_on_a_terminal(us: float, wide: str, narrow: str) -> None:
+    line = Line("daqp", "daqp", "direct", {Tier.HIGH: Result(us, 3, 3, "s0")}, NAN)
+    assert short_table([line], "").rows[0][2] == wide
+    assert short_table([line], "", terminal=True).rows[0][2] == narrow
+
+
+def test_a_miss_is_listed_with_its_problem_and_figures_the_nearest_lanes_first_and_hopeless_ones_not() -> None:
+    rows = [
+        *ladder({"p1": [1e-12], "p2": [1e-12], "p3": [1e-12]}, solver="right"),
+        *ladder({"p1": [1e-12], "p2": [1e-5], "p3": [1e-4]}, solver="a"),
+        *ladder({"p1": [1e-12], "p2": [1e-5], "p3": [1e-12]}, solver="near"),
+        *ladder({"p1": [1.0], "p2": [1.0], "p3": [1.0]}, solver="hopeless"),
+    ]
+    table = misses(measured(rows))
+    assert table[["solver", "problem"]].values.tolist() == [["near", "p2"], ["a", "p2"], ["a", "p3"]]
+    assert table.iloc[0].cost_gap == 1e-5
+
+
 RIGHT = {"p1": [1e-12], "p2": [1e-12], "p3": [1e-12]}
 CORE = "clang 18, AVX2"
 
@@ -153,18 +244,6 @@ def test_a_note_compares_warm_starts_with_cold_ones() -> None:
     assert "takes 0.5 times as long as a cold one" in warm
 
 
-def test_a_wrapper_that_has_other_defaults_than_the_library_is_named_with_what_differs() -> None:
-    rows = [
-        row(is_default=True, settings='{"eps": 1e-6}'),
-        row(lane="qpsolvers", is_default=True, settings='{"eps": 1e-6, "raise_error": false}'),
-        row(lane="cvxpy", is_default=True, settings='{"eps": 1e-5}'),
-    ]
-    assert noted(rows) == [
-        "The default settings of daqp in the lane cvxpy differ from those in the lane direct: eps "
-        "1e-05; direct: eps 1e-06."
-    ]
-
-
 def test_a_sentence_says_which_of_the_known_libraries_reach_the_tier_and_how_far_the_others_get() -> None:
     rows = [
         *ladder(RIGHT, solver="daqp"),
@@ -176,3 +255,107 @@ def test_a_sentence_says_which_of_the_known_libraries_reach_the_tier_and_how_far
         measured(rows)
     )
     assert not any("people know first" in sentence for sentence in verdict(measured(rows[:6])))
+
+
+SPEED = {"box_active_set": 1.0, "recursive_active_set": 2.0, "a": 3.0, "b": 4.0, "c": 5.0, "d": 6.0, "e": 7.0, "f": 8.0}
+SIZES = (8, 18, 60)
+
+
+@pytest.mark.parametrize("status", ["solver_failed", "not_run", "crashed", "tampered"])
+def test_a_setting_that_fails_was_not_run_or_was_caught_on_any_problem_is_not_in_the_picture(status: str) -> None:
+    rows = ladder({"p1": [1e-3, 1e-9, 1e-10], "p2": [1e-3, 1e-9, 1e-10]})
+    rows[4]["status"] = status
+    assert pictures.work_precision(measured(rows)).rung.tolist() == [0, 2]
+
+
+def test_a_solver_is_drawn_in_its_fastest_lane_and_named_at_its_most_exact_setting_if_it_is_known() -> None:
+    gaps = {"p1": [1e-3, 1e-9], "p2": [1e-3, 1e-9]}
+    rows = [
+        *ladder(gaps, solver="osqp", solve_us_p50=30.0),
+        *ladder(gaps, solver="osqp", lane="qpsolvers", solve_us_p50=300.0),
+        *ladder(gaps, solver="unknown", solve_us_p50=5.0),
+        *ladder({"p1": [1e-12]}, solver="partial", solve_us_p50=1.0),
+    ]
+    table = pictures.work_precision(measured(rows)).set_index("name")
+    assert set(table.index) == {"osqp", "unknown"}
+    assert set(table.lane) == {"direct"}
+    assert table.front.to_dict() == {"osqp": True, "unknown": False}
+    assert table.loc["osqp"].end.tolist() == [False, True]
+
+
+def timed(solver: str, times: list[float], gaps: list[float]) -> list[Row]:
+    return [
+        one
+        for i, (us, gap) in enumerate(zip(times, gaps, strict=True))
+        for one in ladder({f"p{i}": [gap]}, solver=solver, solve_us_p50=us)
+    ]
+
+
+def test_the_performance_profile_is_that_of_dolan_and_more() -> None:
+    rows = [
+        *timed("a", [1.0, 2.0, 9.0], [0.0] * 3),
+        *timed("b", [2.0, 1.0, 3.0], [0.0] * 3),
+        *timed("c", [0.1] * 3, [1e-3] * 3),
+    ]
+    table = pictures.performance_profile(measured(rows)).set_index(["solver", "factor"])
+    expected = {
+        ("a", 1.0): 1 / 3,
+        ("a", 2.0): 2 / 3,
+        ("a", 3.0): 1.0,
+        ("b", 1.0): 2 / 3,
+        ("b", 2.0): 1.0,
+        ("b", 3.0): 1.0,
+    }
+    assert table.share.to_dict() == pytest.approx(expected)
+
+
+def sized(**change: object) -> list[Row]:
+    """Solvers whose time is a multiple of d, in two lanes; "a" is wrong at the largest size."""
+    return [
+        one
+        for solver, speed in SPEED.items()
+        for lane in ("direct", "qpsolvers")
+        for d in SIZES
+        for one in ladder(
+            {f"d{d}": [1.0 if solver == "a" and d == 60 else 0.0]},
+            problem_set="orders",
+            d=d,
+            solver=solver,
+            lane=lane,
+            solve_us_p50=speed * d * (1.0 if lane == "direct" else 1.5),
+            **change,
+        )
+    ]
+
+
+def test_a_size_of_several_problems_has_their_median_if_all_are_right() -> None:
+    more = [
+        *sized(),
+        *ladder({"again": [0.0]}, problem_set="orders", d=8, solver="b", solve_us_p50=100.0),
+        *ladder({"again": [1.0]}, problem_set="orders", d=8, solver="c", solve_us_p50=100.0),
+    ]
+    lines = pictures.sizes(measured(more)).set_index(["name", "d"])
+    assert lines.time_us["b (direct)", 8] == (32.0 + 100.0) / 2
+    assert lines.problems["b (direct)", 8] == 2
+    assert ("c (direct)", 8) not in lines.index
+
+
+def test_solvers_right_at_every_size_come_first_in_the_order_of_their_times() -> None:
+    lines = pictures.sizes(measured(sized()))
+    names = lines.name.drop_duplicates().tolist()
+    assert names[:2] == ["box_active_set† (direct)", "box_active_set† (qpsolvers)"]
+    assert {*names[-2:]} == {"a (direct)", "a (qpsolvers)"}
+
+
+@pytest.mark.parametrize(
+    ("picture_of", "rows"),
+    [
+        pytest.param(pictures.performance_profile, timed("a", [1.0], [1.0]), id="nothing is right"),
+        pytest.param(pictures.sizes, [one for one in sized() if one["d"] == 18], id="one size"),
+        pytest.param(pictures.sizes, sized(settings='{"steps": 5}'), id="methods that count steps"),
+    ],
+)
+def test_a_picture_without_comparable_solvers_is_empty(
+    picture_of: Callable[[Measurements], pd.DataFrame], rows: list[Row]
+) -> None:
+    assert picture_of(measured(rows)).empty

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from bench.derived import anytime, pictures
+from bench.derived import anytime
 from bench.derived import summary as summaries
 from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
@@ -113,12 +113,7 @@ def report(run: Run) -> Report:
         f"misses/{name}": miss.save
         for name, miss in kept(run, measurements, settings_of(run, OneshotSettings).keep_misses)
     }
-    beside, versions, sizes = (
-        like_with_like(measurements),
-        settings.get("field", {}),
-        pictures.time_by_size(measurements),
-    )
-    missed = misses(measurements)
+    beside, versions, missed = like_with_like(measurements), settings.get("field", {}), misses(measurements)
     return Report(
         verdict(measurements, settings["machine"]["core"], drift),
         short_table(table, note),
@@ -164,18 +159,6 @@ def report(run: Run) -> Report:
                 filters=("lane", "timed", "unknowns"),
                 note="Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
                 f"first; a ratio below 1 is in our favour. {SIMD}",
-            ),
-            Table.of(
-                "Time by size",
-                sizes,
-                (
-                    Column("view", heading="problems"),
-                    Column("name", heading="solver"),
-                    *(Column(d, heading=str(d), format=number) for d in sizes.columns[2:]),
-                ),
-                2,
-                note="Median µs of update and solve by number of unknowns, where every answer of that size was right "
-                "to 1e-9: our exact solvers, and the five fastest others each in its fastest lane.",
             ),
             Table.of(
                 "Wrapper overhead",
