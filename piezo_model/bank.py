@@ -13,6 +13,7 @@ import math
 import zipfile
 import zlib
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
@@ -24,11 +25,13 @@ from piezo_model import checks
 from piezo_model.atomic_file import replacing
 from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
+from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST, Number, Versioned, decoded, packed
 from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
 from piezo_model.learning.settings import require_seconds
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState, drive_start
+from piezo_model.prefilter import Prefilter
 from piezo_model.regressors import write_slope_regressors
 from piezo_model.structure import ModelStructure
 from solvers.arrays import reals
@@ -44,7 +47,10 @@ GOLDEN = 0.6180339887498949
 of tiles, and by t whole intervals, which spreads the checkpoints too."""
 TABLES = ("driver", "learner", "checkpoint")
 """Parts of a tile, in the order of their addresses; each has the rows of all tiles one after the other."""
-LANE_BY_LANE = ("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "memory", "in_use", "candidate", "gram")
+LANE_BY_LANE = (
+    *("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "prefilter"),
+    *("noise_gains", "memory", "in_use", "candidate", "gram"),
+)
 """Parts of these with a number for each of the tile's actuators."""
 MOST_TILES = 2**24
 
@@ -69,6 +75,7 @@ class BankFile(Versioned):
     structure: ModelStructure
     tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]
     options: Options
+    dynamics: Dynamics | None = None
 
 
 class CompensatorBank(Stateful):
@@ -89,6 +96,8 @@ class CompensatorBank(Stateful):
     hand_over_s : float
         Interval between exact optima of an actuator, rounded down to a multiple of equal blocks of at most 32 samples
         (:attr:`interval`).
+    dynamics : Dynamics, optional
+        Of every stage, until a model with others of as many modes and at most twice the lag is taken; none by default.
     threads : int
         Number of threads; the results are the same to the last bit.
 
@@ -115,6 +124,7 @@ class CompensatorBank(Stateful):
         blend_time_s: float = 0.002,
         integral_gain: float = 0.0,
         rate_limit: float | None = None,
+        dynamics: Dynamics | None = None,
         threads: int = 1,
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
@@ -131,7 +141,11 @@ class CompensatorBank(Stateful):
             "rate_limit": rate_limit,
         }
         self.options: Options = packed(options)  # without types of NumPy, some of which compute in single precision
-        self.structure, self.threads = structure, threads
+        self.structure, self.threads, self.dynamics = structure, threads, dynamics
+        prefilter = Prefilter(dynamics, structure.sample_time)
+        self._modes, self._ring = prefilter.modes, 2 * prefilter.ring
+        self._shape = *structure.shape, self._modes, self._ring
+        self._dynamics = np.empty((0, 0 if dynamics is None else 3 * self._modes + 2))
         self.block, self._numbers = continuous_numbers(
             structure, self.options["hand_over_s"], self.options["forgetting_time_s"], self.options["reset_s"]
         )
@@ -146,7 +160,7 @@ class CompensatorBank(Stateful):
 
     def _allocate(self, tiles: int) -> None:
         """Allocate tiles and keep the existing ones."""
-        s, shape, tiles_before = self.structure, self.structure.shape, self._tiles
+        s, shape, tiles_before = self.structure, self._shape, self._tiles
         before = [self._table(part) for part in TABLES if tiles_before]
         self._tiles = tiles
         core = State(
@@ -226,12 +240,14 @@ class CompensatorBank(Stateful):
             self._allocate(-(-(taken.size + count) // LANES))
         new = np.setdiff1d(np.arange(self._tiles * LANES), taken)[:count]
         self._place(np.concatenate([taken, new]))
+        self._dynamics = np.pad(self._dynamics, ((0, count), (0, 0)))
         for name in LANE_BY_LANE:
             self._set(name, new, 0.0)
         self._set("drive_memory", new, drive_memory(s, low, high).T)
         self._set("play", new, np.array([state["play"] for state in settled])[which])
         self._set("creep", new, np.array([np.ravel(state["creep"]) for state in settled])[which])
-        self._set_model(new, HysteresisCreepModel.from_weights(s, s.straight_line))
+        line = replace(HysteresisCreepModel.from_weights(s, s.straight_line), dynamics=self.dynamics)
+        self._set_model(np.arange(taken.size, taken.size + count), line)
         self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
@@ -240,14 +256,16 @@ class CompensatorBank(Stateful):
         gone = self._slots[which]
         self._view("memory")[gone // LANES, 0, gone % LANES] = 0.0
         self._place(np.delete(self._slots, which))
+        self._dynamics = np.delete(self._dynamics, which, axis=0)
 
     def set_model(self, actuator: int, model: HysteresisCreepModel) -> None:
         """Set the model of an actuator, of the bank's structure; it learns from there, and its drive jumps."""
         checks.instance(HysteresisCreepModel, model=model)
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
-        model.require_static("a bank")
-        self._set_model(self._slots[self._numbered(actuator)], model)
+        if (model.dynamics is None) != (self.dynamics is None):
+            raise ValueError("the model has dynamics and the bank has none, or the other way round")
+        self._set_model(self._numbered(actuator), model)
 
     def _numbered(self, which: ArrayLike) -> Index:
         """Numbers of actuators, in ascending order; ValueError if one is not in the bank."""
@@ -257,7 +275,17 @@ class CompensatorBank(Stateful):
                 raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {number}")
         return numbers.astype(np.int64)
 
-    def _set_model(self, slots: Index, model: HysteresisCreepModel) -> None:
+    def _set_model(self, which: Index, model: HysteresisCreepModel) -> None:
+        slots, g = self._slots[which], model.dynamics
+        prefilter = Prefilter(g, self.structure.sample_time)
+        if prefilter.modes != self._modes or prefilter.ring > self._ring:
+            raise ValueError(f"the bank has room for {self._modes} modes and the lag of its own; the model has {g}")
+        if g is not None:
+            self._dynamics[which] = [*g.frequencies_Hz, *g.damping, *g.gains, g.delay_s, g.amplifier_lag_s]
+            constants = np.zeros(self._view("prefilter").shape[1])
+            constants[: prefilter.constants.size] = prefilter.constants
+            self._set("prefilter", slots, constants)
+            self._set("noise_gains", slots, prefilter.noise_gains)
         for name, values in (
             ("w_H", model.w_H),
             ("w_S", model.w_S_inverse),
@@ -300,7 +328,15 @@ class CompensatorBank(Stateful):
     @property
     def models(self) -> list[HysteresisCreepModel]:
         """The models in use."""
-        return [HysteresisCreepModel.from_all_weights(self.structure, weights) for weights in self.weights]
+        models = [HysteresisCreepModel.from_all_weights(self.structure, weights) for weights in self.weights]
+        if self.dynamics is None:
+            return models
+        return [replace(model, dynamics=g) for model, g in zip(models, map(self._of, self._dynamics), strict=True)]
+
+    def _of(self, numbers: Vector) -> Dynamics:
+        *modes, delay_s, amplifier_lag_s = numbers.tolist()
+        f, zeta, gains = (tuple(modes[i * self._modes : (i + 1) * self._modes]) for i in range(3))
+        return Dynamics(f, zeta, gains, delay_s, amplifier_lag_s)
 
     def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
         """Process one sample of every actuator.
@@ -353,7 +389,7 @@ class CompensatorBank(Stateful):
 
     def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
-        return {"core": self._core.block.copy(), "slots": self._slots.copy()}
+        return {"core": self._core.block.copy(), "slots": self._slots.copy(), "dynamics": self._dynamics.copy()}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a bank of the same settings and number of tiles."""
@@ -365,8 +401,14 @@ class CompensatorBank(Stateful):
             and np.unique(slots).size == slots.size
         ):
             raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
+        dynamics = state.get("dynamics", np.empty((slots.size, 0)))  # which files of the version before lack
+        if dynamics.shape != (slots.size, self._dynamics.shape[1]) or dynamics.dtype != np.float64:
+            raise ValueError("dynamics must be numbers of each actuator")
+        for numbers in np.unique(dynamics, axis=0) if dynamics.shape[1] else ():
+            self._of(numbers)
         self._core.restore(state["core"], bindings.bank_restore)
         self._place(slots.copy())
+        self._dynamics = dynamics.copy()
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as NPZ; the file is replaced as a whole."""
@@ -376,6 +418,7 @@ class CompensatorBank(Stateful):
             "structure": self.structure.to_dict(),
             "tiles": self._tiles,
             "options": self.options,
+            "dynamics": None if self.dynamics is None else self.dynamics.to_dict(),
         }
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, about=np.array(json.dumps(packed(about))), **self.get_state())
@@ -385,9 +428,9 @@ class CompensatorBank(Stateful):
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about, state = decoded(str(file["about"]), BankFile), {name: file[name] for name in ("core", "slots")}
-            bank = cls(about.structure, 1, threads=threads, **about.options)
-            if state["core"].size != bindings.bank_bytes(*about.structure.shape, about.tiles, bank.block):
+                about, state = decoded(str(file["about"]), BankFile), {name: file[name] for name in file.files}
+            bank = cls(about.structure, 1, threads=threads, dynamics=about.dynamics, **about.options)
+            if state["core"].size != bindings.bank_bytes(*bank._shape, about.tiles, bank.block):
                 raise ValueError(
                     f"the field 'tiles' is {about.tiles}, and the state is of another number or of another structure"
                 )

@@ -13,18 +13,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_model import checks, json_file, simulation
+from piezo_model import checks, json_file
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorState, write_operators
-from piezo_model.prefilter import Prefilter, ReferenceModel
+from piezo_model.prefilter import Prefilter
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
@@ -59,7 +60,7 @@ class CompensatorState(TypedDict):
     drive: np.ndarray
     decay: float
     prefilter: NotRequired[np.ndarray]
-    """States of the inverse of the dynamics and of the reference model."""
+    """Constants and states of the dynamics."""
 
 
 def blend_factor(s: ModelStructure, blend_time_s: float) -> float:
@@ -144,36 +145,28 @@ class Compensator(Stateful):
             raise ValueError("give either state or x_start: the states say where the drive starts")
         state = OperatorState.before_drive(s, (low, high), x_start) if state is None else state
         OperatorState.require(state, s)
-        self._prefilter: Prefilter | None = None
-        self._reference_model: ReferenceModel | None = None
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
-        self._balance()
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
         s, self._model = model.structure, model
         if model.dynamics is not None and not self._inverts:
             _require_stable(model.dynamics, self._integral_gain)
-        self._core = State(
-            bindings.compensator_bytes(*s.shape), lambda block: bindings.compensator_setup(block, *s.shape)
-        )
+        self.prefilter = Prefilter(model.dynamics if self._inverts else None, s.sample_time)
+        shape = self.shape
+        self._core = State(bindings.compensator_bytes(*shape), lambda block: bindings.compensator_setup(block, *shape))
         write_operators(self._core, s, s.dead_zone_thresholds)
         self._core["settings"][:] = drive_settings(s, self._rate_limit, decay, self._integral_gain)
         self._core["play"][:], self._core["creep"][:] = state.play, state.creep
         self.drive[:] = drive_memory(s, *self._x_limits)
         self.drive[BUMP:] = drive
         bindings.compensator_set_weights(self._core.block, model.all_weights)
+        self._core["prefilter"][: self.prefilter.constants.size] = self.prefilter.constants
+        bindings.compensator_balance(self._core.block)
 
-    def _balance(self) -> None:
-        """Begin the inverse of the dynamics and the reference model in balance at the states of the operators."""
-        s, g = self._model.structure, self._model.dynamics
-        self._prefilter = self._reference_model = None
-        if g is None or not self._inverts:
-            return
-        x = s.x_centre + s.x_scale * self.state.play[:1]
-        level = float(simulation.advance(s, self._model.arrays, x, self.state)[0][0])
-        self._prefilter = Prefilter(g, s.sample_time, level)
-        if self._integral_gain > 0.0:
-            self._reference_model = ReferenceModel(g, s.sample_time, level)
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The core's ``Shape`` with dynamics."""
+        return *self._model.structure.shape, self.prefilter.modes, self.prefilter.ring
 
     @property
     def lag_s(self) -> float:
@@ -213,7 +206,8 @@ class Compensator(Stateful):
             [core["w_H"][: s.n + 1], core["w_S"][: s.dead_zones], core["w_K"][: s.creep_weights], core["offset"]]
         )
         if not np.array_equal(self._model.all_weights, weights):  # a learner may have changed the weights
-            self._model = HysteresisCreepModel.from_all_weights(s, weights)
+            new = HysteresisCreepModel.from_all_weights(s, weights)
+            self._model = replace(new, dynamics=self._model.dynamics)
         return self._model
 
     def correct(self, y_measured: float) -> None:
@@ -222,23 +216,11 @@ class Compensator(Stateful):
 
     def step(self, y_ref: float) -> float:
         """Drive sample (input unit) for a reference sample (output unit)."""
-        if self._prefilter is None:
-            return float(bindings.compensator_step(self._core.block, y_ref))
-        before, correction = self.state.copy(), float(self.drive[CORRECTION])
-        v = self._prefilter.step(y_ref + correction)
-        x = float(bindings.compensator_step(self._core.block, v - correction))  # which adds it again
-        if self.drive[HELD] or not math.isfinite(v):
-            s = self._model.structure
-            self._prefilter.follow(float(simulation.advance(s, self._model.arrays, np.array([x]), before)[0][0]))
-        if self._reference_model is not None and math.isfinite(y_ref):
-            self.drive[GIVEN] = self._reference_model.step(y_ref)
-        return x
+        return float(bindings.compensator_step(self._core.block, y_ref))
 
     def run(self, y_ref: ArrayLike) -> Vector:
         """Drive samples (N,) for reference samples (N,), to the last bit those of ``step``."""
         (y_ref,) = checks.vectors(y_ref=y_ref)
-        if self._prefilter is not None:
-            return np.array([self.step(y) for y in y_ref.tolist()])
         x = np.empty_like(y_ref)
         bindings.compensator_run(self._core.block, y_ref, x)
         return x
@@ -260,10 +242,10 @@ class Compensator(Stateful):
             state = state.rescaled_to(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             drive[0] *= old.x_scale / new.x_scale
-        dynamics = self._model.dynamics
+        dynamics, filtered = self._model.dynamics, self._core["prefilter"]
         self._use(model, state, drive, blend_factor(new, blend_time_s))
-        if model.dynamics != dynamics:
-            self._balance()
+        if model.dynamics == dynamics:
+            self._core["prefilter"][:] = self.prefilter.rescaled(filtered, old, new)
         self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if blend_time_s > 0.0 else 0.0
 
     def get_state(self) -> dict[str, Any]:
@@ -274,13 +256,8 @@ class Compensator(Stateful):
             "creep": self.state.creep.copy(),
             "drive": self.drive[BUMP:].copy(),
             "decay": float(self._core["settings"][DECAY]),
-            **({"prefilter": np.concatenate([part.state for part in self._filters])} if self._filters else {}),
+            **({"prefilter": self._core["prefilter"].copy()} if self.prefilter.ring else {}),
         }
-
-    @property
-    def _filters(self) -> list[Prefilter | ReferenceModel]:
-        """The filters in use."""
-        return [part for part in (self._prefilter, self._reference_model) if part is not None]
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from :meth:`get_state`; ValueError names what is wrong."""
@@ -296,12 +273,10 @@ class Compensator(Stateful):
         ):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
         self._use(model, operators, drive, saved["decay"])
-        self._balance()
-        sizes, values = [part.state.size for part in self._filters], saved.get("prefilter", np.zeros(0))
-        if values.shape != (sum(sizes),) or not np.all(np.isfinite(values)):
-            raise ValueError(f"the state of the dynamics must be {sum(sizes)} finite numbers")
-        for part, of_part in zip(self._filters, np.split(values, np.cumsum(sizes)[:-1]), strict=False):
-            part.state = of_part
+        values, filtered = saved.get("prefilter", np.zeros(0)), self._core["prefilter"]
+        if values.shape != filtered.shape or not np.all(np.isfinite(values)):
+            raise ValueError(f"the state of the dynamics must be {filtered.size} finite numbers")
+        filtered[:] = self.prefilter.with_states(values)
 
 
 def _require_stable(dynamics: Dynamics, integral_gain: float) -> None:

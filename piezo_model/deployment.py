@@ -48,10 +48,6 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     def __post_init__(self) -> None:
         if self.solver == "recursive_active_set":  # in stored races and files; both are exact and have no settings
             self.solver = "box_active_set"
-        if self.model.dynamics is not None:
-            raise ModelError(
-                "a deployment learns the model, and dynamics are not learned; identify it with dynamics ignored"
-            )
         self.lane = Lane(self.lane)
         checks.one_of(TIERS, tier=self.tier)
         self.x_limits = LearningSettings(  # type: ignore[assignment]

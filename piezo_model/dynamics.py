@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import reduce
 from itertools import pairwise
 from typing import Any
 
@@ -161,17 +162,34 @@ class Dynamics:
     def lag_s(self, sample_time: float) -> float:
         """Time by which :meth:`reference` lags a slow reference."""
         samples = self.amplifier_lag_s and 1.0 / math.expm1(sample_time / self.amplifier_lag_s)
+        samples += sum(float(np.arange(3) @ (D - R)) for D, R in self.pole_pairs(sample_time))
+        return (samples + self.group_delay(sample_time)) * sample_time
+
+    def group_delay(self, sample_time: float) -> float:
+        """Samples by which G alone delays a slow signal."""
+        samples = 0.0
         for b, a in self._parts(sample_time):
             samples += float(np.arange(b.size) @ b - b.sum() / a.sum() * (np.arange(a.size) @ a)) / float(a.sum())
-        for D, R in self.pole_pairs(sample_time):
-            samples += float(np.arange(3) @ (D - R))
-        return samples * sample_time
+        return samples
 
-    def pole_pairs(self, sample_time: float) -> list[tuple[Vector, Vector]]:
-        """D_i(z) / D_i(1) and R_i(z) / R_i(1) of each mode, three coefficients each."""
+    def zeros(self, sample_time: float) -> tuple[int, Vector]:
+        """Whole samples of the delay, and N(z) / N(1) of G = z^(−delay) N(z) / Π D_i(z), which is the reference model
+        behind R_i(1) / R_i(z)."""
+        parts, whole = self._parts(sample_time), int(self.delay_s / sample_time)
+        taps = np.zeros(1)
+        for i, (b, _) in enumerate(parts):
+            others = [a / a.sum() for j, (_, a) in enumerate(parts) if j != i]
+            part = reduce(np.convolve, others, b[whole:] / parts[i][1].sum())
+            size = max(taps.size, part.size)
+            taps = np.pad(taps, (0, size - taps.size)) + np.pad(part, (0, size - part.size))
+        return whole, taps
+
+    def pole_pairs(self, sample_time: float, speed: float = 1.0) -> list[tuple[Vector, Vector]]:
+        """D_i(z) / D_i(1), and R_i(z) / R_i(1) of ``speed`` times the frequency, of each mode; three coefficients
+        each."""
         pairs = []
         for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True):
-            D, R = _poles(f, zeta, sample_time), _poles(f, REFERENCE_DAMPING, sample_time)
+            D, R = _poles(f, zeta, sample_time), _poles(speed * f, REFERENCE_DAMPING, sample_time)
             pairs.append((D / D.sum(), R / R.sum()))
         return pairs
 

@@ -232,7 +232,8 @@ class HysteresisCreepModel(Immutable):
         >>> y.tolist(), model.advance([0.0], state)[0].tolist()
         ([0.0, 0.75], [0.25])
         """
-        self.require_static("advance")
+        if self.dynamics is not None:
+            raise ModelError(f"parts are of hysteresis and creep alone, and the model has {self.dynamics}; use static")
         OperatorState.require(state, self.structure)
         (x,) = checks.vectors(x=x)
         return simulation.advance(self.structure, self.arrays, x, state)
@@ -243,13 +244,6 @@ class HysteresisCreepModel(Immutable):
         if self.dynamics is None:
             return self
         return replace(self, dynamics=None, report={**self.report, "left_out": f"the stage has {self.dynamics}"})
-
-    def require_static(
-        self, what: str, instead: str = "use its static part, model.static, or identify it with dynamics ignored"
-    ) -> None:
-        """Raise ModelError if the model has dynamics, which ``what`` would leave out, with what to do ``instead``."""
-        if self.dynamics is not None:
-            raise ModelError(f"{what} knows hysteresis and creep alone, and the model has {self.dynamics}; {instead}")
 
     @property
     def warning(self) -> str:

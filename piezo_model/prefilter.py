@@ -1,9 +1,8 @@
-"""The inverse F of the dynamics and the reference model R = G F, sample by sample (`dynamics`).
+"""The dynamics of a stage as the core's prefilter takes them (``core/prefilter.h``): constants and states.
 
-F in direct form II has the states s with R_i(z)/R_i(1) s = input and output = D_i(z)/D_i(1) s. So s is the output
-divided by D_i(z)/D_i(1): the modal displacement of the stage. If a limit held the drive, the stage had another input
-than F put out, and the newest s is set from that, so that F goes on from where the stage is and not from where it
-should be.
+Behind the sensor the learner inverts the modes, too: F_s replaces their poles by faster ones, of SPEED times the
+frequency and the damping 0.7, so that F_s y is the output of a static actuator after the group delay at frequency 0 of
+F_s G. The drive is late by the next whole sample, and F_s y by the rest of it, by linear interpolation.
 """
 
 from __future__ import annotations
@@ -12,63 +11,77 @@ import math
 
 import numpy as np
 
-from piezo_model.dynamics import Dynamics
+from piezo_model.dynamics import HIGHEST, Dynamics
+from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
+
+SPEED = 2.0
+FORGOTTEN = 1e-4
+"""Share of the largest part of the response of F_s that counts as the end of it."""
+THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
+MODE = 9
+"""Numbers of a mode."""
+TAPS = 8
+"""Room for the zeros of the stage, plus one."""
+STATES = 8 + TAPS
+"""Numbers behind the constants; then the ring of references, and of drives with one more drive."""
 
 
 class Prefilter:
-    """F, in balance at a level before the first sample."""
+    """Constants of the core for dynamics at a sampling period; none without dynamics."""
 
-    def __init__(self, dynamics: Dynamics, sample_time: float, level: float) -> None:
-        self._pairs = [(D.tolist(), R.tolist()) for D, R in dynamics.pole_pairs(sample_time)]
-        self._modal = [[level] * 3 for _ in self._pairs]
+    def __init__(self, dynamics: Dynamics | None, sample_time: float) -> None:
+        self.modes = self.ring = 0
+        self.constants, self.noise_gains = np.zeros(0), np.zeros(0)
+        if dynamics is None:
+            return
+        self.modes = len(dynamics.frequencies_Hz)
+        slow, fast = (
+            dynamics.pole_pairs(sample_time, speed)
+            for speed in (1.0, min(SPEED, HIGHEST / (sample_time * max(dynamics.frequencies_Hz, default=HIGHEST))))
+        )
+        lag = max(0.0, dynamics.group_delay(sample_time) + sum(float(np.arange(3) @ (D - R)) for D, R in fast))
+        late, (whole, taps) = math.ceil(lag), dynamics.zeros(sample_time)
+        h = self._response(fast, late - lag)
+        self.ring = 1 + max(late, whole)
+        decay = math.exp(-sample_time / dynamics.amplifier_lag_s) if dynamics.amplifier_lag_s else 0.0
+        forgotten = 1 + int(np.flatnonzero(np.abs(h) > FORGOTTEN * np.max(np.abs(h)))[-1])
+        modes = [_constants(D, R) for pairs in (slow, slow, fast) for D, R in pairs]
+        self.constants = np.concatenate(
+            [*modes, [decay, whole, late, late - lag, forgotten], taps, np.zeros(TAPS - taps.size)]
+        )
+        """As they stand in the core, which has the states behind them."""
+        self.noise_gains = np.array([h @ h, 1.0 / np.sum(np.convolve(h, THIRD_DIFFERENCE) ** 2)])
+        """What F_s makes of the variance of white noise, and one over what it makes of that of third differences."""
 
-    def step(self, y: float) -> float:
-        """Output for the next sample."""
-        for (D, R), s in zip(self._pairs, self._modal, strict=True):
-            s[:] = (y - R[1] * s[0] - R[2] * s[1]) / R[0], s[0], s[1]
-            y = D[0] * s[0] + D[1] * s[1] + D[2] * s[2]
-        return y
+    @staticmethod
+    def _response(pairs: list[tuple[Vector, Vector]], fraction: float) -> Vector:
+        """Impulse response h of F_s and the interpolation, as long as it lasts."""
+        from scipy.signal import lfilter  # which a model without dynamics need not import
 
-    def follow(self, v: float) -> None:
-        """Set the states for the last sample as if the output had been v."""
-        for (D, R), s in zip(reversed(self._pairs), reversed(self._modal), strict=True):
-            s[0] = (v - D[1] * s[1] - D[2] * s[2]) / D[0]
-            v = R[0] * s[0] + R[1] * s[1] + R[2] * s[2]
+        longest = max((-30.0 / math.log(R[2] / R[0]) for _, R in pairs), default=0.0)
+        h = np.zeros(math.ceil(longest) + MODE)
+        h[:2] = 1.0 - fraction, fraction
+        for D, R in pairs:
+            h = lfilter(D, R, h)
+        return np.asarray(h)
 
-    @property
-    def state(self) -> Vector:
-        """The states (3 · modes,)."""
-        return np.array(self._modal).ravel()
+    def with_states(self, values: Vector) -> Vector:
+        """The constants of the model with the states of a saved prefilter."""
+        whole, modes = values.copy(), 3 * self.modes * MODE
+        whole[: self.constants.size] = self.constants
+        whole[:modes].reshape(-1, MODE)[:, -3:] = values[:modes].reshape(-1, MODE)[:, -3:]
+        return whole
 
-    @state.setter
-    def state(self, values: Vector) -> None:
-        self._modal = values.reshape(-1, 3).tolist()
+    def rescaled(self, values: Vector, old: ModelStructure, new: ModelStructure) -> Vector:
+        """Constants and states for other ranges, in which drives are other normalised units."""
+        values = values.copy()
+        if self.ring:
+            drives = values[self.constants.size + STATES + self.ring :][: self.ring + 1]
+            drives[:] = new.unit_input(old.x_centre + old.x_scale * drives)
+        return values
 
 
-class ReferenceModel:
-    """R with the lag of the amplifier, in balance at a level before the first sample."""
-
-    def __init__(self, dynamics: Dynamics, sample_time: float, level: float) -> None:
-        self._inverse, self._behind = Prefilter(dynamics, sample_time, level), level
-        lag = dynamics.amplifier_lag_s
-        self._decay = math.exp(-sample_time / lag) if lag else 0.0
-        self._stream = dynamics.stream(sample_time, level)
-
-    def step(self, y_ref: float) -> float:
-        """Output that the stage should have for the next sample of a reference."""
-        v = self._inverse.step(y_ref)
-        self._behind = v + self._decay * (self._behind - v)
-        return float(self._stream(np.array([self._behind]))[0])
-
-    @property
-    def state(self) -> Vector:
-        """The states, in one vector."""
-        return np.concatenate([self._inverse.state, [self._behind, self._stream.balance], *self._stream.states])
-
-    @state.setter
-    def state(self, values: Vector) -> None:
-        own = self._inverse.state.size
-        self._inverse.state, self._behind, self._stream.balance = values[:own], float(values[own]), values[own + 1]
-        ends = np.cumsum([state.size for state in self._stream.states])[:-1]
-        self._stream.states = [part.copy() for part in np.split(values[own + 2 :], ends)]
+def _constants(D: Vector, R: Vector) -> Vector:
+    """Constants of a mode, and its three states."""
+    return np.array([1.0 / R[0], 1.0 - R[2] / R[0], 1.0 / D[0], D[0] - D[2], R[0], D[0], 0.0, 0.0, 0.0])

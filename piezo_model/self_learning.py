@@ -169,7 +169,6 @@ class SelfLearningCompensator(Learner):
         )
         if model is None:
             model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-        model.require_static("a self-learning compensator")
         if model.structure != structure:
             raise ValueError("the model has another structure than the one given")
         if estimate_offset and not structure.offset:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from bench.cli import FAILED
-from bench.cli.options import NoDynamics, Seed, refuse, static_of
+from bench.cli.options import NoDynamics, Seed, refuse
 from bench.comparison import report as comparison_report
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.comparison.versions import compare_versions
@@ -170,7 +170,8 @@ def deploy_verb(
         refuse(context, ("no_dynamics",), "is for a model that --model gives; those of a run are static")
     else:
         refuse(context, ("problem", "simulated"), "selects a model of the run, and --model gives another")
-        given = static_of(HysteresisCreepModel.load(model), model, no_dynamics, "a self-learning compensator")
+        given = HysteresisCreepModel.load(model)
+        given = given.static if no_dynamics else given
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target, others=filter(None, [model]))

@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from bench.cli.options import NoDynamics, Rate, RateLimit, XStart, static_of
+from bench.cli.options import NoDynamics, Rate, RateLimit, XStart
 from bench.export.realtime import real_time
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
 from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
@@ -192,7 +192,7 @@ def _opened(
     """Model and export settings from a file of identify, by default of the compensator alone, or of deploy, by default
     of what was deployed; learning is continuous by default."""
     model, deployed = open_model(path)
-    model = static_of(model, path, no_dynamics, "the exported C")
+    model = model.static if no_dynamics else model
     part = part or ("learning" if deployed else "compensator")
     if part != "learning" and (solver or mode):
         raise typer.BadParameter(

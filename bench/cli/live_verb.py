@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import NoDynamics, static_of
+from bench.cli.options import NoDynamics
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.recorder import check
 from bench.live.reference import ReferenceError, constant, of_file, sine, staircase
@@ -91,8 +91,6 @@ def live_verb(
     stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
     declared = Declared.of(stage.make(), str(stage))
     first = first_model(model, declared, 1.0 / rate, dynamics=not no_dynamics)
-    if learn != "off":
-        first = static_of(first, model, no_dynamics, "a self-learning compensator")
     if first.dynamics is not None:
         lag = quantity(first.dynamics.lag_s(1.0 / rate), "s", 3)
         console.print(f"The output lags the reference by {lag}, since the dynamics of the stage are inverted.")

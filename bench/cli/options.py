@@ -10,8 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from bench.processes.engine import Backend
-from piezo_model import HysteresisCreepModel, checks
-from piezo_model.model import ModelError, StartChoice
+from piezo_model.model import StartChoice
 from solvers import find
 from solvers.exact.linear_algebra import WORK
 
@@ -173,17 +172,6 @@ NoDynamics = Annotated[
         "--no-dynamics", help="Take the static part of a model with dynamics; what is written carries a warning."
     ),
 ]
-
-
-def static_of(model: HysteresisCreepModel, file: Path | None, no_dynamics: bool, what: str) -> HysteresisCreepModel:
-    """The model of a file for a use, ``what``, that does not know dynamics; with --no-dynamics its static part.
-
-    ModelError names the file and that option if the model has dynamics.
-    """
-    if not no_dynamics:
-        with checks.refusing(ModelError, f"{file}: "):
-            model.require_static(what, "--no-dynamics takes its static part")
-    return model.static
 
 
 def as_text(**values: Any) -> dict[str, str]:

@@ -28,8 +28,10 @@ from piezo_model import HysteresisCreepModel
 from piezo_model.core import bindings
 from piezo_model.learning.layout import CONTINUOUS, CYCLIC
 from piezo_model.operators import creep_gain, dead_zone_limits
+from piezo_model.prefilter import Prefilter
 from piezo_model.regressors import outer_limits
 from piezo_model.structure import ModelStructure
+from piezo_model.units import quantity
 from solvers.core import bindings as solvers_bindings
 from solvers.core.compile_core import folders as core_folders
 
@@ -43,7 +45,17 @@ FILES = {
 }
 """Rendered files and their templates."""
 INTERFACE = Path(__file__).parent / "c"
-SHARED = ("vec8.h", "num.h", "arena.h", "shape.h", "operators.h", "compensator.h", "compensator.c")
+SHARED = (
+    "vec8.h",
+    "num.h",
+    "arena.h",
+    "shape.h",
+    "operators.h",
+    "prefilter.h",
+    "prefilter.c",
+    "compensator.h",
+    "compensator.c",
+)
 LEARNER = (
     "mailbox.h",
     "sensor_guard.h",
@@ -155,16 +167,20 @@ def _named(text: str, name: str) -> str:
 
 def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> dict[str, Any]:
     """Variables of all templates."""
-    model.require_static("the exported C")
     s, precision = model.structure, settings.precision
     low, high = dead_zone_limits(s.dead_zone_thresholds)
     outer_low, outer_high = outer_limits(s)
     kind = SOLVERS.index(settings.solver) if settings.cyclic else len(SOLVERS)
+    prefilter = Prefilter(model.dynamics, s.sample_time)
+    lag_s = 0.0 if model.dynamics is None else model.dynamics.lag_s(s.sample_time)
     return {
         "title": f"{title}. {model.warning}" if model.warning else title,
         "model": model,
         "s": s,
         "settings": settings.numbers(s),
+        "prefilter": prefilter,
+        "lag_s": lag_s,
+        "lag": quantity(lag_s, "s", 3),
         "precision": precision,
         "learning": settings.learning,
         "cyclic": settings.cyclic,
@@ -183,7 +199,7 @@ def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: s
         "outer_high": outer_high,
         "period": _period(s.sample_time),
         "float_bound": f"{FLOAT_BOUND:g}",
-        "memory": memory_figures(s, settings),
+        "memory": memory_figures(s, settings, prefilter),
     }
 
 
@@ -197,34 +213,33 @@ STACK = 6144
 """Upper bound for all stack frames together, bytes."""
 
 
-def compensator_bytes(s: ModelStructure, precision: Precision) -> int:
+def compensator_bytes(s: ModelStructure, precision: Precision, prefilter: Prefilter) -> int:
     """Size of the compensator's state; in single precision creep states carry their rounding error."""
-    size: int = bindings.compensator_bytes(*s.shape)
-    return size if precision == "double" else HEAD + (size - HEAD) // 2 + 4 * len(s.creep_rates) * s.lanes
+    size: int = bindings.compensator_bytes(*s.shape, prefilter.modes, prefilter.ring)
+    errors = (1 + (prefilter.ring > 0)) * 4 * len(s.creep_rates) * s.lanes
+    return size if precision == "double" else HEAD + (size - HEAD) // 2 + errors
 
 
-def learner_bytes(s: ModelStructure, settings: ExportSettings, blocks: int = BLOCKS) -> int:
+def learner_bytes(s: ModelStructure, settings: ExportSettings, prefilter: Prefilter, blocks: int = BLOCKS) -> int:
     """Size of the learner, with the blocks it shares with the step and its exact solver; 0 without learning."""
     if not settings.learning:
         return 0
     numbers, way = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
-    size = int(
-        bindings.exported_learner_bytes(
-            *s.shape, numbers["block"], blocks, way, 8 if settings.precision == "double" else 4
-        )
-    )
+    each, shape = 8 if settings.precision == "double" else 4, (*s.shape, prefilter.modes, prefilter.ring)
+    size = int(bindings.exported_learner_bytes(*shape, numbers["block"], blocks, way, each))
     return size + int(solvers_bindings.box_bytes(s.d)) if settings.cyclic and settings.solver == EXACT_SOLVER else size
 
 
-def memory_figures(s: ModelStructure, settings: ExportSettings) -> dict[str, int]:
+def memory_figures(s: ModelStructure, settings: ExportSettings, prefilter: Prefilter) -> dict[str, int]:
     """Bytes of both states, of one block between step and learner, of constants and of the stack."""
-    learner = learner_bytes(s, settings)
+    learner = learner_bytes(s, settings, prefilter)
     constants = 8 * (2 * (s.n + 1) + len(s.creep_rates) + s.dead_zones * (7 if learner else 3) + s.creep_weights + 1)
+    constants += 8 * prefilter.constants.size
     stack = 8 * (2 * s.d + 2 * s.lanes * (1 + len(s.creep_rates)) + 4 * s.d)
     return {
-        "compensator": compensator_bytes(s, settings.precision),
+        "compensator": compensator_bytes(s, settings.precision, prefilter),
         "learner": learner,
-        "block": learner - learner_bytes(s, settings, BLOCKS - 1),
+        "block": learner - learner_bytes(s, settings, prefilter, BLOCKS - 1),
         "constants": constants,
         "stack": -(-(stack + (STACK if learner else 1024)) // 256) * 256,
     }

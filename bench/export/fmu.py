@@ -21,7 +21,6 @@ from bench.export.settings import ExportSettings
 from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel
 from piezo_model.atomic_file import replacing
-from piezo_model.structure import ModelStructure
 
 NAMESPACE = uuid.UUID("6f0d5a1e-57a4-5a0b-9d0e-0f6a4b8f7c11")
 METRE = 'm="1"'
@@ -59,9 +58,10 @@ class Variable:
     description: str
 
 
-def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
-    """Inputs, output and parameters with units and start values."""
-    numbers = settings.numbers(s)
+def variables(model: HysteresisCreepModel, settings: ExportSettings) -> list[Variable]:
+    """Inputs, output, parameters and the lag with units and start values."""
+    s = model.structure
+    numbers, lag_s = settings.numbers(s), 0.0 if model.dynamics is None else model.dynamics.lag_s(s.sample_time)
     x, y, rate = s.input_unit, s.output_unit, settings.rate_limit or 0.0
     return [
         Variable("reference", 1, "input", "discrete", s.y_centre, y, "Wanted output of the actuator"),
@@ -95,6 +95,7 @@ def variables(s: ModelStructure, settings: ExportSettings) -> list[Variable]:
             "1/s",
             "Of the integral action, 0 for none",
         ),
+        Variable("lag", 8, "local", "constant", lag_s, "s", "Time by which the output lags a slow reference"),
     ]
 
 
@@ -105,7 +106,7 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         **sources(settings, f"fmi{fmi}.c", "fmu.h"),
         **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"}),
     }
-    found = variables(model.structure, settings)
+    found = variables(model, settings)
     units = dict.fromkeys(["s", *(v.unit for v in found if v.unit)])
     about = {
         "name": settings.name,

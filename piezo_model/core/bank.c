@@ -5,10 +5,11 @@ enum { TOGETHER = 32 }; /* tiles that process many samples together; fits into t
 
 static int64_t bytes_of(int64_t count) { return arena_bytes((int64_t)sizeof(num) * count); }
 static int memory_nums(void) { return (int)(sizeof(DriveMemory) / sizeof(num)); }
-static int64_t driver_bytes(Shape s, int block)
+static int64_t compensator_part_bytes(Shape s)
 {
-    return bytes_of(memory_nums() + state_nums(s) + inverse_nums(s)) + mailbox_bytes(s, block, 1);
+    return bytes_of(memory_nums() + state_nums(s) + inverse_nums(s) + prefilter_nums(s));
 }
+static int64_t driver_bytes(Shape s, int block) { return compensator_part_bytes(s) + mailbox_bytes(s, block, 1); }
 static int64_t learner_part_bytes(Shape s) { return arena_bytes(sizeof(LearnerClock)) + bytes_of(learner_nums(s)); }
 static int64_t checkpoint_bytes(Shape s) { return bytes_of(2 * checkpoint_nums(s)); }
 static int64_t parameter_bytes(Shape s)
@@ -53,7 +54,8 @@ Controller tile_controller(const Bank *b, int64_t tile)
     c.compensator.play = nums(&arena, play_vectors(s));
     c.compensator.creep = nums(&arena, creep_vectors(s));
     c.compensator.inverse = inverse_at(&arena, s);
-    c.mailbox = mailbox_at((char *)c.compensator.memory + bytes_of(memory_nums() + state_nums(s) + inverse_nums(s)), s);
+    c.compensator.prefilter = prefilter_at(&arena, s);
+    c.mailbox = mailbox_at((char *)c.compensator.memory + compensator_part_bytes(s), s);
     return c;
 }
 
@@ -105,11 +107,12 @@ void tile_begin(const Bank *b, int64_t tile, num which)
     memset(&fresh, 0, sizeof fresh);
     guard_forget(&fresh);
     copy_where(which, (num *)guard, (const num *)&fresh, (int)(sizeof fresh / sizeof(num)));
+    invert(&c->inverse, b->shape, b->regressors.operators.r, b->regressors.low, b->regressors.high);
+    tile_compensator_balance(c, which);
     copy_where(which, (num *)block.play, c->play, state_nums(b->shape)); /* play, then creep */
     for (int k = 0; k < b->head->block; ++k) {
         set_where(which, (num *)block.y + k, constant((real)NAN));
     }
-    invert(&c->inverse, b->shape, b->regressors.operators.r);
     copy_where(which, l->before, l->in_use, l->d);
     set_where(which, &l->memory->fault_count, from_shared(l->mailbox.faults, 0));
     set_where(which, &l->memory->reset_remaining, constant((real)l->settings->reset_lasts));
@@ -130,7 +133,7 @@ static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *worksp
 CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
 {
     const char *const driver = b->drivers + tile * driver_bytes(b->shape, b->head->block);
-    const int64_t own = bytes_of(memory_nums() + state_nums(b->shape) + inverse_nums(b->shape));
+    const int64_t own = compensator_part_bytes(b->shape);
     const MailboxHead *const m = (const MailboxHead *)(const void *)(driver + own);
     fetch(driver, own + arena_bytes(sizeof *m) + shared_bytes(GUARD_NUMS));
     if (m->to_go == 1) {

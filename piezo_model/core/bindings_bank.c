@@ -28,6 +28,8 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
         {"w_S", c->inverse.w_S, s.zones * LANES},
         {"w_K", c->inverse.w_K, creep_weights(s) * LANES},
         {"offset", c->inverse.offset, LANES},
+        {"prefilter", c->prefilter.modes, prefilter_nums(s) * LANES},
+        {"noise_gains", l->mailbox.noise_gains, 2 * LANES},
         {"mailbox", l->mailbox.head, sizeof *l->mailbox.head / sizeof(real)},
         {"clock", l->clock, sizeof *l->clock / sizeof(real)},
         {"memory", l->memory, sizeof *l->memory / sizeof(real)},
@@ -50,7 +52,8 @@ static int sound(const Bank *b, int64_t tile)
                      && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block
                      && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed
                      && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
-    return fine && nums_finite(c->play, play_vectors(b->shape)) && nums_finite(c->creep, creep_vectors(b->shape))
+    return fine && nums_finite((const num *)(const void *)c->prefilter.modes, prefilter_nums(b->shape))
+           && nums_finite(c->play, play_vectors(b->shape)) && nums_finite(c->creep, creep_vectors(b->shape))
            && nums_finite(c->inverse.w_H, inverse_nums(b->shape)) && nums_finite(l->in_use, 3 * NUMS(l->d))
            && nums_finite(l->gram, data_nums(b->shape))
            && nums_finite(l->checkpoint.gram, 2 * checkpoint_nums(b->shape))
@@ -76,13 +79,13 @@ static void restore(Arguments *a, const Bank *b, void *other)
 }
 
 #define BINDINGS(F)                                                                                                    \
-    F(bank_bytes, SHAPED ", tiles#0:16777216, block#1:10000", "size of a bank.", 0,                                    \
-      WHOLE_RESULT = bank_bytes(SHAPE_AT(0), WHOLE(4), INT(5)))                                                        \
-    F(bank_workspace_bytes, SHAPED ", block#1:10000", "size of the workspace that each thread needs.", 0,              \
-      WHOLE_RESULT = bank_workspace_bytes(SHAPE_AT(0), INT(4)))                                                        \
-    F(bank_setup, "state@, " SHAPED ", tiles#1:16777216, block#1:10000",                                               \
-      "make a block a bank; where its parts stand.", NEED_BYTES(0, bank_bytes(SHAPE_AT(1), WHOLE(5), INT(6))),         \
-      set_up(&a, MEMORY(0), SHAPE_AT(1), WHOLE(5), INT(6)))                                                            \
+    F(bank_bytes, FILTERED ", tiles#0:16777216, block#1:10000", "size of a bank.", 0,                                  \
+      WHOLE_RESULT = bank_bytes(FILTERED_AT(0), WHOLE(6), INT(7)))                                                     \
+    F(bank_workspace_bytes, FILTERED ", block#1:10000", "size of the workspace that each thread needs.", 0,            \
+      WHOLE_RESULT = bank_workspace_bytes(FILTERED_AT(0), INT(6)))                                                     \
+    F(bank_setup, "state@, " FILTERED ", tiles#1:16777216, block#1:10000",                                             \
+      "make a block a bank; where its parts stand.", NEED_BYTES(0, bank_bytes(FILTERED_AT(1), WHOLE(7), INT(8))),      \
+      set_up(&a, MEMORY(0), FILTERED_AT(1), WHOLE(7), INT(8)))                                                         \
     F(bank_prepare, "state@BANL, tile#0:e, late#0:2305843009213693951",                                                \
       "prepare a new tile whose samples are counted from late on.", 0, tile_prepare(BANK, WHOLE(1), WHOLE(2)))         \
     F(bank_restore, "state@BANL, other@", "become what another bank was.", 0, restore(&a, BANK, MEMORY(1)))            \

@@ -22,7 +22,8 @@ static void set_up(Arguments *a, void *memory, Shape s)
                             {"offset", p->offset, 1},
                             {"W_H", p->W_H, lanes(s)},
                             {"w_H_inverse", p->w_H_inverse, lanes(s)},
-                            {"r_H_inverse", p->r_H_inverse, lanes(s)}};
+                            {"r_H_inverse", p->r_H_inverse, lanes(s)},
+                            {"prefilter", c.prefilter.modes, prefilter_nums(s)}};
     RETURN_FIELDS(memory, fields);
 }
 
@@ -34,11 +35,12 @@ static void run(const Compensator *c, int64_t samples, const double *y_ref, doub
 }
 
 #define BINDINGS(F)                                                                                                    \
-    F(compensator_bytes, SHAPED, "size of a compensator.", 0, WHOLE_RESULT = compensator_bytes(SHAPE_AT(0)))           \
-    F(compensator_setup, "state@, " SHAPED, "make a block a compensator; where its vectors stand.",                    \
-      NEED_BYTES(0, compensator_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1)))                               \
+    F(compensator_bytes, FILTERED, "size of a compensator.", 0, WHOLE_RESULT = compensator_bytes(FILTERED_AT(0)))      \
+    F(compensator_setup, "state@, " FILTERED, "make a block a compensator; where its vectors stand.",                  \
+      NEED_BYTES(0, compensator_bytes(FILTERED_AT(1))), set_up(&a, MEMORY(0), FILTERED_AT(1)))                         \
     F(compensator_set_weights, "state@COM2, weights[k]", "invert the model of these weights.",                         \
       NEED_SIZE(k, weight_count(COMPENSATOR->shape)), compensator_set_weights(COMPENSATOR, REALS(1)))                  \
+    F(compensator_balance, "state@COM2", "begin with dynamics in balance.", 0, compensator_balance(COMPENSATOR, 1))    \
     F(compensator_now, "state@COM2", "the unit drive for the last reference at this moment.", 0,                       \
       NUMBER_RESULT = compensator_now(COMPENSATOR))                                                                    \
     F(compensator_correct, "state@COM2, y", "integral action on the output that the last drive produced.", 0,          \

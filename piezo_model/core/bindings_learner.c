@@ -32,6 +32,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
                             {"clock", l.clock, sizeof *l.clock / sizeof(real)},
                             {"memory", l.memory, sizeof *l.memory / sizeof(real)},
                             {"guard", l.mailbox.guard, sizeof(SensorGuard) / sizeof(real)},
+                            {"noise_gains", l.mailbox.noise_gains, 2},
                             {"in_use", l.in_use, l.d},
                             {"candidate", l.candidate, l.d},
                             {"gram", l.gram, symmetric_nums(l.d + 1)},
@@ -184,15 +185,15 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
     return k;
 }
 
-#define SIZED SHAPED ", block#1:10000, blocks#1:10000, mode#0:1"
-#define BYTES_AT(i) learner_bytes(SHAPE_AT(i), INT(i + 4), INT(i + 5), INT(i + 6))
+#define SIZED FILTERED ", block#1:10000, blocks#1:10000, mode#0:1"
+#define BYTES_AT(i) learner_bytes(FILTERED_AT(i), INT(i + 6), INT(i + 7), INT(i + 8))
 #define BINDINGS(F)                                                                                                    \
     F(learner_bytes, SIZED, "size of a learner; mode 0 is continuous, 1 cyclic.", 0, WHOLE_RESULT = BYTES_AT(0))       \
     F(exported_learner_bytes, SIZED ", each#4:8", "the same with a mailbox of numbers of so many bytes each.", 0,      \
-      WHOLE_RESULT = BYTES_AT(0) - mailbox_bytes(SHAPE_AT(0), INT(4), INT(5))                                          \
-                     + mailbox_size(SHAPE_AT(0), INT(4), INT(5), WHOLE(7)))                                            \
+      WHOLE_RESULT = BYTES_AT(0) - mailbox_bytes(FILTERED_AT(0), INT(6), INT(7))                                       \
+                     + mailbox_size(FILTERED_AT(0), INT(6), INT(7), WHOLE(9)))                                         \
     F(learner_setup, "state@, " SIZED, "make a block a learner; where its parts stand.", NEED_BYTES(0, BYTES_AT(1)),   \
-      set_up(&a, MEMORY(0), SHAPE_AT(1), INT(5), INT(6), INT(7)))                                                      \
+      set_up(&a, MEMORY(0), FILTERED_AT(1), INT(7), INT(8), INT(9)))                                                   \
     F(learner_begin, "state@LEAR, compensator@COM2, play[l], creep[c], resets#0:1",                                    \
       "begin to learn from the weights in use and these states.", 0, begin(LOOP, REALS(2), REALS(3), INT(4)))          \
     F(learner_program, "state@LEAR", "write the program of an interval.", 0, learner_program(LEARNER, 0))              \

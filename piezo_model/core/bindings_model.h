@@ -7,7 +7,17 @@
 
 /* A shape as four arguments, the first of which has number i. */
 #define SHAPED "n#0:10000, zones#1:10000, rates#0:10000, offset#0:1"
-#define SHAPE_AT(i) ((Shape){INT(i), INT(i + 1), INT(i + 2), INT(i + 3)})
+#define SHAPE_AT(i) ((Shape){.n = INT(i), .zones = INT(i + 1), .rates = SHORT(i + 2), .offset = SHORT(i + 3)})
+/* The same with those of the dynamics. */
+#define FILTERED SHAPED ", modes#0:2, ring#0:32767"
+#define FILTERED_AT(i)                                                                                                 \
+    ((Shape){.n = INT(i),                                                                                              \
+             .zones = INT(i + 1),                                                                                      \
+             .rates = SHORT(i + 2),                                                                                    \
+             .offset = SHORT(i + 3),                                                                                   \
+             .modes = SHORT(i + 4),                                                                                    \
+             .ring = SHORT(i + 5)})
+#define SHORT(i) ((int16_t)a.values[i].whole)
 /* Whether calls for n samples take long. */
 #define SAMPLES_LAST (LENGTH(n) > 100)
 

@@ -7,20 +7,26 @@
 
 #define FARTHEST ((real)1e6) /* limit of references in half ranges, so that no sum overflows */
 
+/* What creep adds to the next output, before S. */
+static num creep_sum(const Compensator *c)
+{
+    const int k = play_vectors(c->shape);
+    Sum creep = no_sum();
+    for (int j = 0; j < c->shape.rates; ++j) {
+        for (int i = 0; i < k; ++i) {
+            accumulate(&creep, i, vector(c->inverse.w_K, i), vector(c->creep, j * k + i));
+        }
+    }
+    return total(&creep);
+}
+
 /* Drive without limits that makes y_ref the model's next output; in normalised units. */
-static num wanted_drive(const Compensator *c, num y_ref)
+static num wanted_drive(const Compensator *c, num y_ref, num creep)
 {
     const Inverse *const p = &c->inverse;
     const Shape s = c->shape;
-    const int k = play_vectors(s);
-    Sum creep = no_sum();
     num u, x, outside = constant(0);
-    for (int j = 0; j < s.rates; ++j) {
-        for (int i = 0; i < k; ++i) {
-            accumulate(&creep, i, vector(p->w_K, i), vector(c->creep, j * k + i));
-        }
-    }
-    u = minus(minus(superposition(c->low, c->high, p->w_S, s, y_ref), total(&creep)), p->offset[0]);
+    u = minus(minus(superposition(c->low, c->high, p->w_S, s, y_ref), creep), p->offset[0]);
     x = times(p->w_H_inverse[0], u);
     for (int i = s.n; i > 0; --i) {
         const num z = plus_times(outside, p->W_H[i], c->play[i]);
@@ -28,6 +34,34 @@ static num wanted_drive(const Compensator *c, num y_ref)
         x = plus_times(x, p->w_H_inverse[i], play_of(u, p->r_H_inverse[i], z));
     }
     return x;
+}
+
+/* The model's output in the output unit for the present states of play, before dynamics. */
+static num output_of(const Compensator *c, num creep)
+{
+    const Inverse *const p = &c->inverse;
+    const num hysteresis = dot(p->w_H, c->play, play_vectors(c->shape));
+    const vec8 u = SPREAD(plus(plus(hysteresis, creep), p->offset[0]));
+    Sum sum = no_sum();
+    for (int i = 0; i < VECTORS(c->shape.zones); ++i) {
+        accumulate(&sum, i, vector(p->w_S_inverse, i), dead_zone8(u, vector(p->low, i), vector(p->high, i)));
+    }
+    return plus_times(constant(c->settings->y_centre), constant(c->settings->y_scale), total(&sum));
+}
+
+/* The output of F for the last finite reference, and with integral action what the stage should have put out. */
+static num filtered(const Compensator *c, num y_ref, num finite)
+{
+    const DriveSettings *const p = c->settings;
+    DriveMemory *const m = c->memory;
+    num *const reference = &c->prefilter.memory->reference;
+    const num centre = constant(p->y_centre), most = constant(FARTHEST * MAGNITUDE(p->y_scale));
+    const num low = minus(centre, most), high = plus(centre, most);
+    if (p->gain > 0) {
+        set_where(finite, reference, within(y_ref, low, high));
+        m->given = where(finite, N(prefilter_reference)(&c->prefilter, c->shape, *reference), y_ref);
+    }
+    return N(prefilter_step)(&c->prefilter, c->shape, within(m->last_y_ref, low, high));
 }
 
 /* A finite reference in normalised units, limited to FARTHEST. */
@@ -38,27 +72,6 @@ static num unit_reference(const Compensator *c, num y_ref)
 }
 
 static num within_limits(const Compensator *c, num x) { return within(x, c->memory->unit_low, c->memory->unit_high); }
-
-/* Advance the states by the drive x that the actuator receives. */
-static void move_on(const Compensator *c, num x)
-{
-#ifdef CORE_FLOAT
-    /* Slow creep moves by less than the rounding of a float, so the remainder is carried. */
-    const Shape s = c->shape;
-    for (int j = 0; j < creep_lanes(s); ++j) {
-        real *const z = c->creep + j, *const rest = z + creep_lanes(s), before = *z;
-        const real change =
-            c->operators.a[j / lanes(s)] * (play_of(x, c->operators.r[j % lanes(s)], before) - before) + *rest;
-        *z = before + change;
-        *rest = change - (*z - before);
-    }
-    for (int i = 0; i < lanes(s); ++i) {
-        c->play[i] = play_of(x, c->operators.r[i], c->play[i]);
-    }
-#else
-    advance(c->operators, c->shape, x, c->play, c->creep);
-#endif
-}
 
 /* Set decayed creep states to zero, eight states of one rate for each sample. */
 static void flush_in_turn(const Compensator *c)
@@ -96,12 +109,13 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     const num x_centre = constant(p->x_centre), x_scale = constant(p->x_scale);
     m->given = y_ref;
     set_where(finite, &m->last_y_ref, plus(y_ref, m->correction));
-    const num reference = unit_reference(c, m->last_y_ref);
-    num wanted = wanted_drive(c, reference);
+    const num reference = unit_reference(c, c->shape.ring > 0 ? filtered(c, y_ref, finite) : m->last_y_ref);
+    num creep = creep_sum(c), wanted = wanted_drive(c, reference, creep);
     if (change != NULL) {
         const num before = wanted;
         copy_where(change->which, c->inverse.w_H, change->inverse.w_H, inverse_nums(c->shape));
-        wanted = wanted_drive(c, reference);
+        creep = creep_sum(c);
+        wanted = wanted_drive(c, reference, creep);
         set_where(change->which, &m->bump, plus(m->bump, minus(within_limits(c, before), within_limits(c, wanted))));
     }
     wanted = where(finite, plus(wanted, m->bump), last);
@@ -110,22 +124,32 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     m->held = minus(less(x, wanted), less(wanted, x));
     x = within(plus_times(x_centre, x_scale, x), m->low, m->high); /* rounding may exceed a limit by a bit */
     flush_in_turn(c);
-    move_on(c, divided(minus(x, x_centre), x_scale));
+    receive(c->operators, c->shape, divided(minus(x, x_centre), x_scale), c->play, c->creep);
+    if (c->shape.modes > 0) {
+        const num elsewhere = logical_or(absolute(m->held), is_not(finite));
+        N(prefilter_follow)(&c->prefilter, c->shape, output_of(c, creep), elsewhere);
+    }
     return x;
+}
+
+void N(compensator_balance)(const Compensator *c, num which)
+{
+    if (c->shape.ring > 0) {
+        N(prefilter_balance)(&c->prefilter, c->shape, which, output_of(c, creep_sum(c)), c->play, c->creep);
+    }
 }
 
 num N(compensator_now)(const Compensator *c)
 {
-    return within_limits(c, wanted_drive(c, unit_reference(c, c->memory->last_y_ref)));
+    const num reference = c->shape.ring > 0 ? c->prefilter.memory->output : c->memory->last_y_ref;
+    return within_limits(c, wanted_drive(c, unit_reference(c, reference), creep_sum(c)));
 }
 
 #ifndef CORE_TILE
-enum { CREEP_VECTORS = sizeof(real) == 4 ? 2 : 1 }; /* with the remainders in single precision */
-
 int64_t compensator_bytes(Shape s)
 {
     const int numbers = 2 * LANES + lanes(s) + rate_lanes(s) + 2 * zone_lanes(s) + 2 * LANES + lanes(s)
-                        + CREEP_VECTORS * creep_lanes(s) + inverse_nums(s);
+                        + CREEP_VECTORS * creep_lanes(s) + inverse_nums(s) + prefilter_nums(s);
     return HEAD_BYTES + (int64_t)sizeof(real) * numbers;
 }
 
@@ -141,6 +165,7 @@ Compensator compensator_at(void *memory)
     c.play = nums(&arena, lanes(c.shape));
     c.creep = nums(&arena, CREEP_VECTORS * creep_lanes(c.shape));
     c.inverse = inverse_at(&arena, c.shape);
+    c.prefilter = prefilter_at(&arena, c.shape);
     return c;
 }
 
@@ -158,6 +183,6 @@ void compensator_set_weights(const Compensator *c, const real *weights)
     memcpy(p->w_S, weights + n + 1, sizeof(real) * (size_t)zones);
     memcpy(p->w_K, weights + n + 1 + zones, sizeof(real) * (size_t)creep_weights(c->shape));
     p->offset[0] = weights[weight_count(c->shape) - 1];
-    invert(p, c->shape, c->operators.r);
+    invert(p, c->shape, c->operators.r, c->low, c->high);
 }
 #endif

@@ -2,6 +2,8 @@
  *
  *     x(k) = H^-1[ S^-1[y_r](k) - K(k) - offset ](k).
  *
+ * With dynamics y_r first passes their inverse (prefilter.h).
+ *
  * Its state are the operator states of the model, H and K, advanced by the drive after saturation and rate limit, which
  * the actuator receives. The states of H^-1 follow from them at every sample. For any reference, NaN and infinity
  * included, the drive is finite and inside its limits.
@@ -11,9 +13,11 @@
 #ifndef CORE_COMPENSATOR_H
 #define CORE_COMPENSATOR_H
 
-#include "operators.h"
+#include "prefilter.h"
 
 enum { COMPENSATOR_KIND = 0x434f4d32 };
+
+#define BEYOND ((real)1e30) /* an end that no dead zone reaches, and that a file may hold */
 
 /* Settings that all compensators of one structure share: centres and scales; the largest change of the drive for each
  * sample in normalised units; the factor by which a transfer bump decays for each sample; and the share of an error
@@ -31,9 +35,9 @@ typedef struct {
 } DriveMemory;
 
 /* The weights of a model, w_H0 ... w_Hn, w'_S, w_K and the constant; the partial sums W_H of w_H; weights and
- * thresholds of H^-1. */
+ * thresholds of H^-1; with dynamics weights and dead zones of S, the inverse of S^-1. */
 typedef struct {
-    num *w_H, *w_S, *w_K, *offset, *W_H, *w_H_inverse, *r_H_inverse;
+    num *w_H, *w_S, *w_K, *offset, *W_H, *w_H_inverse, *r_H_inverse, *w_S_inverse, *low, *high;
 } Inverse;
 
 typedef struct {
@@ -44,9 +48,13 @@ typedef struct {
     DriveMemory *memory;
     num *play, *creep;
     Inverse inverse;
+    Prefilter prefilter;
 } Compensator;
 
-CORE_INLINE int inverse_nums(Shape s) { return 4 * NUMS(s.n + 1) + NUMS(s.zones) + NUMS(creep_weights(s)) + NUMS(1); }
+CORE_INLINE int inverse_nums(Shape s)
+{
+    return 4 * NUMS(s.n + 1) + (s.ring == 0 ? 1 : 4) * NUMS(s.zones) + NUMS(creep_weights(s)) + NUMS(1);
+}
 
 CORE_INLINE Inverse inverse_at(Arena *arena, Shape s)
 {
@@ -58,11 +66,37 @@ CORE_INLINE Inverse inverse_at(Arena *arena, Shape s)
     p.W_H = nums(arena, NUMS(s.n + 1));
     p.w_H_inverse = nums(arena, NUMS(s.n + 1));
     p.r_H_inverse = nums(arena, NUMS(s.n + 1));
+    p.w_S_inverse = nums(arena, s.ring == 0 ? 0 : NUMS(s.zones));
+    p.low = nums(arena, s.ring == 0 ? 0 : NUMS(s.zones));
+    p.high = nums(arena, s.ring == 0 ? 0 : NUMS(s.zones));
     return p;
 }
 
-/* Compute W_H and H^-1 from the weights in p of a valid model; r are the thresholds. */
-CORE_INLINE void invert(const Inverse *p, Shape s, const real *r)
+/* Compute S from S^-1 of the dead zones from `low` and `high` on, outwards from the middle on either side: a piece of
+ * slope W that begins at r and u has the slope 1 / W in S and begins at u. */
+CORE_INLINE void invert_superposition(const Inverse *p, Shape s, const real *low, const real *high)
+{
+    int middle = 0;
+    while (high[middle] > 0) { /* infinite below zero */
+        ++middle;
+    }
+    p->w_S_inverse[middle] = divided(constant(1), p->w_S[middle]);
+    for (int side = -1; side <= 1; side += 2) {
+        const real *const r = side < 0 ? low : high;
+        num W = p->w_S[middle], u = constant(0);
+        for (int i = middle + side; i >= 0 && i < s.zones; i += side) {
+            const num W_before = W;
+            u = plus_times(u, W, constant(r[i] - r[i - side]));
+            W = plus(W, p->w_S[i]);
+            p->w_S_inverse[i] = minus(divided(constant(1), W), divided(constant(1), W_before));
+            p->low[i] = side < 0 ? u : constant(-BEYOND);
+            p->high[i] = side < 0 ? constant(BEYOND) : u;
+        }
+    }
+}
+
+/* Compute W_H and H^-1 from the weights in p of a valid model, and S with dynamics; r are the thresholds. */
+CORE_INLINE void invert(const Inverse *p, Shape s, const real *r, const real *low, const real *high)
 {
     num W = p->w_H[0], r_inverse = constant(0);
     p->W_H[0] = W;
@@ -74,6 +108,9 @@ CORE_INLINE void invert(const Inverse *p, Shape s, const real *r)
         p->W_H[i] = W;
         p->w_H_inverse[i] = divided(minus(constant(0), w), times(W, W_before));
         p->r_H_inverse[i] = r_inverse;
+    }
+    if (s.ring > 0) {
+        invert_superposition(p, s, low, high);
     }
 }
 
@@ -91,6 +128,8 @@ CORE_API num N(compensator_step)(const Compensator *c, num y_ref, const Change *
  * z^-1|, at most 2 / (2 - gain). Anti-windup: errors that push the drive further beyond a limit are ignored, and the
  * correction is at most half the output's range. */
 CORE_API void N(compensator_correct)(const Compensator *c, num y, num trusted);
+/* Begin with dynamics in balance where `which` is 1. */
+CORE_API void N(compensator_balance)(const Compensator *c, num which);
 /* The drive for the last reference at this moment, in normalised units; no state changes. */
 CORE_API num N(compensator_now)(const Compensator *c);
 

@@ -27,6 +27,11 @@ void N(controller_begin)(const Controller *c, const num *play, const num *creep)
     m->answered = m->offered;
     m->skipped = (int32_t)(m->samples % m->block);
     guard_forget(guard_of(c));
+    if (c->compensator.shape.ring > 0) {
+        const Prefilter *const p = &c->compensator.prefilter;
+        memmove(p->play, play, sizeof(num) * (size_t)(play_vectors(c->compensator.shape) * (LANES / WIDTH)));
+        memmove(p->creep, creep, sizeof(num) * (size_t)(creep_vectors(c->compensator.shape) * (LANES / WIDTH)));
+    }
     N(controller_begin_block)(c, play, creep);
 }
 
@@ -35,12 +40,16 @@ int N(controller_observe)(const Controller *c, num x, num y)
     const DriveSettings *const p = c->compensator.settings;
     MailboxHead *const m = c->mailbox.head;
     const Block b = block_in(&c->mailbox, m->place);
-    const num unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale));
-    num fault;
-    const num good = guard_judge(guard_of(c), x, unit_y, &fault),
-              counted = plus(from_shared(c->mailbox.faults, 0), fault);
+    num unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale)), fault;
+    num good = guard_judge(guard_of(c), x, unit_y, &fault);
+    const num counted = plus(from_shared(c->mailbox.faults, 0), fault);
     const num faults = where(less(constant(MOST_COUNTED), counted), constant(0), counted);
     N(compensator_correct)(&c->compensator, y, good);
+    if (c->compensator.shape.ring > 0) {
+        y = N(prefilter_measured)(&c->compensator.prefilter, c->compensator.shape, y, &good);
+        x = N(prefilter_drive)(&c->compensator.prefilter, c->compensator.shape, c->compensator.operators, x);
+        unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale));
+    }
     to_shared(b.x, m->filled, x);
     to_shared(b.y, m->filled, where(good, unit_y, constant((real)NAN)));
     to_shared(c->mailbox.faults, 0, faults);
@@ -94,7 +103,9 @@ num N(controller_drive)(const Controller *c, num y_ref)
         return N(compensator_step)(&c->compensator, y_ref, NULL);
     }
     const int changes = find_offer(c, &change, &answered);
-    N(controller_begin_block)(c, c->compensator.play, c->compensator.creep);
+    const Prefilter *const p = &c->compensator.prefilter;
+    const int late = c->compensator.shape.ring > 0;
+    N(controller_begin_block)(c, late ? p->play : c->compensator.play, late ? p->creep : c->compensator.creep);
     block_at(&c->mailbox, m->published).head->answered = answered;
     const num x = N(compensator_step)(&c->compensator, y_ref, changes ? &change : NULL);
     CORE_RELEASE(&m->answered, answered); /* now the learner may overwrite the offer */

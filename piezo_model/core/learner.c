@@ -165,7 +165,7 @@ static Inverse invert_unknowns(const Learner *l, const num *v)
         p->w_K[i] = slopes[s.zones + i];
     }
     p->offset[0] = s.offset ? v[l->d - 1] : constant(0);
-    invert(p, s, l->regressors.operators.r);
+    invert(p, s, l->regressors.operators.r, l->regressors.low, l->regressors.high);
     return inverse;
 }
 

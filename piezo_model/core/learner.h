@@ -152,12 +152,6 @@ typedef struct {
     num span[SPAN];                        /* of the good samples */
 } BlockSummary;
 
-/* One lane of entry i of a vector of nums. */
-CORE_INLINE real *entry(const num *vector_of_nums, int i, int lane)
-{
-    return (real *)(uintptr_t)(vector_of_nums + i) + lane;
-}
-
 /* Empty `count` entries of spans where `which` is 1. */
 CORE_INLINE void span_clear(num *span, int count, num which)
 {

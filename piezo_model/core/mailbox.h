@@ -71,6 +71,7 @@ typedef struct {
     MailboxHead *head;
     Shape shape;
     shared *guard, *faults; /* the sensor guard, and the faults so far */
+    shared *noise_gains;    /* with dynamics: see noise.c */
     Offer offer;
     char *ring;
 } Mailbox;
@@ -104,6 +105,7 @@ CORE_INLINE Mailbox mailbox_at(char *memory, Shape s)
         .shape = s,
         .guard = guard,
         .faults = guard + WIDTH * (GUARD_NUMS - 1),
+        .noise_gains = guard + WIDTH * (GUARD_NUMS - 3),
         .offer = {(int64_t *)(void *)offered, (uint32_t *)(void *)(offered + 8), inverse, which, which + WIDTH,
                   which + 2 * WIDTH, which + 3 * WIDTH},
         .ring = offered + 64 + shared_bytes(inverse_nums(s) + 4),

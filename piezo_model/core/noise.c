@@ -22,6 +22,11 @@
  * - sigma^2 shrinks until P is positive definite by MARGIN sigma^2 diag(n), since both are estimates; the exact solver,
  *   which inverts P anyway, tells.
  *
+ * With dynamics the learner's y passed F and an interpolation (prefilter.h), so that its noise is h * e with the
+ * impulse response h. Its variance is sigma^2 sum h^2, that of its third differences sigma^2 sum (h * (1, -3, 3, -1))^2
+ * instead of 20 sigma^2; the two sums are constants of the actuator. x is late by more samples than h lasts, so
+ * integral action, by which x depends on earlier noise, correlates neither with the noise of the row.
+ *
  * Third differences see the noise at high frequencies: of coloured noise (an autoregression of 0.9) they find 6 %, and
  * the rest stays in P. Of a sensor that is quantised, they find the steps as far as the output crosses them in each
  * sample.
@@ -38,6 +43,12 @@
 num N(noise_variance)(const Learner *l)
 {
     return divided(l->noise[SQUARES], greatest(l->noise[SLOPES], constant(TINY)));
+}
+
+/* Gain 0, sum h^2, or 1, one over that of the third differences. */
+static num noise_gain(const Learner *l, int i)
+{
+    return l->shape.ring > 0 ? from_shared(l->mailbox.noise_gains, i) : constant(i == 0 ? 1 : (real)0.05);
 }
 
 CORE_INLINE vec8 less8(vec8 a, vec8 b) { return where_less(a, b, splat(1), zeros()); }
@@ -62,6 +73,7 @@ void N(noise_judge)(const Learner *l, const Block *block, BlockSummary *b)
 {
     const num variance = N(noise_variance)(l),
               most = times(constant(CAP), greatest(variance, constant(LEAST_VARIANCE)));
+    const num added = times(variance, noise_gain(l, 0)), of_third = noise_gain(l, 1);
     num *const before = l->memory->recent;
     for (int k = 0; k < b->count; ++k) {
         num *const row = workspace_of(l).rows + k * row_nums(l->shape), *const noise = row + row_nums(l->shape) - NOISE;
@@ -69,10 +81,10 @@ void N(noise_judge)(const Learner *l, const Block *block, BlockSummary *b)
         const num error = plus(dot(l->in_use, row + 1, VECTORS(l->d)), row[0]), slope = squared_slope(l, l->in_use, y);
         const num other = plus(dot(l->candidate, row + 1, VECTORS(l->d)), row[0]);
         const num third = plus(minus(error, before[2]), times(constant(3), minus(before[1], before[0])));
-        const num square = times(times(third, third), constant((real)0.05)), known = is_finite(square);
-        b->squares_in_use = plus(b->squares_in_use, minus_times(times(error, error), variance, slope));
+        const num square = times(times(third, third), of_third), known = is_finite(square);
+        b->squares_in_use = plus(b->squares_in_use, minus_times(times(error, error), added, slope));
         b->squares_candidate =
-            plus(b->squares_candidate, minus_times(times(other, other), variance, squared_slope(l, l->candidate, y)));
+            plus(b->squares_candidate, minus_times(times(other, other), added, squared_slope(l, l->candidate, y)));
         noise[SQUARES] = where(known, lowest(square, times(most, slope)), constant(0));
         noise[SLOPES] = logical_and(known, slope);
         memmove(before + 1, before, 2 * sizeof *before);
@@ -123,7 +135,7 @@ static void hold_slope(const Workspace *w, int d, int j, real v)
 
 void N(noise_subtract)(const Learner *l, const Workspace *w, int lane)
 {
-    const num variance = N(noise_variance)(l);
+    const num variance = times(N(noise_variance)(l), noise_gain(l, 0));
     const int d = l->d, first = l->shape.n, middle = first + (int)l->settings->middle;
     real share = 1, step = 1;
     box_setup(w->solver, d, w->lb, w->ub);

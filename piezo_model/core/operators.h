@@ -65,6 +65,27 @@ CORE_INLINE void advance(Operators p, Shape s, num x, num *play, num *creep)
     }
 }
 
+enum { CREEP_VECTORS = sizeof(real) == 4 ? 2 : 1 }; /* of creep states, with the remainders in single precision */
+
+/* Advance the states by the drive x that the actuator receives. */
+CORE_INLINE void receive(Operators p, Shape s, num x, num *play, num *creep)
+{
+#ifdef CORE_FLOAT
+    /* Slow creep moves by less than the rounding of a float, so the remainder is carried. */
+    for (int j = 0; j < creep_lanes(s); ++j) {
+        real *const z = creep + j, *const rest = z + creep_lanes(s), before = *z;
+        const real change = p.a[j / lanes(s)] * (play_of(x, p.r[j % lanes(s)], before) - before) + *rest;
+        *z = before + change;
+        *rest = change - (*z - before);
+    }
+    for (int i = 0; i < lanes(s); ++i) {
+        play[i] = play_of(x, p.r[i], play[i]);
+    }
+#else
+    advance(p, s, x, play, creep);
+#endif
+}
+
 /* The sum of w_i S_i(u) over zone_lanes limits and weights; padding has the limits -inf and inf and the weight 0. */
 CORE_INLINE num superposition(const real *low, const real *high, const num *w, Shape s, num u)
 {

@@ -7,8 +7,10 @@
 typedef struct {
     int32_t n;      /* thresholds above zero of play and creep */
     int32_t zones;  /* dead zones of S^-1 */
-    int32_t rates;  /* creep rates */
-    int32_t offset; /* 1 with a free constant, else 0 */
+    int16_t rates;  /* creep rates */
+    int16_t ring;   /* samples that the rings of a prefilter hold; 0 without dynamics */
+    int16_t offset; /* 1 with a free constant, else 0 */
+    int16_t modes;  /* of the dynamics */
 } Shape;
 
 /* The head of every state of this package. */
@@ -17,7 +19,7 @@ typedef struct {
     Shape shape;
 } ShapedHead;
 
-/* The shape in a head; a constant in an exported folder, -DCORE_SHAPE={5,7,3,0}. */
+/* The shape in a head; a constant in an exported folder, -DCORE_SHAPE={.n=5,.zones=7,.rates=3}. */
 #ifdef CORE_SHAPE
 static const Shape exported_shape = CORE_SHAPE;
 #define SHAPE(head) exported_shape

@@ -1,5 +1,6 @@
 /* The controllers and learners of a bank, eight actuators at once. */
 #define CORE_TILE
+#include "prefilter.c"
 #include "compensator.c"
 #include "controller.c"
 #include "learner.c"

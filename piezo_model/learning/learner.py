@@ -7,6 +7,7 @@ the log, calls solvers outside the core, and adapts the ranges. Cyclic and conti
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,10 +53,11 @@ class Learner(Stateful):
         self._cyclic = settings.mode == "cyclic"
         self._block, numbers = self._cyclic_numbers() if self._cyclic else self._continuous_numbers()
         """Samples of a block."""
-        sizes = *s.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
+        sizes = *compensator.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
         self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
         layout.write_settings(numbers, self._core["settings"])
         self._core.as_int64("delay")[:] = self._block
+        self._core["noise_gains"][: compensator.prefilter.noise_gains.size] = compensator.prefilter.noise_gains
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
         compensator.set_blend_time(settings.blend_time_s)
@@ -202,7 +204,8 @@ class Learner(Stateful):
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
         # these weights may not have been handed over yet
         learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
-        self.compensator.change_model(carried_over(learned, new), self.settings.blend_time_s)
+        model = replace(carried_over(learned, new), dynamics=self.compensator.model.dynamics)
+        self.compensator.change_model(model, self.settings.blend_time_s)
         self._begin(state, resets=False)
         if self._cyclic:
             self._clock["past_span"] = 0.0

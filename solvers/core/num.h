@@ -104,6 +104,12 @@ CORE_INLINE num within(num a, num low, num high) { return greatest(lowest(a, hig
 
 CORE_INLINE num *nums(Arena *arena, int count) { return (num *)(void *)reals(arena, count, WIDTH); }
 
+/* One lane of entry i of a vector of nums. */
+CORE_INLINE real *entry(const num *vector_of_nums, int i, int lane)
+{
+    return (real *)(uintptr_t)(vector_of_nums + i) + lane;
+}
+
 /* Change *to in the lanes in which `which` is 1. */
 CORE_INLINE void set_where(num which, num *to, num a) { *to = where(which, a, *to); }
 CORE_INLINE void copy_where(num which, num *to, const num *from, int count)

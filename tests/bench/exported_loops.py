@@ -3,14 +3,14 @@
 References leave the range, are NaN and infinite; the actuator of the loops is a model of another structure with noise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.export.settings import SOLVERS, ExportSettings
-from piezo_model import Compensator, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
+from piezo_model import Compensator, Dynamics, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
 from piezo_model.operator_state import OperatorState
 
 Vector = NDArray[np.float64]
@@ -18,6 +18,7 @@ Vector = NDArray[np.float64]
 SHORT, MILLION = 50_000, 1_000_000
 SAMPLE_TIME = 125e-6
 LIMITS = (5.0, 145.0)
+DYNAMICS = Dynamics((400.0, 1100.0), (0.01, 0.02), (0.8, 0.15), 1.3 * SAMPLE_TIME, 3e-5)
 PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.7}
 
 
@@ -59,9 +60,9 @@ class Expected:
     events: tuple[int, ...] = ()
 
 
-def compensation(size: int) -> Expected:
+def compensation(size: int, dynamics: Dynamics | None = None) -> Expected:
     """A compensator that reaches its limits of drive and rate."""
-    model, y_ref = a_model(), references(size)
+    model, y_ref = replace(a_model(), dynamics=dynamics), references(size)
     compensator = Compensator(model, x_limits=LIMITS, rate_limit=2e5)
     x = compensator.run(y_ref)
     assert {LIMITS[0], LIMITS[1]} <= set(x.tolist())
@@ -69,9 +70,10 @@ def compensation(size: int) -> Expected:
 
 
 class Stage:
-    """An actuator with noise, and optionally a faulty sensor or one of negative gain."""
+    """An actuator with noise, and optionally with dynamics, a faulty sensor or one of negative gain."""
 
-    def __init__(self, size: int, faulty: bool, gain: float = 1.0) -> None:
+    def __init__(self, size: int, faulty: bool, gain: float = 1.0, dynamics: Dynamics | None = None) -> None:
+        self.dynamics = None if dynamics is None else dynamics.stream(SAMPLE_TIME)
         self.model = a_model(n=9, m=2, rates=(30.0, 0.5), seed=7)
         self.state = OperatorState.settled_at(self.model.structure, self.model.structure.x_centre)
         self.noise = 0.03 * np.random.default_rng(3).standard_normal(size)
@@ -82,6 +84,7 @@ class Stage:
         k = np.arange(self.done, self.done + x.size)
         self.done += x.size
         y, self.state = self.model.advance(x, self.state)
+        y = y if self.dynamics is None else self.dynamics(y)
         y = self.gain * y + self.noise[k]
         if self.faulty:
             y[k % 9000 == 5] = np.nan
@@ -109,10 +112,11 @@ def learning(
     integral_gain: float = 0.0,
     gain: float = 1.0,
     structure: ModelStructure | None = None,
+    dynamics: Dynamics | None = None,
 ) -> Expected:
     """The self-learning loop on a stage, of one of LOOPS."""
     structure = a_model().structure if structure is None else structure
-    start = HysteresisCreepModel.from_weights(structure, structure.straight_line)
+    start = replace(HysteresisCreepModel.from_weights(structure, structure.straight_line), dynamics=dynamics)
     loop = loop_of(solver)
     learner = SelfLearningCompensator(
         start.structure,
@@ -123,7 +127,7 @@ def learning(
         integral_gain=integral_gain,
         **PHASES,
     )
-    y_ref, stage = references(size, seed=2), Stage(size, faulty, gain)
+    y_ref, stage = references(size, seed=2), Stage(size, faulty, gain, dynamics)
     x, y = learner.run(y_ref[:-1], stage)
     events = learner.counts["hand_overs"], learner.counts["refusals"]
     x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive

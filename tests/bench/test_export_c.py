@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 from exported_loops import (
+    DYNAMICS,
     LIMITS,
     LOOPS,
     MILLION,
@@ -48,19 +49,18 @@ INTEGRAL = (
     "projected_difference, faulty sensor, integral action",
     ("continuous, faulty sensor, integral action"),
 )
-KINDS = ("compensator", *LOOPS, *FAULTY, *INTEGRAL)
+RINGING = "compensator, ringing", "projected_difference, ringing", "continuous, faulty sensor, integral action, ringing"
+KINDS = ("compensator", *LOOPS, *FAULTY, *INTEGRAL, *RINGING)
 NIGHTLY = pytest.mark.nightly
 
 
 @cache
 def expected_of(kind: str, size: int = SHORT) -> Expected:
     """Drives that Python computes."""
-    solver, _, fault = kind.partition(", ")
-    return (
-        compensation(size)
-        if kind == "compensator"
-        else learning(solver, size, faulty=bool(fault), integral_gain=1000.0 * (kind in INTEGRAL))
-    )
+    solver, dynamics = kind.partition(", ")[0], DYNAMICS if "ringing" in kind else None
+    if solver == "compensator":
+        return compensation(size, dynamics)
+    return learning(solver, size, "faulty" in kind, integral_gain=1000.0 * ("integral" in kind), dynamics=dynamics)
 
 
 def built(folder: Path, expected: Expected, compiler: str, *flags: str) -> Path:
@@ -95,7 +95,7 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
     events = compare(tmp_path, expected_of(kind), *way[:1], way[1:])
     if kind in FAULTY:
         compare(tmp_path, expected_of(kind), "clang", ("-O3", "-march=native"))
-    if kind != "compensator":
+    if not kind.startswith("compensator"):
         assert events[0] > 0
         assert events[2] >= 2 * ("faulty" in kind)
         assert events[3] == 0
@@ -140,8 +140,10 @@ def test_the_drives_are_the_same_over_a_million_samples(tmp_path: Path, kind: st
     ("kind", "bound"),
     [
         ("compensator", FLOAT_BOUND),
+        (RINGING[0], FLOAT_BOUND),
         ("projected_difference", FLOAT_LOOP_BOUND),
         ("continuous", FLOAT_LOOP_BOUND),
+        (RINGING[2], FLOAT_LOOP_BOUND),
     ],
 )
 @pytest.mark.parametrize("compiler", COMPILERS)

@@ -141,7 +141,7 @@ def test_variables_have_units_start_values_and_the_step_is_fixed(fmus: dict[int,
         assert float(description.coSimulation.fixedInternalStepSize) == SAMPLE_TIME
     found = {v.name: v for v in description.modelVariables if v.name != "time"}
     settings = ExportSettings(x_limits=LIMITS, rate_limit=RATE_LIMIT)
-    for expected in variables(a_model().structure, settings):
+    for expected in variables(a_model(), settings):
         v = found.pop(expected.name)
         assert (v.causality, v.variability, float(v.start), v.unit) == (
             expected.causality,

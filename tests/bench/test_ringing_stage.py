@@ -70,6 +70,18 @@ def test_a_scan_is_compensated_after_a_declared_lag_without_lag_or_not_at_all(
     assert f"The output lags the reference by {quantity(lag, 's', 3)}, after which" in call.stdout
 
 
+def test_exports_invert_the_dynamics_and_carry_the_lag_as_a_constant(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    lag = HysteresisCreepModel.load(desk / "0.json").dynamics.lag_s(T)
+    for verb, target in (("export-c", "c"), ("export-fmu", "stage.fmu")):
+        piezobench.run(verb, desk / "0.json", target, folder=tmp_path)
+    assert f"#define PIEZO_LAG_S {lag!r}\n" in (tmp_path / "c" / "piezo_parameters.h").read_text(encoding="utf-8")
+    with zipfile.ZipFile(tmp_path / "stage.fmu") as archive:
+        description = archive.read("modelDescription.xml").decode()
+    assert re.search(rf'name="lag" [^/]*variability="constant" [^/]*start="{re.escape(repr(lag))}"', description)
+
+
 def test_the_static_part_is_exported_with_a_warning_in_what_is_written(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
@@ -82,16 +94,18 @@ def test_the_static_part_is_exported_with_a_warning_in_what_is_written(
         assert LEFT_OUT in archive.read("modelDescription.xml").decode()
 
 
-def test_the_static_part_is_deployed_and_learns_with_a_warning(
-    piezobench: CommandLine, desk: Path, tmp_path: Path
+@pytest.mark.parametrize("left_out", [False, True])
+def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, left_out: bool
 ) -> None:
-    out = tmp_path / "c.json"
-    deploy = ("deploy", REFERENCE_RUN, "--model", desk / "0.json", "--no-dynamics", "--deadline", 1e6, "--out", out)
-    live = ("live", desk / "0.json", "--no-dynamics", "--simulate", "relay_preisach", "--seconds", 0.2, "--no-page")
-    for words in (deploy, live):
+    out, option = tmp_path / "c.json", ("--no-dynamics",) if left_out else ()
+    deploy = ("deploy", REFERENCE_RUN, "--model", desk / "0.json", "--deadline", 1e6, "--out", out, *option)
+    live = ("live", desk / "0.json", "--simulate", "relay_preisach", "--rate", 1 / T, "--seconds", 0.2, "--no-page")
+    for words in (deploy, (*live, *option)):
         call = piezobench.run(*words)
-        assert LEFT_OUT in " ".join(call.stdout.split())
-    assert LEFT_OUT in Deployment.load(out).model.warning
+        assert (LEFT_OUT in " ".join(call.stdout.split())) == left_out
+    model = Deployment.load(out).model
+    assert (LEFT_OUT in model.warning) == left_out == (model.dynamics is None)
 
 
 @pytest.mark.parametrize(
@@ -109,14 +123,6 @@ def test_the_static_part_is_deployed_and_learns_with_a_warning(
         (
             ("simulate", "0.json", "slow.csv", "--out", "x.csv"),
             "0.json with slow.csv: the resonance at 400 Hz is above 35 % of the sampling rate, 1000 Hz",
-        ),
-        (("export-c", "0.json", "c"), "0.json: the exported C knows hysteresis and creep alone, and the model has a"),
-        (("export-fmu", "0.json", "x.fmu"), "--no-dynamics takes its static part"),
-        (("realtime", "0.json"), "--no-dynamics takes its static part"),
-        (("deploy", REFERENCE_RUN, "--model", "0.json", "--out", "x.json"), "--no-dynamics takes its static part"),
-        (
-            ("live", "0.json", "--simulate", "relay_preisach", "--seconds", 1, "--no-page", "--rate", 10_000),
-            "0.json: a self-learning compensator knows hysteresis and creep alone",
         ),
         (
             ("identify", "stage.csv", "--out", "x.json", "--dynamics", "guess"),

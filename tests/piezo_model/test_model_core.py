@@ -36,7 +36,7 @@ INCLUDES = [f"-I{folder}" for folder in FOLDERS]
 STRUCTURE = ModelStructure.equidistant(
     n=9, m=3, x_range=(0, 150), y_range=(-20, 20), creep_rates=(100, 10, 1), sample_time=1e-3, offset=True
 )
-SHAPE = "-DCORE_SHAPE={9,7,3,1}"
+SHAPE = "-DCORE_SHAPE={.n=9,.zones=7,.rates=3,.offset=1}"
 MAIN = """
 #include "compensator.h"
 #include "data_basis.h"

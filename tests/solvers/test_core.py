@@ -87,7 +87,7 @@ def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path
     )
 
 
-SHAPE = "-DCORE_SHAPE={9,7,3,1}"
+SHAPE = "-DCORE_SHAPE={.n=9,.zones=7,.rates=3,.offset=1}"
 
 
 @pytest.mark.slow

@@ -27,6 +27,7 @@ enum {
     RATE_LIMIT,
     MEASURED,
     GAIN,
+    LAG,
     VARIABLES
 }; /* value references; FMI 2 has none for time */
 
@@ -56,7 +57,8 @@ EXPORTED void FMI(FreeInstance)(void *c) { free(c); }
 static void start(fmu_state *s)
 {
     const double values[VARIABLES] = {0.0,        PIEZO_Y_CENTRE,       PIEZO_X_START,  PIEZO_LOW,
-                                      PIEZO_HIGH, PIEZO_FMU_RATE_LIMIT, PIEZO_Y_CENTRE, PIEZO_FMU_INTEGRAL_GAIN};
+                                      PIEZO_HIGH, PIEZO_FMU_RATE_LIMIT, PIEZO_Y_CENTRE, PIEZO_FMU_INTEGRAL_GAIN,
+                                      PIEZO_LAG_S};
     piezo_reset(&s->axis);
     memcpy(s->values, values, sizeof values);
 }
@@ -105,7 +107,7 @@ static FMI(Status) get_values(void *c, const FMI(ValueReference) references[], s
 static FMI(Status) set_values(void *c, const FMI(ValueReference) references[], size_t count, const double values[])
 {
     for (size_t k = 0; k < count; ++k) {
-        if (!is_variable(references[k])) {
+        if (!is_variable(references[k]) || references[k] == LAG) {
             return refuse(c, "there is no such variable");
         }
         ((fmu_state *)c)->values[references[k]] = values[k];

@@ -6,6 +6,7 @@
 #define CORE_FLOAT
 #endif
 #include "core/compensator.c"
+#include "core/prefilter.c"
 
 #if PIEZO_LEARNING
 #include "core/controller.c"
@@ -17,6 +18,9 @@ static const double thresholds[] = PIEZO_R_H, zone_low[] = PIEZO_ZONE_LOW, zone_
 static const double creep_gains[] = PIEZO_CREEP_GAINS;
 #endif
 static const double exported[] = PIEZO_WEIGHTS;
+#if PIEZO_RING > 0
+static const double prefilter[] = PIEZO_PREFILTER;
+#endif
 
 static Compensator of(const piezo_axis *axis) { return compensator_at((void *)(uintptr_t)axis->compensator.bytes); }
 
@@ -70,7 +74,9 @@ static void begin_learning(piezo_axis *axis)
     widen(p->w_S, PIEZO_ZONES, weights + PIEZO_THRESHOLDS);
     widen(p->w_K, creep_weights(exported_shape), weights + PIEZO_THRESHOLDS + PIEZO_ZONES);
     widen(p->offset, 1, weights + PIEZO_ALL_WEIGHTS - 1);
-    controller_begin(&c, c.compensator.play, c.compensator.creep);
+    const Prefilter *const late = &c.compensator.prefilter;
+    controller_begin(&c, PIEZO_RING > 0 ? late->play : c.compensator.play,
+                     PIEZO_RING > 0 ? late->creep : c.compensator.creep);
     piezo_learner_begin(axis->learner.bytes, weights);
     axis->driven = 0;
 }
@@ -130,6 +136,12 @@ void piezo_reset(piezo_axis *axis)
     }
     compensator_set_weights(&c, weights);
     settle(&c);
+#if PIEZO_RING > 0
+    for (size_t i = 0; i < sizeof prefilter / sizeof *prefilter; ++i) {
+        ((real *)(void *)c.prefilter.modes)[i] = (real)prefilter[i];
+    }
+    compensator_balance(&c, 1);
+#endif
 #if PIEZO_LEARNING
     memset(axis->learned, 0, sizeof axis->learned);
     piezo_learner_reset(axis->learner.bytes);
@@ -224,6 +236,9 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
     state->blend = c.settings->decay;
     state->last_y_ref = c.memory->last_y_ref;
     state->correction = c.memory->correction;
+#if PIEZO_MODES > 0
+    memcpy(state->modes, c.prefilter.modes, sizeof state->modes);
+#endif
 }
 
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
@@ -241,6 +256,10 @@ piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
     c.memory->last_y_ref = state->last_y_ref;
     c.memory->correction = state->correction;
     c.memory->given = (real)NAN;
+    compensator_balance(&c, 1);
+#if PIEZO_MODES > 0
+    memcpy(c.prefilter.modes, state->modes, sizeof state->modes);
+#endif
     begin_learning(axis);
     return PIEZO_OK;
 }

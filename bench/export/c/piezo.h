@@ -9,7 +9,8 @@
  *                                  x = piezo_step(&axis, y_ref, y_measured_before);   with learning
  *     behind it, with learning:    piezo_learn(&axis);
  *
- * where y_measured_before is the output that the last x produced, or NaN without one.
+ * where y_measured_before is the output that the last x produced, or NaN without one. The output lags a slow reference
+ * by PIEZO_LAG_S, where the model has dynamics.
  *
  * With learning, call the step from an interrupt: it takes nearly the same time at every sample. Call piezo_learn from
  * the main loop, a task of lower priority or another thread, or right after the step. Both may run at the same time, on
@@ -58,6 +59,9 @@ typedef struct {
 #endif
     piezo_real bump, blend;
     piezo_real last_y_ref, correction; /* output unit; the second is the sum of integral action */
+#if PIEZO_MODES > 0
+    piezo_real modes[9 * PIEZO_MODES]; /* the inverse of the dynamics, output unit */
+#endif
 } piezo_state;
 
 #if PIEZO_LEARNING

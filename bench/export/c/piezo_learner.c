@@ -77,6 +77,10 @@ void piezo_learner_reset(void *learner)
     l.mailbox.head->delay = PIEZO_DELAY;
     memcpy((void *)(uintptr_t)l.settings, &settings, sizeof settings);
     set_regressors(&l.regressors);
+#if PIEZO_RING > 0
+    l.mailbox.noise_gains[0] = (shared)PIEZO_NOISE_GAIN;
+    l.mailbox.noise_gains[1] = (shared)PIEZO_NOISE_OF_THIRD;
+#endif
 }
 
 void piezo_learner_begin(void *learner, const double *weights)
