@@ -45,6 +45,7 @@ VERBS = {
     "live": "live_verb",
 }
 """Verbs in the order of ``--help``, with the file of each; ``export-c`` is the function ``export_c_verb``."""
+PACKAGES = ("bench", "piezo_model", "solvers")
 AGAIN_S = 3.0
 """Seconds after which a KeyboardInterrupt without effect is raised again."""
 _received: list[int] = []
@@ -114,11 +115,13 @@ def _do(words: list[str], verb: str) -> int:
     except typer.TyperException as error:  # a wrong verb, option or argument
         verb = verb if verb.strip() in VERBS else ""
         return _refuse(verb, f"{error.format_message().rstrip('.')}; see piezobench{verb} --help")
-    except _user_errors() as error:
-        return _refuse(verb, str(error))
     except OSError as error:
         reason = error.strerror or str(error)
         return _refuse(verb, f"{error.filename}: {reason}" if error.filename else reason)
+    except Exception as error:
+        if _is_mistake(error):
+            return _refuse(verb, str(error))
+        raise
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
@@ -165,38 +168,13 @@ def _listed() -> None:
     """Placeholder of a verb that is only listed."""
 
 
-def _user_errors() -> tuple[type[Exception], ...]:
-    """Exceptions that stand for a user's mistake; imported only after an exception."""
-    from bench.export.settings import ExportError
-    from bench.live.device import DeviceError
-    from bench.live.reference import ReferenceError
-    from bench.messages.race_error import RaceError
-    from bench.problem_files import ProblemFileError
-    from bench.problems import ProblemSetError
-    from bench.store import RunError
-    from piezo_model import IdentificationError, ModelError, StructureError
-    from piezo_model.recordings import RecordingError
-    from piezo_model.units import UnitError
+def _is_mistake(error: Exception) -> bool:
+    """Whether an exception stands for a user's mistake, as all of our own do that are a ValueError; its message is one
+    sentence."""
     from solvers import Unsupported
-    from solvers.registry import RegistrationError
 
-    return (
-        OutputError,
-        RaceError,
-        RunError,
-        ProblemSetError,
-        ProblemFileError,
-        IdentificationError,
-        ModelError,
-        StructureError,
-        RecordingError,
-        UnitError,
-        RegistrationError,
-        ExportError,
-        DeviceError,
-        ReferenceError,
-        Unsupported,
-    )
+    package = type(error).__module__.partition(".")[0]
+    return package in PACKAGES and isinstance(error, ValueError | Unsupported | OutputError)
 
 
 def _refuse(verb: str, sentence: str) -> int:
