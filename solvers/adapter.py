@@ -128,7 +128,8 @@ class LibrarySolver(Solver):
             self._refuse_to_work()
         data = self.program.set_data(P, q, copy=not self.reads_given_arrays)
         self.found, self._ready = None, False
-        self.pass_data(*data)
+        if any(part is not None for part in data):  # Clarabel panics at an update of nothing
+            self.pass_data(*data)
         self._ready = True
 
     def _refuse_to_work(self) -> NoReturn:

@@ -120,23 +120,18 @@ def test_fixed_variables_stay_where_they_are(name: str) -> None:
 
 
 @pytest.mark.parametrize(("decades", "rank"), [(0, 18), (4, 18), (8, 18), (2, 9)])
-def test_our_c_and_our_kernel_give_the_same_bits(decades: int, rank: int) -> None:
-    rng, kernel, embedded = np.random.default_rng(decades), solvers.get("box_active_set", "kernel"), None
+@pytest.mark.parametrize(("name", "settings"), [("box_active_set", {}), ("projected_difference", {"steps": 20})])
+def test_our_c_and_our_kernel_give_the_same_bits(name: str, settings: dict[str, int], decades: int, rank: int) -> None:
+    rng, kernel, embedded = np.random.default_rng(decades), solvers.get(name, "kernel", **settings), None
     for _ in range(50):
         V = np.linalg.qr(rng.normal(size=(18, 18)))[0][:, :rank]
         P = (V * np.logspace(0, -decades, rank)) @ V.T
         P = 0.5 * (P + P.T)
         problem = Problem(P, P @ rng.normal(size=18), lb=np.zeros(18))
         kernel.setup(problem)
-        embedded = embedded or ready("box_active_set", problem)
+        embedded = embedded or ready(name, problem, **settings)
         embedded.update(problem.P, problem.q)
         np.testing.assert_array_equal(embedded.solve(), kernel.solve())  # other compiler flags, the same sources
-
-
-def test_our_c_takes_the_steps_of_our_kernel() -> None:
-    kernel = solvers.get("projected_difference", "kernel", steps=20)
-    kernel.setup(PAIR.problems[0])
-    assert (ready("projected_difference", steps=20).solve() == kernel.solve()).all()
 
 
 @pytest.mark.sample(1)

@@ -148,20 +148,13 @@ def test_a_refused_warm_start_leaves_the_last_answer(name: str, start: np.ndarra
 
 
 @each_solver
-def test_nothing_is_solved_before_a_problem_and_nothing_found_before_a_solve(name: str) -> None:
+def test_nothing_is_solved_before_a_problem(name: str) -> None:
     solver = get(name, "kernel", **SETTINGS[name])
     for call in (solver.solve, solver.solution, partial(solver.update, EYE, ZEROS), partial(solver.update, q=ZEROS)):
         with pytest.raises(ValueError, match=rf"^{name} has no problem yet: call setup\(problem\)$"):
             call()
     with pytest.raises(ValueError, match="has no problem yet"):
         solver.time_kernel(EYE[None], ZEROS[None])
-    solver.setup(boxed(EYE, -ONES))
-    for renew in (lambda: None, lambda: solver.update(q=ONES), lambda: solver.update(2.0 * EYE, ONES)):
-        renew()
-        unsolved = solver.solution()
-        assert (unsolved.found, unsolved.x, unsolved.extras["status"]) == (False, None, "not solved yet")
-        solver.solve()
-        assert solver.solution().found
 
 
 @pytest.mark.parametrize(

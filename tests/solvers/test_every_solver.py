@@ -49,13 +49,13 @@ def keep_the_promises(name: str, lane: str) -> None:
     assert "\n" not in str(refused.value)
     solver.setup(PROBLEM)
     refuse_copies(solver)
-    for _ in range(2):
+    for change in ({}, {"q": PROBLEM.q}, {"P": PROBLEM.P, "q": PROBLEM.q}):
+        solver.update(**change)
         unsolved = solver.solution()
         assert (unsolved.found, unsolved.x, unsolved.extras) == (False, None, {"status": "not solved yet"})
         assert solver.iterate() is None
         np.testing.assert_allclose(solver.solve(), [1.0, 0.0], atol=0.05)
         assert solver.solution().found
-        solver.update(q=PROBLEM.q)
 
 
 def refuse_copies(solver: solvers.Solver) -> None:
