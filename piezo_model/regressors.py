@@ -44,8 +44,7 @@ def new_basis(s: ModelStructure, forgetting: float = 1.0) -> State:
 def full_gram(upper: Vector, s: ModelStructure) -> Matrix:
     """Symmetric matrix (d + 1, d + 1) of the core's Gram matrix, which has the upper triangle only."""
     gram = np.triu(upper.reshape(s.d + 1, padded(s.d + 1))[:, : s.d + 1])
-    full: Matrix = gram + np.triu(gram, 1).T
-    return full
+    return np.asarray(gram + np.triu(gram, 1).T)
 
 
 def regressor_rows(

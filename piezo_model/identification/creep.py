@@ -135,12 +135,13 @@ class Determined:
             "sentence": self.sentence(rates, chosen),
         }
 
-    def creep_limits(self, s: ModelStructure, slope: float) -> Vector | None:
-        """Upper bounds (n + 1,) of the creep weights of a structure with these rates; None for those without."""
+    def creep_limits(self, s: ModelStructure, fit: ForwardFit) -> Vector | None:
+        """Upper bounds (n + 1,) of the creep weights of a structure with these rates, from the slope of S⁻¹ in a fit;
+        None for structures without."""
         if self.creep is None or not s.creep_rates:
             return None
         limits = np.zeros(s.n + 1)
-        limits[0] = self.creep.highest * slope
+        limits[0] = self.creep.highest * float(np.mean(fit.v[fit.structure.slices[1]]))
         return limits
 
 
@@ -171,8 +172,7 @@ def memory_curve(s: ModelStructure, state: OperatorState, thresholds: Vector) ->
     """Play states of a structure read at other thresholds, all in normalised units."""
     curve = np.interp(thresholds, s.thresholds, state.play[: s.n + 1])
     first: float = state.play[0]
-    within: Vector = np.clip(curve, first - thresholds, first + thresholds)
-    return within
+    return np.asarray(np.clip(curve, first - thresholds, first + thresholds))
 
 
 def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Solving) -> Determined:
@@ -268,8 +268,7 @@ def _judged(
 
 def _norms(columns: Matrix) -> Vector:
     """Euclidean norm of each column (M, k)."""
-    norms: Vector = np.linalg.norm(columns, axis=0)
-    return norms
+    return np.asarray(np.linalg.norm(columns, axis=0))
 
 
 def _fit(error: Vector, columns: Columns, independent: Callable[[Vector], float]) -> tuple[list[Bounded], Vector]:

@@ -93,14 +93,15 @@ def spans(recording: Recording) -> list[slice]:
 
 
 def accumulate(
-    recording: Recording, counted: Mask, s: ModelStructure, states: States, proximal: float
+    recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving
 ) -> IdentificationProblem:
     """The program of a recording: the operators run from the first sample of each part on."""
+    solving.passes += 1
     basis, y = DataBasis(s, states[0]), np.where(counted, recording.y, np.nan)
     for part, state in zip(spans(recording), states, strict=True):
         basis.state.play[:], basis.state.creep[:] = state.play, state.creep
         basis.update(recording.x[part], y[part])
-    return basis.problem(proximal=proximal)
+    return basis.problem(proximal=solving.proximal)
 
 
 @dataclass(frozen=True)

@@ -96,8 +96,7 @@ class Baseline:
 
 def residual(columns: Matrix, v: Vector, fitted: Mask | slice = slice(None)) -> Vector:
     """Residual (N,) of v (N,) for the combination of the columns (N, p) that is best over the fitted samples."""
-    difference: Vector = v - columns @ np.linalg.lstsq(columns[fitted], v[fitted], rcond=None)[0]
-    return difference
+    return np.asarray(v - columns @ np.linalg.lstsq(columns[fitted], v[fitted], rcond=None)[0])
 
 
 def polynomials(u: Vector, degree: int) -> Matrix:
@@ -140,8 +139,7 @@ def alternate_blocks(recording: Recording) -> Mask:
     sweeps = [np.abs(np.diff(sweep.x, prepend=sweep.x[0])) for sweep in recording.sweeps()]
     block = max(float(np.ptp(recording.x)) / BLOCKS, sum(float(travel.sum()) for travel in sweeps) / MOST_BLOCKS)
     blocks = [np.cumsum(np.maximum(travel / block, FEWEST_BLOCKS / recording.length)) for travel in sweeps]
-    mask: Mask = np.concatenate(blocks).astype(int) % 2 == 0
-    return mask
+    return np.asarray(np.concatenate(blocks).astype(int) % 2 == 0)
 
 
 def cross_validate(

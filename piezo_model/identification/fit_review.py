@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import welch
 
-from piezo_model.identification.error_model import accumulate, counted_from
+from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.identification.forward import simulate
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.validation import Validation
@@ -100,7 +100,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         part = without_lag(part, lag["samples"])
     part = replace(part, y=part.y - shift)
     states = states[: len(part.starts)]
-    problem = accumulate(part, counted_from(part, skip), s, states, 1e-10)
+    problem = accumulate(part, counted_from(part, skip), s, states, Solving())
     known = (report.get("intervals") or {}).get("weights") or [None] * s.d
     return Review(
         model,

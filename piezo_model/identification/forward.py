@@ -167,14 +167,12 @@ def independent_samples(errors: Sequence[Vector]) -> float:
 def piece_slopes(s: ModelStructure, v: Vector, unit_y: Vector) -> Vector:
     """Slope of S⁻¹ in the piece of each output, shape (N,)."""
     r = np.array(s.dead_zone_thresholds)
-    pieces: Vector = v[s.slices[1]][np.searchsorted(np.delete(r, s.middle), unit_y)]
-    return pieces
+    return np.asarray(v[s.slices[1]][np.searchsorted(np.delete(r, s.middle), unit_y)])
 
 
 def initial_slopes(s: ModelStructure, state: OperatorState) -> Vector:
     """Slopes dz/dr of the play states over the thresholds, shape (n,), from −1 to 1."""
-    slopes: Vector = np.clip(np.diff(state.play[: s.n + 1]) / np.diff(s.thresholds), -1.0, 1.0)
-    return slopes
+    return np.asarray(np.clip(np.diff(state.play[: s.n + 1]) / np.diff(s.thresholds), -1.0, 1.0))
 
 
 def state_with_slopes(part: Recording, s: ModelStructure, slopes: Vector | float) -> OperatorState:

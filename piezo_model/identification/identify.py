@@ -42,10 +42,10 @@ from piezo_model.identification.report import FitReport
 from piezo_model.identification.selection import (
     HYSTERESIS_ORDERS,
     SUPERPOSITION_ORDERS,
+    Candidate,
     Progress,
     Selection,
     select,
-    state_on,
 )
 from piezo_model.identification.sensor_lag import Lag, estimate_lag, without_lag
 from piezo_model.identification.start import USUAL, Prepared, prepare, structure_of, y_range
@@ -209,13 +209,8 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     return _reported(fitting, final, lag, verdict, found, selection)
 
 
-@dataclass(frozen=True)
-class Near:
-    """Structure, states before each part, and weights (d,) in slope coordinates from which the final fit begins."""
-
-    structure: ModelStructure
-    states: Sequence[OperatorState]
-    v: Vector
+Near = ForwardFit | Candidate
+"""From whose structure, states and weights the final fit begins."""
 
 
 @dataclass(frozen=True)
@@ -260,15 +255,13 @@ class Fitting:
         if options.chooses_creep and determined.creep is not None:
             rates = determined.rates
         if options.structure is not None or (rates == s.creep_rates and None not in (options.n, options.m)):
-            return None, Near(s, fit.states, fit.v)
+            return None, fit
         ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
         ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
         recording, static = self.separated.static, self.separated.parameters is None
         counted = counted_from(recording, prepared.skip)
         selection = select(recording, counted, fit, determined, rates, self.solving, self.span, ns, ms, static)
-        best = selection.chosen
-        states = [state_on(s, state, best.structure) for state in fit.states]
-        return selection if None in (options.n, options.m) else None, Near(best.structure, states, best.v)
+        return selection if None in (options.n, options.m) else None, selection.chosen
 
     def final(self, near: Near) -> tuple[Final, Lag | None]:
         """The final fit, and the lag of the sensor, which is removed if that is wanted."""
@@ -279,24 +272,21 @@ class Fitting:
             self.recording, final.fit, self.prepared.skip, final.drift, self.solving, self.span, remove=remove
         )
         if lag is not None and lag.removed:
-            near = Near(near.structure, final.fit.states, final.fit.v)
-            final = self._fitted(without_lag(self.recording, lag.samples), near)
+            final = self._fitted(without_lag(self.recording, lag.samples), final.fit)
         return final, lag
 
     def _fitted(self, recording: Recording, near: Near) -> Final:
         """Solve (6) and minimise the error of the output, with a drift if the gain is clear."""
         s, counted, solving = near.structure, counted_from(recording, self.prepared.skip), self.solving
-        solving.passes += 1
         parameters = self.separated.parameters
         static = recording if parameters is None else self.separated.static
-        problem = accumulate(static, counted, s, near.states, solving.proximal)
+        problem = accumulate(static, counted, s, near.states, solving)
         optimal = solving.optimum(problem)
         if self.options.estimator == "error-model":
             v = s.inverse_slope_map @ optimal
             fit = fit_forward(recording, counted, s, near.states, v, solving, steps=0, parameters=parameters)
             return Final(recording, problem, optimal, fit, None)
-        slope = float(np.mean(self.prepared.fit.v[self.prepared.structure.slices[1]]))
-        limits = self.determined.creep_limits(s, slope) if self.options.chooses_creep else None
+        limits = self.determined.creep_limits(s, self.prepared.fit) if self.options.chooses_creep else None
 
         def fitted(states: Sequence[OperatorState], v: Vector, further: Columns | None) -> ForwardFit:
             return fit_forward(

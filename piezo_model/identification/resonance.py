@@ -95,8 +95,7 @@ class Spectra:
         shapes = np.array([np.ones_like(self._q), self._q])
         c, _ = self._explained(shapes)
         left = np.vstack([-(c.reshape(2, p).T @ shapes), np.ones(self.f.size)])
-        squares: Vector = np.maximum(np.einsum("if,fij,jf->f", left.conj(), S, left).real, 0.0)
-        return squares
+        return np.asarray(np.maximum(np.einsum("if,fij,jf->f", left.conj(), S, left).real, 0.0))
 
     def _explained(self, shapes: Matrix) -> tuple[Vector, float]:
         """Coefficients of least squares of the shapes (m, F) times the p inputs, and the squares that they explain."""
@@ -154,5 +153,4 @@ def _octave_median(f: Vector, power: Vector) -> Vector:
     low, high = np.searchsorted(f, f / np.sqrt(2.0)), np.searchsorted(f, f * np.sqrt(2.0))
     at = np.unique(np.round(np.geomspace(1, f.size, MEDIANS)).astype(int)) - 1
     medians = np.array([np.median(power[low[i] : max(high[i], low[i] + 5)]) for i in at])
-    smooth: Vector = np.exp(np.interp(np.log(f), np.log(f[at]), np.log(medians + FLOOR * power.max() + 1e-300)))
-    return smooth
+    return np.asarray(np.exp(np.interp(np.log(f), np.log(f[at]), np.log(medians + FLOOR * power.max() + 1e-300))))

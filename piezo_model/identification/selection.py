@@ -30,7 +30,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import Determined, memory_curve
-from piezo_model.identification.error_model import Solving, spans
+from piezo_model.identification.error_model import Solving, States, spans
 from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -54,6 +54,8 @@ class Candidate:
     """A structure and its fit."""
 
     structure: ModelStructure
+    states: States = field(repr=False)
+    """States before the first sample of each part."""
     v: Vector = field(repr=False)
     """Weights (d,) in slope coordinates."""
     error_percent: float
@@ -152,8 +154,7 @@ def select(
     gram, moved = _gram(recording, counted, fit, union, solving)
     noise = noise_floor(recording, counted, fit.error)
     independent = max(fit.independent, determined.independent, np.count_nonzero(counted) * fit.cost / noise)
-    slope = float(np.mean(fit.v[fit.structure.slices[1]]))
-    candidates = [_candidate(s, union, gram, moved, determined, slope, independent, solving, span) for s in orders]
+    candidates = [_candidate(s, fit, union, gram, moved, determined, independent, solving, span) for s in orders]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)), static)
 
 
@@ -200,11 +201,11 @@ def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
 
 def _candidate(
     s: ModelStructure,
+    fit: ForwardFit,
     union: ModelStructure,
     gram: Matrix,
     moved: Mask,
     determined: Determined,
-    slope: float,
     independent: float,
     solving: Solving,
     span: float,
@@ -221,7 +222,7 @@ def _candidate(
     low, high = np.append(s.lower_bounds(MIN_SLOPE), 0.0), np.append(np.full(s.d, np.inf), 0.0)
     if drift is not None:
         low[-1], high[-1] = drift.lowest, drift.highest
-    if (limits := determined.creep_limits(s, slope)) is not None:
+    if (limits := determined.creep_limits(s, fit)) is not None:
         high[s.slices[2]] = limits
     reference = np.append(s.inverse_slope_map @ s.straight_line, 0.0)
     free = np.append(moved[of], drift is not None)
@@ -232,7 +233,8 @@ def _candidate(
     cost = max(float(z @ P @ z + 2.0 * q @ z + c), np.finfo(float).tiny)
     unknowns = np.count_nonzero(z[: s.d] > low[: s.d])
     bic = independent * math.log(cost) + unknowns * math.log(independent)
-    return Candidate(s, z[: s.d], 100.0 * abs(s.y_scale) * math.sqrt(cost) / span, bic)
+    states = [state_on(fit.structure, state, s) for state in fit.states]
+    return Candidate(s, states, z[: s.d], 100.0 * abs(s.y_scale) * math.sqrt(cost) / span, bic)
 
 
 def _labels(s: ModelStructure) -> list[tuple[str, float]]:

@@ -151,7 +151,8 @@ def estimate_lag(
     def fitted(lag: float, near: ForwardFit, *, search: bool) -> ForwardFit:
         columns = [] if drift is None else [Columns(drift.signals[: head.length], drift.low, drift.high)]
         if search:
-            lead = -np.concatenate([_rise(near.y_model[part]) for part in spans(head)])
+            outputs = (near.y_model[part] for part in spans(head))
+            lead = -np.concatenate([np.gradient(y) if y.size > 1 else np.zeros(y.size) for y in outputs])
             columns.insert(0, Columns.of(lead, -lag, longest - lag))
         further, states = Columns.joined(columns) if columns else None, fit.states[: len(head.starts)]
         advanced = without_lag(head, lag)
@@ -180,9 +181,3 @@ def _deviation(fit: ForwardFit) -> float:
     samples, time = sum(error.size for error in fit.errors), autocorrelation_time(fit.errors)
     at = fit.structure.d
     return math.sqrt(fit.cost * time / samples * float(inverse_over(fit.P, fit.free)[at, at]))
-
-
-def _rise(y: Vector) -> Vector:
-    """Derivative of a signal (N,) by the sample."""
-    rise: Vector = np.gradient(y) if y.size > 1 else np.zeros(y.size)
-    return rise

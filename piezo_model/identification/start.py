@@ -149,8 +149,7 @@ def prepare(
 
 def _started(recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving) -> ForwardFit:
     """The forward fit that begins with the weights of (6)."""
-    solving.passes += 1
-    v = s.inverse_slope_map @ solving.optimum(accumulate(recording, counted, s, states, solving.proximal))
+    v = s.inverse_slope_map @ solving.optimum(accumulate(recording, counted, s, states, solving))
     return fit_forward(recording, counted, s, states, v, solving)
 
 
@@ -159,11 +158,9 @@ def _signed(recording: Recording, s: ModelStructure, skip: int, solving: Solving
 
     def cost(signed: ModelStructure) -> float:
         rest = [state_with_slopes(sweep, signed, 0.0) for sweep in recording.sweeps()]
-        solving.passes += 1
-        problem = accumulate(recording, counted_from(recording, skip), signed, rest, solving.proximal)
+        problem = accumulate(recording, counted_from(recording, skip), signed, rest, solving)
         return problem.cost(solving.optimum(problem))
 
-    require(recording, counted_from(recording, skip), s, skip)
     return min((s, s.reversed_output()), key=cost)
 
 
@@ -185,8 +182,7 @@ def _narrowed(recording: Recording, found: Prepared, solving: Solving) -> Prepar
         return found
     s = replace(s, y_centre=s.y_centre + 0.5 * (low + high) * s.y_scale, y_scale=0.5 * (high - low) * s.y_scale)
     modelled = replace(recording, y=found.structure.y_centre + found.structure.y_scale * fit.y_model)
-    v = s.inverse_slope_map @ solving.optimum(accumulate(modelled, counted, s, fit.states, solving.proximal))
-    solving.passes += 1
+    v = s.inverse_slope_map @ solving.optimum(accumulate(modelled, counted, s, fit.states, solving))
     return replace(found, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, solving))
 
 
@@ -417,8 +413,7 @@ def _known(model: HysteresisCreepModel) -> Parameters | None:
 
 def _centred(fit: ForwardFit, counted: Mask) -> Vector:
     """Errors (N,) of a fit from their median, as shares of the range."""
-    centred: Vector = 0.5 * (fit.error - np.median(fit.error[counted]))
-    return centred
+    return np.asarray(0.5 * (fit.error - np.median(fit.error[counted])))
 
 
 @one_thread

@@ -117,8 +117,7 @@ class Actuator(Plant):
         checks.finite_arrays(x=x)
         (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
         u = np.clip((x - 0.5 * (x_low + x_high)) / (0.5 * (x_high - x_low)), -1.0, 1.0)
-        y: Vector = 0.5 * (y_low + y_high) + 0.5 * (y_high - y_low) * self._respond(u)
-        return y
+        return np.asarray(0.5 * (y_low + y_high) + 0.5 * (y_high - y_low) * self._respond(u))
 
     def _with_log_creep(self, hysteresis: Vector, u: Vector) -> Vector:
         """Add the creep of the module to the output of a hysteresis operator, (N,) in [−1, 1]."""

@@ -66,8 +66,7 @@ def estimate_decoupling(x: ArrayLike, y: ArrayLike) -> Matrix:
     C = np.array([[1.0, _crosstalk(x, y, 0)], [_crosstalk(x, y, 1), 1.0]])
     if np.linalg.cond(C) > LARGEST_CONDITION:
         raise ValueError(f"the recording makes the two displacements nearly the same, coupling {C.tolist()}; {REMEDY}")
-    D: Matrix = np.linalg.inv(C)
-    return D
+    return np.asarray(np.linalg.inv(C))
 
 
 def _crosstalk(x: Matrix, y: Matrix, axis: int) -> float:

@@ -21,8 +21,7 @@ from solvers.arrays import Matrix
 
 def coupled(C: Matrix, p: Matrix) -> Matrix:
     """C p(k) for p (N, 2); written out, since a matrix product may round a single sample differently."""
-    y: Matrix = C[:, 0] * p[:, :1] + C[:, 1] * p[:, 1:]
-    return y
+    return np.asarray(C[:, 0] * p[:, :1] + C[:, 1] * p[:, 1:])
 
 
 @dataclass(kw_only=True, eq=False)
@@ -104,5 +103,4 @@ class Stage(Stateful):
 
     def step(self, x: ArrayLike) -> Matrix:
         """Continue with one sample: x (2,) in V, displacements (2,) in µm, to the last bit as :meth:`run`."""
-        row: Matrix = self.run(np.asarray(x, dtype=np.float64)[None])[0]
-        return row
+        return np.asarray(self.run(np.asarray(x, dtype=np.float64)[None])[0])
