@@ -247,12 +247,12 @@ def fit_forward(
     -------
     ForwardFit
     """
+    further = further or Columns(np.zeros((recording.length, 0)), np.zeros(0), np.zeros(0))
     sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
-    n, d, k = s.n * len(free_parts), s.d, 0 if further is None else further.low.size
+    n, d, k = s.n * len(free_parts), s.d, further.low.size
     low, high = _bounds(s, n, further, creep_limits, parameters)
     theta = np.zeros(0) if parameters is None else parameters.vector
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
-    z = np.where(np.isfinite(low) & np.isfinite(high), np.clip(z, low, high), np.maximum(np.minimum(z, high), low))
     unit_y = s.unit_output(recording.y)
 
     def trial(z: Vector) -> Trial:
@@ -265,29 +265,25 @@ def fit_forward(
         before, behind = responses(s, arrays, recording, begun, dynamics)
         static = s.unit_output(before)
         y_model = static if behind is before else s.unit_output(behind)
-        error = unit_y - y_model
-        if further is not None:
-            error -= further.signals @ z[d + n : d + n + k]
+        error = unit_y - y_model - further.signals @ z[d + n : d + n + k]
         own = error if counted.all() else error[counted]
         return Trial(z, begun, dynamics, static, y_model, error, float(own @ own) / own.size)
 
     known = np.zeros(z.size, dtype=bool)
     known[:d] = weights_known
-    best = trial(z)
+    best = trial(np.clip(z, low, high))
     P, free = np.eye(z.size), ~known
     for _ in range(0 if known.all() else steps):
         solving.passes += 1
-        moves = []
-        for i in range(d + n + k, z.size):
-            step = STEP if best.z[i] + STEP <= high[i] else -STEP
-            other = trial(best.z + step * (np.arange(z.size) == i))
-            moves.append(Columns.of((other.y_model - best.y_model) / step))
-        beside = [*([] if further is None else [further]), *moves]
-        gram, moved = _gram(recording, counted, s, best, free_parts, Columns.joined(beside) if beside else None)
+        z, nudges = best.z, np.where(best.z + STEP <= high, STEP, -STEP)
+        nudged = (trial(z + np.where(np.arange(z.size) == i, nudges, 0.0)) for i in range(d + n + k, z.size))
+        moves = [
+            (other.y_model - best.y_model) / nudge for other, nudge in zip(nudged, nudges[d + n + k :], strict=True)
+        ]
+        gram, moved = _gram(recording, counted, s, best, free_parts, np.column_stack([further.signals, *moves]))
         P, Je = gram[:-1, :-1], gram[:-1, -1]
         determined = (np.diag(P) > 0.0) & ~known
         determined[:d] &= moved
-        z = best.z
         free = determined & (z > low) & (z < high)
         if not determined.any():
             break
@@ -298,13 +294,9 @@ def fit_forward(
         )
         target[s.slices[1]] = np.minimum(target[s.slices[1]], MAX_SLOPE)
         step = 1.0
-        while True:
-            found = trial(z + step * (target - z))
-            if found.cost <= best.cost or step < SHORTEST_STEP:
-                break
+        while not (found := trial(z + step * (target - z))).cost <= best.cost and step >= SHORTEST_STEP:
             step *= 0.5
-        gain = best.cost - found.cost
-        if gain > 0.0:
+        if (gain := best.cost - found.cost) > 0.0:
             best = found
             free = determined & (best.z > low) & (best.z < high)
         if gain <= CONVERGED * best.cost or best.cost < EXACT:
@@ -323,17 +315,15 @@ def fit_forward(
 
 
 def _bounds(
-    s: ModelStructure, n: int, further: Columns | None, creep_limits: Vector | None, parameters: Parameters | None
+    s: ModelStructure, n: int, further: Columns, creep_limits: Vector | None, parameters: Parameters | None
 ) -> tuple[Vector, Vector]:
     """Bounds of all unknowns z, among them n initial slopes."""
-    none = np.zeros(0)
-    columns = (none, none) if further is None else (further.low, further.high)
-    ends = (none, none) if parameters is None else parameters.bounds
+    ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
     highest = np.full(s.d, np.inf)
     if creep_limits is not None:
         highest[s.slices[2]] = creep_limits
-    low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), columns[0], ends[0]])
-    return low, np.concatenate([highest, np.ones(n), columns[1], ends[1]])
+    low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), further.low, ends[0]])
+    return low, np.concatenate([highest, np.ones(n), further.high, ends[1]])
 
 
 def step_problem(
@@ -342,7 +332,7 @@ def step_problem(
     """The program of the next step from a fit, in the form of the program (6) of the same recording and structure: the
     proximal term keeps to the weights of the fit, and so do weights that no sample reaches."""
     s, v = fit.structure, fit.v
-    gram = _gram(recording, counted, s, fit, [], None)[0]
+    gram = _gram(recording, counted, s, fit, [], np.zeros((recording.length, 0)))[0]
     P, Je, S = gram[:-1, :-1], gram[:-1, -1], s.inverse_slope_map
     q, c = -Je - P @ v, 0.5 * (gram[-1, -1] + 2.0 * Je @ v + v @ P @ v)
     return replace(problem, P=S.T @ P @ S, q=S.T @ q, c=float(c), reference=fit.weights)
@@ -354,11 +344,12 @@ def _gram(
     s: ModelStructure,
     at: Trial,
     free_parts: Sequence[int],
-    further: Columns | None,
+    further: Matrix,
 ) -> tuple[Matrix, Mask]:
-    """Means of the products of the columns of J and e over the counted samples, and which operators moved (d,)."""
+    """Means of the products of the columns of J, with further ones (N, k), and e over the counted samples, and which
+    operators moved (d,)."""
     v, slopes = at.z[: s.d], piece_slopes(s, at.z[: s.d], at.static)
-    beside = np.hstack([*([] if further is None else [further.signals]), at.error[:, None]])
+    beside = np.column_stack([further, at.error])
     nudges = [np.where(state.play[1 : s.n + 1] > state.play[0], -NUDGE, NUDGE) for state in at.states]
     nudged = [_nudged(s, *pair) for pair in zip(at.states, nudges, strict=True)]
     steps = np.tril(np.ones((s.n, s.n))) * np.diff(s.thresholds)  # dz_i / d(slope j)
