@@ -8,6 +8,7 @@ import typer
 
 from bench.cli.options import positive
 from bench.report.console import AsJson, check_writable, print_result
+from piezo_model import checks
 from piezo_model.recordings import write_table
 from piezo_model.signals import SWEPT, excitation
 from piezo_model.units import quantity
@@ -30,7 +31,7 @@ def excite_verb(
     try:
         drive = excitation(duration_s=seconds, sample_time=1.0 / rate, low=low, high=high)
     except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--range, --rate, --seconds") from None
+        raise typer.BadParameter(str(error), param_hint="--rate, --seconds") from None
     times = np.arange(drive.size) / rate
     write_table(out, {"time_s": times, f"drive_{unit}".rstrip("_"): drive})
     fastest = float(np.abs(np.diff(drive)).max()) * rate
@@ -52,6 +53,9 @@ def excite_verb(
 def _range(text: str) -> tuple[float, float]:
     try:
         low, high = map(float, text.split(":"))
+        checks.ascending(range=(low, high))
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is not two numbers, such as 0:100", param_hint="--range") from None
+        raise typer.BadParameter(
+            f"{text!r} is not two numbers in ascending order, such as 0:100", param_hint="--range"
+        ) from None
     return low, high

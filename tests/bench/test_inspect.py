@@ -155,8 +155,8 @@ def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--range", "0-100", "--rate", "500"), "'0-100' is not two numbers, such as 0:100"),
-        (("--range", "9:1", "--rate", "500"), "in ascending order, not"),
+        (("--range", "0-100", "--rate", "500"), "'0-100' is not two numbers in ascending order, such as 0:100"),
+        (("--range", "9:1", "--rate", "500"), "--range: '9:1' is not two numbers in ascending order"),
         (("--range", "0:1", "--rate", "10"), "gives 600 samples, and an excitation needs 2000"),
         (("--range", "0:1", "--rate", "0"), "must be positive, not 0"),
     ],
