@@ -11,7 +11,9 @@ creep rates of the latter, and the last ones its orders, so that the race's time
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar, get_args, get_type_hints
 
 import numpy as np
@@ -112,7 +114,7 @@ class Recorded(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Accumulate and certify each window at each order; windows that are too short are left out."""
         recording, unseen = self._parts
-        x, y, fitted = recording.x, recording.counted_y, recording.length
+        fitted, until = recording.length, (*unseen.starts, unseen.length)[1]
         noise = sensor_noise(self._whole.counted_y)
         for n, m in self._orders:
             fitted_part = preprocessed(recording, n, m, self._rates)
@@ -122,14 +124,25 @@ class Recorded(ProblemSet):
                 if fitted - start <= s.d:
                     self.left_out[name] = f"{fitted - start} samples are too few for {s.d} weights"
                     continue
-                basis = DataBasis(s, fitted_part.fit.states[0])
-                basis.update(x[:start], y[:start], count=False)
+                basis = DataBasis(s)
+                _update(basis, recording, fitted_part, 0, start, count=False)
                 middle = (start + fitted) // 2
-                basis.update(x[start:middle], y[start:middle])
+                _update(basis, recording, fitted_part, start, middle)
                 first_half = basis.problem(proximal=PROXIMAL)
-                basis.update(x[middle:], y[middle:])
-                validation = Validation(s, basis.state.copy(), unseen.x, unseen.counted_y, noise)
+                _update(basis, recording, fitted_part, middle, fitted)
+                validation = Validation(s, basis.state.copy(), unseen.x[:until], unseen.counted_y[:until], noise)
                 yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation, neighbours=[first_half])
+
+
+def _update(
+    basis: DataBasis, recording: Recording, prepared: Prepared, first: int, last: int, count: bool = True
+) -> None:
+    """Take the samples from ``first`` up to ``last``; a part begins with the states before it."""
+    states = dict(zip(recording.starts, prepared.fit.states, strict=True))
+    for begin, end in pairwise((first, *(start for start in recording.starts if first < start < last), last)):
+        if begin in states:
+            basis.state.play[:], basis.state.creep[:] = states[begin].play, states[begin].creep
+        basis.update(recording.x[begin:end], recording.counted_y[begin:end], count)
 
 
 def kept_back(problem: RaceProblem) -> Recording:
@@ -163,8 +176,8 @@ def sensor_noise(y: NDArray[np.float64]) -> float:
 
 
 def part(whole: Recording, samples: slice) -> Recording:
-    """A slice of a recording, as a recording of its own."""
-    return Recording.from_arrays(
+    """A slice of a recording, as a recording of its own with the same parts."""
+    found = Recording.from_arrays(
         whole.x[samples],
         whole.counted_y[samples],
         whole.sample_time,
@@ -172,6 +185,7 @@ def part(whole: Recording, samples: slice) -> Recording:
         output_unit=whole.output_unit,
         name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}",
     )
+    return replace(found, starts=whole.part(samples).starts)
 
 
 def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> Prepared:

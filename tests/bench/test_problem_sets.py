@@ -13,10 +13,11 @@ from bench.messages.task import Outcome
 from bench.messages.verdict import Status
 from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
-from bench.problems.recorded import ORDERS, WINDOWS
+from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed
 from bench.races.run_problems import raced
 from bench.races.settings import RaceSettings
 from piezo_model import HysteresisCreepModel, plants
+from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS
 from solvers.certificate import verify
@@ -160,6 +161,20 @@ def test_the_last_fifth_of_a_recording_validates_models_with_a_free_offset(
         np.testing.assert_array_equal([v.x, v.y], [x[4800:], y[4800:]])
         if problem.name == "n12-m6-whole":
             assert v.error_percent(problem.optimal_weights) < 2.0
+
+
+def test_the_operators_begin_anew_at_each_sweep_of_a_recording(recording: Path, tmp_path: Path) -> None:
+    head, *rows = recording.read_text().splitlines()
+    sweep = "\n".join([head, *rows[:2000], ""])
+    (tmp_path / "sweeps.csv").write_text(2 * sweep + "\n".join(rows[2000:2500]) + "\n")
+    made = make("recorded", options={"recording": str(tmp_path / "sweeps.csv")})
+    problem = next(problem for problem in made.problems() if problem.name == "n5-m3-whole")
+    assert isinstance(made, Recorded)
+    fitted, _ = made._parts
+    assert fitted.starts == (0, 2000)
+    prepared = preprocessed(fitted, 5, 3, made._rates)
+    alone = accumulate(fitted, counted_from(fitted, 0), prepared.structure, prepared.fit.states, Solving())
+    np.testing.assert_allclose(problem.forms["scaled"].qp.P, alone.qp.P, atol=1e-12)
 
 
 @pytest.mark.slow
