@@ -90,26 +90,12 @@ class Machine(TypedDict):
     warnings: list[str]
 
 
-class Notes(TypedDict):
-    """Notes on a finished part of a race: its host and the disturbances."""
-
-    host: str
-    core: int
-    sentinel: NotRequired[list[tuple[float, list[int]]]]
-    seconds: float
-    throttled: int
-    steal_percent: float
-    switches: int
-    busy_cores: float
-    preemptions: NotRequired[int]
-    timed_calls: NotRequired[int]
-
-
 class Conditions(TypedDict):
     """Condition of the machine during the race."""
 
     sentinel_drift: float
-    parts: list[Notes]
+    parts: list[dict[str, Any]]
+    """Notes on its parts."""
     warnings: list[str]
 
 
@@ -320,9 +306,11 @@ class Run:
         """Whether a part of the race is finished."""
         return self._notes_file(name).is_file()
 
-    def all_notes(self) -> list[Notes]:
-        """The notes on all finished parts, during the race."""
-        return [json_file.read(path, Notes, RunError) for path in sorted((self.path / "tasks").glob("[!.]*.json"))]
+    def all_notes(self) -> list[dict[str, Any]]:
+        """The notes on all finished parts, during the race: host, core, disturbances, the sentinel's samples."""
+        return [
+            json_file.read(path, dict[str, Any], RunError) for path in sorted((self.path / "tasks").glob("[!.]*.json"))
+        ]
 
     def is_finished(self, schema: Schema) -> bool:
         """Whether the tables are complete."""

@@ -9,6 +9,7 @@ problem, whatever a step costs.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import pandas as pd
 
@@ -30,31 +31,15 @@ TIER_NAMES = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT:
 
 
 @dataclass(frozen=True)
-class Result:
-    """Time of a solver lane at one tier, and on how many problems its best setting is right."""
-
-    us: float
-    """Median over the problems; NaN if the tier is not reached."""
-    right: int
-    problems: int
-    setting: str = ""
-    worst: str = ""
-    """Problem with the largest error."""
-
-    @property
-    def reached(self) -> bool:
-        """Whether one setting meets the tier on all problems."""
-        return not math.isnan(self.us)
-
-
-@dataclass(frozen=True)
 class Line:
     """A solver lane, under its name in tables."""
 
     name: str
     solver: str
     lane: str
-    results: dict[Tier, Result]
+    results: dict[Tier, Any]
+    """By tier what ``tier_settings`` says, with ``us``, the median over the problems, and whether one setting has
+    ``reached`` the tier."""
     default_gap: float
     """Largest cost gap of its defaults; NaN if an answer is missing."""
     partial: int = 0
@@ -84,16 +69,9 @@ def ranking(measurements: Measurements) -> list[Line]:
     raced = cold.drop_duplicates(["name", "solver", "lane", *PROBLEM])
     lanes = raced.groupby(["name", "solver", "lane"], sort=False).size().reset_index(name="problems")
     for name, solver, lane, problems in lanes.itertuples(index=False):
-        results = {
-            Tier(one.tier): Result(
-                float(us.get((name, lane, one.tier), math.nan)),
-                one.right,
-                one.problems,
-                one.setting,
-                one.worst,
-            )
-            for one in settings[(settings.solver == solver) & (settings.lane == lane)].itertuples()
-        }
+        of_lane = settings[(settings.solver == solver) & (settings.lane == lane)]
+        of_lane = of_lane.assign(us=[us.get((name, lane, tier), math.nan) for tier in of_lane.tier])
+        results = {Tier(one.tier): one for one in of_lane.assign(reached=of_lane.us.notna()).itertuples()}
         partial = problems if problems < measurements.problems else 0
         lines.append(Line(name, solver, lane, results, float(gaps.get((solver, lane), math.nan)), partial))
     return sorted(lines, key=lambda line: line.place)
@@ -154,7 +132,7 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
     )
 
 
-def _cells(results: Sequence[Result | None], terminal: bool) -> list[str]:
+def _cells(results: Sequence[Any], terminal: bool) -> list[str]:
     """The cells of a line; "=" stands for the same setting as in the cell before."""
     cells: list[str] = []
     before = ""
@@ -165,12 +143,12 @@ def _cells(results: Sequence[Result | None], terminal: bool) -> list[str]:
     return cells
 
 
-def _wide(cell: Result) -> str:
+def _wide(cell: Any) -> str:
     us = number(cell.us) if cell.us < 1e6 else f"{cell.us:.1e}".replace("e+0", "e")
     return us if cell.reached else f"✗{cell.right}/{cell.problems} {cell.worst}"
 
 
-def _narrow(cell: Result) -> str:
+def _narrow(cell: Any) -> str:
     if not cell.reached:
         return f"✗{cell.right}/{cell.problems}"
     us = cell.us

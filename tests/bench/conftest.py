@@ -13,6 +13,7 @@ import hostile_files
 import numpy as np
 import pandas as pd
 import pytest
+from browser import Browser
 from command_line import CommandLine, Finished
 from programs import library
 
@@ -125,9 +126,11 @@ def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race
     return race_of(piezobench, out, name, *(SMALL[2:] if "--set" in words else SMALL), *words)
 
 
-def hostile_reports(piezobench: CommandLine, run: Run, schema: Schema, folder: Path, labels: bool) -> Iterator[Path]:
-    """Reports of copies of a run with code in its texts, which is not run: in all of them but the status and the
-    settings if ``labels``, else in one column after the other. The pages of those that are not refused."""
+def assert_harmless(
+    piezobench: CommandLine, browser: Browser, run: Run, schema: Schema, folder: Path, labels: bool
+) -> None:
+    """Code in the texts of a run is not evaluated in its report: in all of them but the status and the settings if
+    ``labels``, else in one column after the other."""
     texts = hostile_files.text_columns(schema.arrow)
     chosen = [[name for name in texts if name not in ("status", "settings")]] if labels else [[name] for name in texts]
     for columns in chosen:
@@ -140,7 +143,9 @@ def hostile_reports(piezobench: CommandLine, run: Run, schema: Schema, folder: P
             if call.status:
                 assert call.refusal
             else:
-                yield copy.path / "report.html"
+                browser.open(copy.path / "report.html")
+                assert browser.console() == []
+                assert browser.run("return document.title").endswith(copy.path.name)
 
 
 @pytest.fixture(scope="session")

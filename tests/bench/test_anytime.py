@@ -2,18 +2,16 @@
 
 import json
 import math
-from pathlib import Path
 
 import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine
-from conftest import Race, hostile_reports, raced
+from conftest import Race, raced
 from measured_rows import measured, row
 
 import solvers
 from bench.derived.anytime import anytime, sentences
-from bench.derived.table import ONESHOT
 from bench.messages.task import PAPER, Row
 from bench.races.kind import kinds
 from bench.races.oneshot.settings import AnytimeSettings
@@ -115,13 +113,3 @@ def test_a_limit_of_iterations_is_put_on_the_tightest_setting(race: Race) -> Non
     assert len(texts) > 1
     for settings in map(json.loads, texts):
         assert settings == osqp.fixed_settings | osqp.ladder(1.0)[-1] | {"max_iter": settings["max_iter"]}
-
-
-@pytest.mark.parametrize("labels", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_no_text_of_a_race_within_periods_is_evaluated_in_its_report(
-    piezobench: CommandLine, browser: Browser, race: Race, tmp_path: Path, labels: bool
-) -> None:
-    for page in hostile_reports(piezobench, race.run, ONESHOT, tmp_path, labels):
-        browser.open(page)
-        assert browser.console() == []
-        assert browser.run("return document.title").endswith(page.parent.name)

@@ -189,12 +189,16 @@ def described(name: str, lane: str, count: int = 8) -> Described:
     return Described(name, Lane(lane), "", "", "", False, ladder, {}, tuple(2.0 * i + 1 for i in range(count)))
 
 
-def test_of_two_equally_near_settings_the_looser_is_measured_and_of_a_wrapper_without_exponents_all_are() -> None:
+def test_a_wrapper_has_the_looser_of_two_near_settings_others_all_and_a_default_on_the_ladder_counts_once() -> None:
     assert EXPONENT == 8.0
     assert [setting.rung for setting in first_pass_settings(described("a", "qpsolvers"))] == [-1, 3]
     assert [setting.rung for setting in first_pass_settings(described("a", "direct"))] == [-1, *range(8)]
     without = Described("a", Lane.QPSOLVERS, "", "", "", False, ({"eps": 1e-2}, {"eps": 1e-8}))
     assert [setting.rung for setting in first_pass_settings(without)] == [-1, 0, 1]
+    ours = describe(find("box_active_set", "kernel"))
+    assert [(setting.text, setting.rung, setting.is_default) for setting in settings_ladder(ours)] == [("{}", 0, True)]
+    raw = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], problem_of_one("p"), "raw")
+    assert [task.setting.rung for task in raw] == [-1, *range(8)]  # raw data alone are the first scaling
 
 
 def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from_the_straight_line() -> None:
@@ -207,13 +211,3 @@ def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from
     at_line = [task for task in tasks if task.start == "line"]
     assert {(task.solver, task.problem) for task in at_line} == {(PAPER, "p0")}
     assert [task.setting.rung for task in at_line] == [-1, *range(8)]
-
-
-def test_on_raw_data_alone_every_setting_is_measured() -> None:
-    tasks = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], problem_of_one("p"), "raw")
-    assert [task.setting.rung for task in tasks] == [-1, *range(8)]
-
-
-def test_a_default_that_is_a_rung_of_the_ladder_is_measured_once() -> None:
-    ours = describe(find("box_active_set", "kernel"))
-    assert [(setting.text, setting.rung, setting.is_default) for setting in settings_ladder(ours)] == [("{}", 0, True)]

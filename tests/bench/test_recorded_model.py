@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine
-from conftest import killed_and_resumed
 
-from bench.deploy.actuator_model import WORSE, model_for
+from bench.deploy.actuator_model import model_for
 from bench.derived.table import ONESHOT
 from bench.problems.recorded import kept_back
 from bench.store import Run, RunError
@@ -93,17 +92,6 @@ def test_deploy_uses_that_model_and_prints_its_error(
     assert (deployed.evidence["error_percent"], deployed.evidence["last_fifth"]) == (error, "held out, then fitted")
 
 
-@pytest.mark.slow
-def test_its_error_on_later_data_is_no_larger_than_that_of_an_identification_of_the_whole_recording(
-    recorded: tuple[Stage, Run],
-) -> None:
-    made, run = recorded
-    opened = Recording.open(made.path)
-    whole = identify(opened)
-    deployed = model_for(run).model.validate(made.later).fit.rms_percent
-    assert deployed <= 1.01 * whole.validate(made.later).fit.rms_percent
-
-
 def test_a_model_with_a_ten_percent_larger_error_is_refused_with_both_errors(
     piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
 ) -> None:
@@ -179,34 +167,6 @@ def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_
     }
     output = " ".join(call.stdout.split())
     assert {name for name, phrase in phrases.items() if phrase in output} == {last_fifth}
-
-
-@pytest.mark.slow
-def test_an_equally_good_model_of_a_file_or_a_problem_is_accepted_with_its_error(
-    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
-) -> None:
-    made, run = recorded
-    identify(Recording.open(made.path)).save(tmp_path / "model.json")
-    for words, source in (
-        (("--model", tmp_path / "model.json"), str(tmp_path / "model.json")),
-        (("--problem", "recorded/n5-m3-whole"), "the problem recorded/n5-m3-whole, a recording of yours"),
-    ):
-        call = piezobench.run("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json", "--json")
-        printed = json.loads(call.stdout)
-        assert printed["model_from"] == source
-        assert 0.0 < printed["error_percent"] <= WORSE * run.settings["models"]["recorded"]["error_percent"]
-
-
-@pytest.mark.slow
-def test_a_race_that_was_killed_and_resumed_has_the_same_model(
-    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
-) -> None:
-    made, run = recorded
-    words = ("race", "--recording", made.path, *FEW, "--out", tmp_path, "--name", "run")
-    killed_and_resumed(piezobench, Run(tmp_path / "run"), "solve", 1, *words)
-    again = Run.open(tmp_path / "run")
-    assert again.model_path("recorded").read_bytes() == run.model_path("recorded").read_bytes()
-    assert again.settings["models"] == run.settings["models"]
 
 
 @pytest.mark.slow

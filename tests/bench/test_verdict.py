@@ -1,6 +1,7 @@
 """The first screen of a race: its short table, sentences and pictures; the committed run has the rest."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -9,7 +10,7 @@ from measured_rows import ladder, measured, row, steps
 from bench.derived import pictures
 from bench.derived.measurements import Measurements
 from bench.derived.misses import misses
-from bench.derived.ranking import PACE, Line, Result, ranking, short_table
+from bench.derived.ranking import PACE, Line, ranking, short_table
 from bench.derived.summary import summary
 from bench.derived.verdict import notes, verdict
 from bench.messages.task import Row
@@ -84,7 +85,7 @@ def test_the_papers_method_has_no_pace_if_it_supports_none_of_the_problems() -> 
     ],
 )
 def test_a_time_is_in_microseconds_and_short_on_a_terminal(us: float, wide: str, narrow: str) -> None:
-    line = Line("daqp", "daqp", "direct", {Tier.HIGH: Result(us, 3, 3, "s0")}, NAN)
+    line = Line("daqp", "daqp", "direct", {Tier.HIGH: SimpleNamespace(us=us, reached=True, setting="s0")}, NAN)
     assert short_table([line], "").rows[0][2] == wide
     assert short_table([line], "", terminal=True).rows[0][2] == narrow
 

@@ -63,16 +63,6 @@ def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: flo
     raise BlockError(Outcome("tampered", "its process sent an answer that was not requested"))
 
 
-def joined(blocks: Sequence[BlockOutcome]) -> BlockOutcome:
-    """The calls of several blocks as one."""
-    return BlockOutcome(
-        preemptions=sum(block.preemptions for block in blocks),
-        update_ns=np.concatenate([block.update_ns for block in blocks]),
-        solve_ns=np.concatenate([block.solve_ns for block in blocks]),
-        answers=np.concatenate([block.answers for block in blocks]),
-    )
-
-
 def timed(
     child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, effort: Effort
 ) -> Measurement:
@@ -95,27 +85,23 @@ def timed(
         return Measurement(end)
     if end.forbidden_actions:
         return Measurement(Outcome("tampered", "; ".join(end.forbidden_actions)))
-    calls = joined(blocks)
-    outcome = replace(
-        outcome,
-        update_ns=calls.update_ns,
-        solve_ns=calls.solve_ns,
-        preemptions=calls.preemptions,
-        setup_ns=end.setup_ns,
-        repeatable=end.repeatable,
-        mutated=end.mutated,
+    outcome = replace(outcome, setup_ns=end.setup_ns, repeatable=end.repeatable, mutated=end.mutated)
+    return measurement(outcome, blocks, lambda: _idle_ns(idle, task, form, fresh, blocks))
+
+
+def measurement(outcome: Outcome, blocks: Sequence[BlockOutcome], idle_ns: Callable[[], float]) -> Measurement:
+    """The outcome of a task with the calls of its blocks; ``idle_ns`` is the null solver's processor time for them."""
+    update_ns, solve_ns = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in ("update_ns", "solve_ns")
     )
-    return Measurement(outcome, calls.answers, cpu_us(blocks, lambda: _idle_ns(idle, task, form, fresh, blocks)))
-
-
-def cpu_us(blocks: Sequence[BlockOutcome], idle_ns: Callable[[], float]) -> float:
-    """Mean processor time of the calls of some blocks in µs, less ``idle_ns``, the null solver's for the same blocks;
-    NaN if the median time of a call is at least LEAST_SHARE of it."""
-    calls, used_ns = joined(blocks), float(sum(block.cpu_ns - UNSEEN_NS for block in blocks))
-    least_ns = 1e3 * len(calls.answers) * float(np.median(answers_us(calls.update_ns, calls.solve_ns))) / LEAST_SHARE
-    if used_ns <= least_ns or (used_ns := used_ns - idle_ns()) <= least_ns:
-        return math.nan
-    return used_ns / len(calls.answers) / 1e3
+    outcome = replace(
+        outcome, update_ns=update_ns, solve_ns=solve_ns, preemptions=sum(block.preemptions for block in blocks)
+    )
+    used_ns, cpu_us = float(sum(block.cpu_ns - UNSEEN_NS for block in blocks)), math.nan
+    least_ns = 1e3 * solve_ns.size * float(np.median(answers_us(update_ns, solve_ns))) / LEAST_SHARE
+    if used_ns > least_ns and (used_ns := used_ns - idle_ns()) > least_ns:
+        cpu_us = used_ns / solve_ns.size / 1e3
+    return Measurement(outcome, np.concatenate([block.answers for block in blocks]), cpu_us)
 
 
 def _idle_ns(

@@ -29,7 +29,7 @@ from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races import null_solver
 from bench.races.driver import Tell
-from bench.races.oneshot.blocks import BlockError, Measurement, cpu_us, joined, run_block, set_up
+from bench.races.oneshot.blocks import BlockError, Measurement, measurement, run_block, set_up
 from bench.races.oneshot.first_pass import FirstPass, Pass
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.worker import BlockOutcome
@@ -119,16 +119,8 @@ def interleave(
             else:
                 blocks[task.key] += [block] if at >= 0 else []
     idle_ns = sum(block.cpu_ns for task in ready if task.solver == NULL for block in blocks[task.key]) or math.inf
-    found = []
-    for task in tasks:
-        measured = Measurement(outcomes[task.key])
-        if task in ready:
-            calls = joined(blocks[task.key])
-            outcome = replace(measured.outcome, update_ns=calls.update_ns, solve_ns=calls.solve_ns)
-            outcome = replace(outcome, preemptions=calls.preemptions)
-            measured = Measurement(outcome, calls.answers, cpu_us(blocks[task.key], lambda: idle_ns))
-        found.append((task, measured))
-    return found
+    timed = {task.key: measurement(outcomes[task.key], blocks[task.key], lambda: idle_ns) for task in ready}
+    return [(task, timed.get(task.key, Measurement(outcomes[task.key]))) for task in tasks]
 
 
 def second_pass(
