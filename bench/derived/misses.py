@@ -19,13 +19,9 @@ from bench.problems.fresh import mixture
 from bench.store import Run, RunError
 from solvers.certificate import NotCertified
 
-COLUMNS = ["solver", "lane", "problem_set", "problem", "settings", "status"]
-FIGURES = ["cost_gap", "timed_gap", "violation", "answer_us"]
-
 
 def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
-    """COLUMNS, FIGURES and ``task``, one row for each solver lane and problem that it misses; lanes with the fewest
-    misses first.
+    """The rows of the field, one for each solver lane and problem that it misses; lanes with the fewest misses first.
 
     A lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings are {}
     where a solver crashed.
@@ -36,7 +32,7 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
     missed = missed.assign(**counts)[~judged.right & (hopeless | (counts.some > 0))]
     order = ["count", "solver", "lane", "problem"]
-    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)[[*COLUMNS, *FIGURES, "task"]]
+    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)
 
 
 def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:

@@ -36,9 +36,8 @@ class Axis:
     column: str
     title: str = ""
     log: bool = False
-    powers_of_ten: bool = False
-    """Whether labels are powers of ten."""
-    percent: bool = False
+    format: str = ""
+    """Format of the labels by d3; by default as the values need."""
     values: Sequence[float] = ()
     """Positions of the labels."""
     label: str = ""

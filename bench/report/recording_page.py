@@ -216,7 +216,7 @@ def _spectrum(review: Review, unit: str) -> Figure:
         [
             Plot(
                 Axis("frequency_Hz", "frequency, Hz", log=True),
-                Axis("density", f"error, {unit} per √Hz", log=True, powers_of_ten=True),
+                Axis("density", f"error, {unit} per √Hz", log=True, format=".0e"),
                 (Mark("line", colour=BLUE, size=1.2),),
                 height=300,
             )

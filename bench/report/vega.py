@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
-from itertools import groupby
 from typing import Any
 
 import pandas as pd
@@ -57,7 +56,7 @@ CONFIG: dict[str, Any] = {
     "title": {"color": INK},
     "rule": {"color": INK},
 }
-CHANNELS = {"color", "shape", "strokeDash"}
+CHANNELS = ("color", "shape", "strokeDash")
 KINDS: dict[str, dict[str, Any]] = {
     "line": {"type": "line"},
     "step": {"type": "line", "interpolate": "step-after"},
@@ -95,6 +94,8 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
     if any(mark.sought for mark in plot.marks):
         bind = {"input": "search", "name": "Find a line ", "placeholder": "name"}
         params.append({"name": "sought", "value": "", "bind": bind})
+    # Vega merges the legends of colour, dash and shape only within one mark
+    first = next((mark for mark in plot.marks if mark.by and plot.legend), None)
     rules = [
         {"mark": {"type": "rule", "strokeDash": [5, 4]}, "data": {"values": [{}]}, "encoding": {axis: {"datum": value}}}
         for axis, value in plot.rules.items()
@@ -106,41 +107,17 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
         "height": plot.height,
         "config": CONFIG,
         "transform": [{"filter": "datum.view == view"}] if len(views) > 1 else [],
-        "layer": [
-            *rules,
-            *(_layers(shown, plot, rows, [*marks]) for rows, marks in groupby(plot.marks, partial(_filter, plot))),
-        ],
-    }
-
-
-def _selected(mark: Mark) -> Any:
-    """Vega-Lite's predicate for the rows of a mark, in which columns and values are data; None for all rows."""
-    columns = [{"field": column, "oneOf": [*values]} for column, values in mark.where.items()]
-    return SOUGHT if mark.sought else {"and": columns} if columns else None
-
-
-def _filter(plot: Plot, mark: Mark) -> Any:
-    """Predicate that filters the rows of a coloured mark, and so its legend; any other mark is hidden by its opacity,
-    because axes without rows have no extent."""
-    return _selected(mark) if mark.by and not plot.colours else None
-
-
-def _layers(table: pd.DataFrame, plot: Plot, filtered: Any, marks: Sequence[Mark]) -> dict[str, Any]:
-    """Marks of the same rows with the legend of the first one: Vega merges the legends of colour, dash and shape only
-    within one mark."""
-    layers = [_layer(table, plot, mark) for mark in marks]
-    for layer in layers[1:]:
-        for channel in CHANNELS & layer["encoding"].keys():
-            layer["encoding"][channel]["legend"] = None
-    return {
-        "transform": [{"filter": filtered}] if filtered else [],
-        "layer": layers,
+        "layer": [*rules, *(_layer(shown, plot, mark, mark is first) for mark in plot.marks)],
         "resolve": {"scale": dict.fromkeys(CHANNELS, "independent")},
     }
 
 
-def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
-    """One mark of a plot."""
+def _layer(table: pd.DataFrame, plot: Plot, mark: Mark, legend: bool) -> dict[str, Any]:
+    """One mark of a plot. The rows of a coloured mark are filtered, and so its legend; any other mark is hidden by its
+    opacity, because axes without rows have no extent."""
+    columns = [{"field": column, "oneOf": [*values]} for column, values in mark.where.items()]
+    selected: Any = SOUGHT if mark.sought else {"and": columns} if columns else None
+    filtered = selected if mark.by and not plot.colours else None
     is_line, is_point = mark.kind in ("line", "step"), mark.kind in ("point", "hollow")
     size = {"size": mark.size} if is_point else {} if mark.kind == "bar" else {"strokeWidth": mark.size}
     encoding: dict[str, Any] = {
@@ -149,9 +126,8 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
     }
     encoding |= {name: {"field": column} for name, column in (("x2", mark.x2), ("y2", mark.y2)) if column}
     if mark.by:
-        encoding |= _coloured(plot, mark, is_line, is_point)
-        if not plot.legend:
-            encoding |= {name: {**encoding[name], "legend": None} for name in CHANNELS & encoding.keys()}
+        coloured = _coloured(plot, mark, is_line, is_point)
+        encoding |= coloured if legend else {name: {**channel, "legend": None} for name, channel in coloured.items()}
     if mark.kind == "text":
         encoding["text"] = {"field": "name"}
     if is_line:
@@ -163,10 +139,11 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark) -> dict[str, Any]:
             {"field": name, "format": ".4~g", "type": "quantitative"} if _is_number(table, name) else {"field": name}
             for name in plot.tips
         ]
-    test, opacity = None if _filter(plot, mark) else _selected(mark), {"value": mark.opacity}
+    test, opacity = None if filtered else selected, {"value": mark.opacity}
     encoding["opacity"] = {"condition": {"test": test, **opacity}, "value": 0} if test else opacity
     colour = {} if mark.by or not mark.colour else {"color": mark.colour}
     return {
+        "transform": [{"filter": filtered}] if filtered else [],
         "mark": {**KINDS[mark.kind], "clip": not is_point and mark.kind != "text", **size, **colour},
         "encoding": encoding,
     }
@@ -211,7 +188,7 @@ def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict
     drawn: dict[str, Any] = {
         "labelOverlap": True,
         **({"values": [*axis.values]} if axis.values else {}),
-        **({"format": "%", "tickCount": 5} if axis.percent else {}),
+        **({"format": axis.format} if axis.format else {}),
         **({"labelExpr": axis.label} if axis.label else {}),
     }
     scale: dict[str, Any] = {
@@ -221,11 +198,7 @@ def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict
     }
     if axis.log:
         ticks, written = log_ticks(table[axis.column])
-        drawn = (
-            {"values": ticks, "format": ".0e" if axis.powers_of_ten and ticks else written, **drawn}
-            if ticks
-            else {"format": "~g", **drawn}
-        )
+        drawn = {**({"values": ticks} if ticks else {}), "format": written, **drawn}
     return {
         "field": field,
         "type": "quantitative",

@@ -99,7 +99,7 @@ def figure(table: pd.DataFrame) -> Figure:
         "ratio"
     ].transform("size")
     share, marks = (
-        Axis("share", "situations at most there", percent=True),
+        Axis("share", "situations at most there", format="%"),
         (Mark("step", "name"), Mark("point", "name", size=25.0)),
     )
     plots = [

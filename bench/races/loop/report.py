@@ -148,7 +148,7 @@ def report(run: Run) -> Report:
                 "RMS error of both axes over the last window against the exact cost gap of the weights in use. Lower "
                 "is better; a level row of points means that the gap makes no difference. Dashed: a straight line "
                 f"instead of a model. Gaps below {LEAST_GAP:g} are drawn at that value.",
-                Axis("drawn", "cost gap of the weights in use", log=True, powers_of_ten=True),
+                Axis("drawn", "cost gap of the weights in use", log=True, format=".0e"),
             ),
             _against(
                 points[points.learn_samples > 0.0],

@@ -43,7 +43,7 @@ def work_precision(measurements: Measurements) -> Figure:
         [
             Plot(
                 Axis("answer_us", "time for one answer: update and solve, µs", log=True, domain=times),
-                Axis("drawn", "worst relative cost gap", log=True, powers_of_ten=True, values=TARGETS, domain=GAPS),
+                Axis("drawn", "worst relative cost gap", log=True, format=".0e", values=TARGETS, domain=GAPS),
                 (*best_lines(points=True, along="rung"), defaults, names),
                 ("name", "lane", "settings", "worst_cost_gap", "answer_us", "problems"),
                 rules={"x": measurements.shortest_period_us},
@@ -67,7 +67,7 @@ def performance_profile(measurements: Measurements) -> Figure:
         [
             Plot(
                 Axis("factor", "τ: times as long as the fastest", log=True),
-                Axis("share", "ρ(τ): share of the problems answered right", percent=True, domain=(0.0, 1.0)),
+                Axis("share", "ρ(τ): share of the problems answered right", format="%", domain=(0.0, 1.0)),
                 (Mark("step", "name"),),
             )
         ],
@@ -109,7 +109,7 @@ def stages(summary: pd.DataFrame) -> Figure:
         table,
         [
             Plot(
-                Axis("us", f"share of time, lane {lane}", percent=True),
+                Axis("us", f"share of time, lane {lane}", format="%"),
                 Axis("label"),
                 (Mark("bar", "stage", share=True, along="at"),),
                 ("name", "stage", "us"),
@@ -135,7 +135,7 @@ def within_periods(measurements: Measurements) -> Figure:
         [
             Plot(
                 Axis("budget", "sampling periods", log=True),
-                Axis("drawn", "relative cost gap within them, median over the problems", log=True, powers_of_ten=True),
+                Axis("drawn", "relative cost gap within them, median over the problems", log=True, format=".0e"),
                 best_lines("step"),
             )
         ],

@@ -108,7 +108,7 @@ def report(run: Run) -> Report:
             [
                 Plot(
                     Axis("periods", f"k: periods of {PERIOD_US:g} µs after the due time", log=True),
-                    Axis("share", "share of samples answered within k periods", percent=True, domain=(0.0, 1.0)),
+                    Axis("share", "share of samples answered within k periods", format="%", domain=(0.0, 1.0)),
                     best_lines("step"),
                 )
             ],
