@@ -1,10 +1,16 @@
+"""Which column is the time, the input and the output, by name, unit and values."""
+
 from pathlib import Path
 
 import numpy as np
 import pytest
 from recording_files import HEADER, signals, text_file
+from recording_kinds import DESCRIBABLE, creeping, noisy
 
-from piezo_model.recordings import Recording, write_table
+from piezo_model import identify
+from piezo_model.identification.direction import check_direction
+from piezo_model.operators import play
+from piezo_model.recordings import Recording, RecordingError, write_table
 from piezo_model.units import split_unit
 
 
@@ -105,3 +111,129 @@ def test_times_become_seconds(tmp_path: Path, name: str, seconds: float) -> None
     recording = Recording.open(path)
     assert recording.sample_time == pytest.approx(step * seconds, rel=1e-12)
     assert ("seconds are a guess" in recording.describe()) == (name == "time")
+
+
+def kept_back(
+    noise: float = 0.02, sign: float = 1.0, frequency: float = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Three seconds at rest, a jump to -87 V, then a sine of 150 V; the sensor has an offset."""
+    t = np.arange(12_000) / 1000
+    x = np.where(t < 3, 0.0, 150 * np.sin(2 * np.pi * frequency * (t - 3) - np.arcsin(87 / 150)))
+    y = 0.08 * x + 0.02 * play(x, [10.0, 30.0, 60.0], np.full(3, x[0]))[0].sum(axis=1) + 213.7
+    return t, x, sign * (y + np.random.default_rng(0).normal(0, noise, t.size))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_of_two_unnamed_signals_the_one_that_lags_is_the_output(
+    tmp_path: Path, sign: float, swapped: bool, noise: float
+) -> None:
+    t, x, y = kept_back(noise, sign)
+    pair = (x, y) if swapped else (y, x)
+    stamps = [repr(float(np.float32(value))) for value in t]
+    path = text_file(
+        tmp_path, *(f"\t{at}\t{a!r}\t{b!r}" for at, a, b in zip(stamps, *(p.tolist() for p in pair), strict=True))
+    )
+    recording = Recording.open(path)
+    clean = text_file(
+        tmp_path,
+        "time_s,voltage,position",
+        *(f"{at!r},{a!r},{b!r}" for at, a, b in zip(t.tolist(), x.tolist(), y.tolist(), strict=True)),
+        name="clean.csv",
+    )
+    assert recording.digest() == Recording.open(clean).digest()
+    assert recording.sample_time == Recording.open(clean).sample_time == 1e-3
+    assert (
+        "time as the only one that never falls; input, output because the output lags the input" in recording.describe()
+    )
+
+
+def test_without_a_loop_the_noisier_side_is_the_output(tmp_path: Path) -> None:
+    t = np.arange(5000) * 1e-3
+    x = np.sin(20 * t)
+    y = x + np.random.default_rng(1).normal(0, 1e-2, t.size)
+    path = text_file(
+        tmp_path, *(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), y.tolist(), x.tolist(), strict=True))
+    )
+    recording = Recording.open(path)
+    assert recording.columns == {"time": "column 1", "input": "column 3", "output": "column 2"}
+    assert "because the output is the noisier one" in recording.describe()
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("stamp,flag,rest,driver_a,response", ("stamp", "driver_a", "response")),
+        ("n,stamp,zero,source,height_nm", ("stamp", "source", "height_nm")),
+        ("t,rest,height (measured),height (piezo),segment", ("t", "height (piezo)", "height (measured)")),
+        ("time,zero,Target Position,Current Position,flag", ("time", "Target Position", "Current Position")),
+        ("time,zero,desired_um,actual_um,error_um", ("time", "desired_um", "actual_um")),
+        ("time,zero,voltage,anything,flag", ("time", "voltage", "anything")),
+        ("time,zero,anything,displacement,flag", ("time", "anything", "displacement")),
+        ("time,zero,u,y_ref,y", ("time", "u", "y")),
+        ("time,zero,position_V,temperature,drive_V", ("time", "drive_V", "position_V")),
+    ],
+)
+def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: tuple[str, ...]) -> None:
+    t, x, y = (values[::8] for values in kept_back())
+    cells = {
+        "stamp": t,
+        "t": t,
+        "time": t,
+        "n": np.arange(t.size),
+        "flag": t > 5,
+        "segment": t > 5,
+        "rest": 0 * t,
+        "zero": 0 * t + 1,
+        "temperature": 20 + 0 * t,
+        "error_um": x - y,
+        "y_ref": np.roll(y, 3),
+        columns[1]: x,
+        columns[2]: y,
+    }
+    lines = zip(*(cells[name].tolist() for name in header.split(",")), strict=True)
+    recording = Recording.open(text_file(tmp_path, header, *(",".join(map(str, line)) for line in lines)))
+    assert tuple(recording.columns[role] for role in ("time", "input", "output")) == columns
+    np.testing.assert_array_equal([recording.x, recording.y], [x, y])
+
+
+# Guesses by values, checked by a fit both ways round.
+
+
+def two_columns(folder: Path, first: np.ndarray, second: np.ndarray) -> Path:
+    """A file without clock and header, as some converters write it."""
+    path = folder / "stage.txt"
+    np.savetxt(path, np.column_stack([first, second]), "%.9g", "\t")
+    return path
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize(("kind", "seed"), [("saturation and hysteresis", 11), ("Bouc-Wen", 3)])
+def test_a_guess_by_the_loops_is_reversed_if_the_fit_contradicts_it(
+    tmp_path: Path, kind: str, seed: int, swapped: bool
+) -> None:
+    x, y = (signal[:1500] for signal in DESCRIBABLE[kind](np.random.default_rng(seed)))
+    guessed = Recording.open(two_columns(tmp_path, *((y, x) if swapped else (x, y))), sample_time=1e-3)
+    drive = "column 2" if swapped else "column 1"
+    assert guessed.columns["output"] == drive  # the wrong way round
+    checked = check_direction(guessed)
+    assert checked.columns["input"] == drive
+    np.testing.assert_allclose(checked.x, x, rtol=1e-8)
+    assert checked.x_range == guessed.y_range
+    assert "guessed: input, output because the RMS residual of a model is" in checked.describe()
+    assert check_direction(checked) is checked
+
+
+def test_columns_that_a_fit_cannot_distinguish_have_to_be_named(tmp_path: Path) -> None:
+    rng, x = np.random.default_rng(1), np.sin(np.linspace(-1.57, 1.7, 4000))
+    y = noisy(rng, np.tanh(1.5 * creeping(rng, x)), 0.0005)  # hardly more than one way up, which any curve describes
+    recording = Recording.open(two_columns(tmp_path, x, y), sample_time=1e-3)
+    with pytest.raises(
+        RecordingError, match="cannot tell which column is the input and which the output: the RMS residual of a model"
+    ) as caught:
+        identify(recording)
+    assert "name them with --input and --output" in str(caught.value)
+    assert identify(
+        Recording.open(recording.name, input="1", output="2", sample_time=1e-3)
+    ).structure.x_scale == pytest.approx(1.0, abs=1e-3)

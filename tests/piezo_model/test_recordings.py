@@ -1,11 +1,19 @@
+"""Recordings from files and arrays, their parts and units; missing, damaged and foreign files; written tables."""
+
 import re
+import resource
+import stat
+import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from programs import real_recording
-from recording_files import ROWS, signals, text_file
+from recording_files import HEADER, ROWS, refusal, signals, text_file, without_privileges
 
 from piezo_model.recordings import Recording, RecordingError, read_reference, write_table
 from piezo_model.units import UnitError
@@ -158,3 +166,195 @@ def test_a_constant_reference_is_one_to_be_held(tmp_path: Path) -> None:
 def test_a_bad_reference_is_refused(tmp_path: Path, lines: tuple[str, ...], sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence):
         read_reference(text_file(tmp_path, *lines))
+
+
+# Missing, damaged and foreign files.
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_missing_an_empty_and_a_folder_of_a_file_are_refused(tmp_path: Path, suffix: str) -> None:
+    assert "no such file" in refusal(tmp_path / f"absent{suffix}")
+    (tmp_path / f"empty{suffix}").touch()
+    assert "is an empty file" in refusal(tmp_path / f"empty{suffix}")
+    (tmp_path / f"folder{suffix}").mkdir()
+    assert "is a folder" in refusal(tmp_path / f"folder{suffix}")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".xlsx", ".log", ""])
+def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix: str) -> None:
+    write_table(tmp_path / "stage.parquet", signals())
+    text_file(tmp_path, HEADER, *(",".join(map(repr, row)) for row in np.column_stack([*signals().values()]).tolist()))
+    for name in ("stage.parquet", "stage.csv"):
+        path = (tmp_path / name).rename(tmp_path / f"other{suffix}")
+        np.testing.assert_array_equal(Recording.open(path).counted_y, signals()["displacement_um"])
+
+
+def test_a_binary_file_of_no_known_format_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "stage.csv").write_bytes(bytes(range(256)) * 40)
+    assert "is neither plain text nor in a known format" in refusal(tmp_path / "stage.csv")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda content: content[:16],
+        lambda content: content[: len(content) // 2],
+        lambda content: content[:-8],
+        lambda content: content[:4] + bytes(1996) + content[2000:],
+        lambda content: content.replace(b"time_s", b"\x80ime_s"),
+    ],
+)
+def test_a_truncated_or_damaged_parquet_file_is_refused(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
+    path = tmp_path / "stage.parquet"
+    write_table(path, signals())
+    path.write_bytes(spoil(path.read_bytes()))
+    assert "is a damaged Parquet file" in refusal(path)
+
+
+# Cells that are not numbers.
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_values_that_are_not_finite_are_counted(tmp_path: Path, suffix: str) -> None:
+    columns = signals(100_000)
+    columns["voltage_V"][[70_000, 70_001, 99_999]] = np.nan, np.inf, np.nan
+    path = tmp_path / f"stage{suffix}"
+    pq.write_table(pa.table(columns), path) if suffix == ".parquet" else text_file(
+        tmp_path, HEADER, *(f"{t:.3f},{x},{y}" for t, x, y in zip(*columns.values(), strict=True))
+    )
+    sentence = refusal(path)
+    assert "column 'voltage_V' is missing (or NaN) in" in sentence
+    assert "data row 70001" in sentence
+    assert "in all 3 of 100000 values are missing, infinite or absurd" in sentence
+
+
+PARQUET: list[tuple[dict[str, object], dict[str, str], str]] = [
+    ({"u": pa.array([], pa.float64()), "t": pa.array([], pa.float64())}, {}, "is a Parquet file of zero rows"),
+    ({"u": [1, None, 3]}, {}, "column 'u' is missing (or NaN) in data row 2"),
+    *(
+        ({"u": values}, options, sentence)
+        for values in (["1", "2", "3"], [True, False, True])
+        for options, sentence in (
+            ({}, "cannot tell which column is the input"),
+            ({"input": "u"}, "column 'u' holds values of type"),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("columns", "options", "sentence"), PARQUET)
+def test_a_parquet_file_without_rows_or_of_other_values_than_numbers_is_refused(
+    tmp_path: Path, columns: dict[str, object], options: dict[str, str], sentence: str
+) -> None:
+    others = {} if "t" in columns else {"t": [0, 1, 2], "y": [1.0, 2.0, 4.0]}
+    pq.write_table(pa.table({**others, **columns}), tmp_path / "s.parquet")
+    assert sentence in refusal(tmp_path / "s.parquet", **options)
+
+
+@pytest.mark.parametrize("kind", ["int16", "uint64", "float16", "float32", "decimal"])
+def test_parquet_numbers_of_any_type_are_read(tmp_path: Path, kind: str) -> None:
+    values = (
+        pa.array([1, 2, 3], pa.int64()).cast(pa.decimal128(30, 2))
+        if kind == "decimal"
+        else pa.array(np.array([1, 2, 3], kind))
+    )
+    pq.write_table(pa.table({"t": [0, 1, 2], "u.v": values, "y": [1.0, 2.0, 4.0]}), tmp_path / "s.parquet")
+    np.testing.assert_array_equal(Recording.open(tmp_path / "s.parquet", input="u.v").x, [1, 2, 3])
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_an_unreadable_file_is_refused(suffix: str) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / f"stage{suffix}"
+        write_table(path, signals())
+        path.chmod(0)
+        Path(name).chmod(0o755)
+        with without_privileges():
+            assert "cannot be read: Permission denied" in refusal(path)
+
+
+@pytest.fixture(params=[".csv", ".parquet"])
+def old(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    path = tmp_path / f"stage{request.param}"
+    write_table(path, signals())
+    return path
+
+
+def test_a_written_table_comes_back_to_the_last_bit(old: Path) -> None:
+    columns = {
+        "time_s": np.arange(500) * 125e-6,
+        "u_V": np.random.default_rng(2).normal(size=500),
+        "y_um": np.arange(500),
+    }
+    write_table(old, columns)
+    recording = Recording.open(old)
+    x, y = recording.x, recording.y
+    np.testing.assert_array_equal(x, columns["u_V"])
+    np.testing.assert_array_equal(y, columns["y_um"])
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "sentence"),
+    [
+        ("drive.xlsx", {"t": [0, 1]}, r"unknown suffix '.xlsx'; a table is written as .csv or .parquet"),
+        ("drive", {"t": [0, 1]}, "unknown suffix ''"),
+        ("drive.csv", {}, "needs at least one column"),
+        ("drive.csv", {"t": [0, 1], "u": [1]}, r"of one length, not 't' \(2,\), 'u' \(1,\)"),
+        ("drive.csv", {"t": [[0, 1]]}, "one-dimensional"),
+        ("drive.csv", {"t": [0, 1], "u": [1, np.nan]}, "column 'u' holds nan in data row 2"),
+        ("drive.csv", {"t": ["a", "b"]}, "column 't' holds <U1, where numbers are needed"),
+        ("absent/drive.csv", {"t": [0, 1]}, "cannot be written: No such file"),
+    ],
+)
+def test_a_table_that_cannot_be_written_is_refused_and_leaves_nothing(
+    tmp_path: Path, name: str, columns: dict, sentence: str
+) -> None:
+    with pytest.raises(RecordingError, match=sentence):
+        write_table(tmp_path / name, columns)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_write_that_fails_halfway_leaves_the_old_file_untouched(old: Path) -> None:
+    before, (soft, hard) = old.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    columns = {name: np.random.default_rng(3).normal(size=100_000) for name in HEADER.split(",")}
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))  # like a full disk
+    try:
+        with pytest.raises(RecordingError, match=r"stage.*cannot be written: File too large"):
+            write_table(old, columns)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert old.read_bytes() == before
+    assert list(old.parent.iterdir()) == [old]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_read_only_folder_is_refused_and_its_files_stay(suffix: str) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / f"drive{suffix}"
+        write_table(path, {"t": [0, 1]})
+        before = path.read_bytes()
+        path.chmod(0o444)
+        Path(name).chmod(0o555)
+        with (
+            without_privileges(),
+            pytest.raises(RecordingError, match=r"drive.*cannot be written: Permission denied"),
+        ):
+            write_table(path, {"t": [0, 1, 2]})
+        Path(name).chmod(0o755)
+        assert path.read_bytes() == before
+        assert list(Path(name).iterdir()) == [path]
+
+
+def test_a_written_file_has_the_permissions_of_any_new_file(tmp_path: Path) -> None:
+    (tmp_path / "ordinary").touch()
+    write_table(tmp_path / "drive.csv", {"t": [0, 1]})
+    ordinary, written = (stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("ordinary", "drive.csv"))
+    assert written == ordinary
+
+
+def test_writing_through_a_link_replaces_its_target(tmp_path: Path) -> None:
+    (tmp_path / "real.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "real.csv")
+    write_table(tmp_path / "link.csv", {"t": [0, 1]})
+    assert (tmp_path / "link.csv").is_symlink()
+    assert (tmp_path / "real.csv").read_text() == "t\n0\n1\n"
