@@ -85,14 +85,9 @@ KINDS = {
     "race": ("race", "--set", "paper", "--repeats", 9, *FEW),
     "workers": ("race", "--set", "paper", "--repeats", 9, *FEW, "--workers", 2),
     "batch": ("race", "--race", "batch", "--limit", 2, *FEW),
-    "fleet": ("identify", "stage.csv", "another.csv", "--out-dir", "models", "--workers", 2),
     "realtime": ("realtime", "model.json", "--rate", 1000, "--seconds", 1000),
 }
 RESUMES = "Interrupted; finished tasks are kept; run 'piezobench resume results/run' to continue."
-SAYS = {
-    "fleet": "Interrupted; finished recordings are kept; run the same command to continue.",
-    "realtime": "",
-}
 
 
 def is_pacing(session: int) -> bool:
@@ -104,8 +99,6 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
     """Whether a call has started its processes and files."""
     if kind == "realtime":
         return is_pacing(session)
-    if kind == "fleet":
-        return sum("spawn_main" in words for words in command_lines(of_session(session))) >= 2
     run = folder / "results" / "run"
     return (run / "run.json").is_file() if kind == "problems" else any((run / "tasks").glob("[!.]*.npz"))
 
@@ -119,7 +112,6 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
         ("race", signal.SIGTERM),
         pytest.param("workers", signal.SIGHUP, marks=TWO_CORES),
         pytest.param("batch", signal.SIGTERM, marks=TWO_CORES),
-        pytest.param("fleet", signal.SIGTERM, marks=TWO_CORES),
         pytest.param("realtime", signal.SIGTERM, marks=pytest.mark.needs("cc")),
         pytest.param("realtime", signal.SIGHUP, marks=pytest.mark.needs("cc")),
     ],
@@ -129,10 +121,6 @@ def test_a_signalled_call_removes_its_processes_and_its_temporary_files(
     tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, kind: str, ending: signal.Signals
 ) -> None:
     a_model().save(tmp_path / "model.json")
-    x = 5.0 + 4.0 * np.sin(np.arange(20_000) / 200.0) * np.linspace(1.0, 0.5, 20_000)
-    y = plants.get("bouc_wen", sample_time=1e-3).run(10.0 * x)
-    for name in ("stage.csv", "another.csv"):
-        write_table(tmp_path / name, {"time_s": np.arange(x.size) * 1e-3, "drive_V": x, "y_um": y})
     temporary = tmp_path_factory.mktemp("tmp")
     with subprocess.Popen(
         [sys.executable, "-m", "bench", *map(str, KINDS[kind])],
@@ -150,7 +138,7 @@ def test_a_signalled_call_removes_its_processes_and_its_temporary_files(
     wait_until_gone(call.pid)
     assert call.returncode == 128 + ending
     assert shown == "" or kind not in ("problems", "race")
-    assert without_waiting(output).strip() == SAYS.get(kind, RESUMES)
+    assert without_waiting(output).strip() == ("" if kind == "realtime" else RESUMES)
     # a lock's file stays, free
     assert not [path.name for path in temporary.iterdir() if not path.name.endswith(".lock")]
 

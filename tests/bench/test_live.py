@@ -260,20 +260,24 @@ def test_a_stage_that_hangs_in_its_first_exchange_is_brought_to_rest(
 
 
 @pytest.mark.slow
-def test_a_stage_that_does_not_close_is_given_up_at_rest(stage: Stage, piezobench: CommandLine) -> None:
-    file, _ = hanging(stage, "close", 1)
-    ended = piezobench("live", "--device", file, "--rate", RATE, "--seconds", 1, "--no-page")
-    assert ended.status == 1
-    assert "The stage is at rest; the stage did not close within 10 s." in ended.stdout
-    assert stage.drives()[-1] == 0.0
-
-
-@pytest.mark.slow
-def test_an_error_of_a_stage_that_closes_is_shown_and_its_run_has_failed(stage: Stage, piezobench: CommandLine) -> None:
-    file, _ = hanging(stage, "close", 1, "raise OSError('the port is gone')")
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        (ASLEEP, "The stage is at rest; the stage did not close within 10 s."),
+        (
+            "raise OSError('the port is gone')",
+            "The stage is at rest; the time is over; it cannot be closed: the port is gone.",
+        ),
+    ],
+)
+def test_a_stage_that_does_not_close_is_given_up_at_rest_and_its_run_has_failed(
+    code: str, message: str, stage: Stage, piezobench: CommandLine
+) -> None:
+    file, _ = hanging(stage, "close", 1, code)
     ended = piezobench("live", "--device", file, "--rate", RATE, "--seconds", 1, "--no-page")
     assert (ended.status, ended.stderr) == (1, "")
-    assert "The stage is at rest; the time is over; it cannot be closed: the port is gone." in ended.stdout
+    assert message in ended.stdout
+    assert stage.drives()[-1] == 0.0
 
 
 def test_a_stage_that_cannot_be_opened_is_refused_and_nothing_is_recorded(
@@ -551,14 +555,6 @@ def test_a_reference_and_a_model_in_other_units_are_converted_to_those_of_the_st
         first_model(tmp_path / "model.json", msgspec.structs.replace(declared, output_unit="mrad"), s.sample_time)
 
 
-def test_a_reference_of_another_kind_than_the_stage_measures_is_refused_before_anything_moves(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
-    write_table(tmp_path / "path.csv", {"time_s": np.arange(4) * 1e-3, "reference_V": [0.0, 1.0, 2.0, 1.0]})
-    words = ("live", "--no-page", "--simulate", "duhem", "--reference", tmp_path / "path.csv")
-    assert "path.csv: the reference is in V, which cannot be converted to µm;" in piezobench(*words).refusal
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -812,17 +808,6 @@ def test_a_page_is_live_under_every_name_of_its_machine_and_other_sites_are_refu
     os.kill(call.pid, signal.SIGINT)
     ended = call.wait()
     assert (ended.status, ended.stderr) == (130, "")
-
-
-@pytest.mark.slow
-def test_a_second_run_at_the_same_port_is_refused_before_its_first_sample_and_does_not_disturb_the_first(
-    watched: str, stage: Stage, piezobench: CommandLine
-) -> None:
-    port = watched.rpartition(":")[2].partition("/")[0]
-    refusal = piezobench("live", "--device", stage.file, "--port", port).refusal
-    assert f"the page cannot be at 127.0.0.1:{port}: Address already in use; --port or --host names" in refusal
-    assert not stage.drives().size
-    assert urllib.request.urlopen(watched, timeout=20.0).status == 200
 
 
 def test_requests_without_the_token_are_refused(watched: str) -> None:
