@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import time
 from pathlib import Path
 from typing import Any, ClassVar
@@ -101,6 +102,13 @@ def test_the_report_begins_with_our_solver_beside_the_best_other_and_lists_every
     assert "<svg" in (raced.path / "batch.svg").read_text(encoding="utf-8")
     lines = found.figures[0].data
     assert lines[lines.name == "box_batch†"].groupby("view").size().to_dict() == {"d = 18": 2, "d = 60": 2}
+
+
+def test_a_race_in_which_every_answer_is_right_has_a_report_without_misses(raced: Run, tmp_path: Path) -> None:
+    copy = Run(shutil.copytree(raced.path, tmp_path / "right"))
+    rows = raced.rows(BATCH)
+    rows[rows.status == "ok"].to_parquet(copy.path / BATCH.file)
+    assert "Missed and skipped batches" not in kinds()["batch"].write(copy)[1].read_text(encoding="utf-8")
 
 
 def test_a_batch_that_would_take_too_long_is_skipped_with_the_reason() -> None:

@@ -113,6 +113,7 @@ def report(run: Run) -> Report:
     settings = settings_of(run, BatchSettings)
     table = summary(run.rows(BATCH))
     wrong = table[table.status != Status.OK].drop_duplicates([*ID_COLUMNS, "status", "message"])
+    messages = [line.message or f"worst {gap(line.worst_gap)}" for _, line in wrong.iterrows()]
     name = table.label + np.where(table.threads > 1, ", " + table.threads.astype(str) + " threads", "")
     lines = table.assign(name=name, view="d = " + table.d.astype(str))[np.isfinite(table.core_rate)]
     return Report(
@@ -131,7 +132,7 @@ def report(run: Run) -> Report:
             ),
             Table.of(
                 "Missed and skipped batches",
-                wrong.assign(message=wrong.message.where(wrong.message != "", "worst " + wrong.worst_gap.map(gap))),
+                wrong.assign(message=messages),
                 WRONG,
                 7,
                 filters=("d", "contestant", "threads", "status"),
