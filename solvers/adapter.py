@@ -170,7 +170,7 @@ class LibrarySolver(Solver):
             return self.program.solution(None, None, extras)
         return self.program.solution(np.array(x), self.rows.scatter(w), extras)
 
-    def choose(self, target: Any, **defaults: Any) -> None:
+    def apply_settings(self, target: Any, **defaults: Any) -> None:
         """Write the defaults and the settings into the library's own object.
 
         Raises

@@ -102,11 +102,11 @@ class BoxLeastSquares:
             outside = np.flatnonzero((z < lb) | (z > ub))
             if outside.size:
                 bound = np.where(z < lb, lb, ub)[outside]
-                share = (bound - x[outside]) / (z - x)[outside]
-                first = int(np.argmin(share))
-                x, k = np.clip(x + share[first] * (z - x), lb, ub), outside[first]
+                reach = (bound - x[outside]) / (z - x)[outside]
+                first = int(np.argmin(reach))
+                x, k = np.clip(x + reach[first] * (z - x), lb, ub), outside[first]
                 x[k], free[k] = bound[first], False
-                blocked[k] |= k == freed and share[first] <= 0.0  # by rounding: exactly, the cost would fall
+                blocked[k] |= k == freed and reach[first] <= 0.0  # by rounding: exactly, the cost would fall
                 continue
             x = z
             residuals = self._A.astype(LONG) @ x - right

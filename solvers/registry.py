@@ -118,18 +118,21 @@ def import_file(path: Path) -> ModuleType:
 
 
 def only_class(module: ModuleType, base: type[Any]) -> type[Any]:
-    """The one concrete subclass of ``base`` that a module defines; ImportError if it does not define exactly one."""
-    classes = [
+    """The one concrete subclass of ``base`` that a module defines; ImportError if it defines none or several, with the
+    methods that are missing."""
+    defined = [
         cls
         for cls in vars(module).values()
-        if inspect.isclass(cls)
-        and issubclass(cls, base)
-        and cls.__module__ == module.__name__
-        and not inspect.isabstract(cls)
+        if inspect.isclass(cls) and issubclass(cls, base) and cls.__module__ == module.__name__
     ]
-    if len(classes) != 1:
-        raise ImportError(f"{module.__file__} must define exactly one {base.__name__} class, not {len(classes)}")
-    return classes[0]
+    whole = [cls for cls in defined if not inspect.isabstract(cls)]
+    if len(whole) != 1:
+        reason = f"must define one {base.__name__} class, and defines {len(whole)}"
+        if defined and not whole:
+            missing: frozenset[str] = vars(defined[-1])["__abstractmethods__"]
+            reason = f"its class {defined[-1].__name__} lacks {' and '.join(sorted(missing))}"
+        raise ImportError(f"{module.__file__}: {reason}")
+    return whole[0]
 
 
 def _class_of_package(entry: Entry) -> type[Solver]:

@@ -30,7 +30,7 @@ class Clarabel(LibrarySolver):
 
     def build(self, p: Program, rows: Cones) -> None:
         settings = clarabel.DefaultSettings()
-        self.choose(settings, verbose=False, presolve_enable=False)
+        self.apply_settings(settings, verbose=False, presolve_enable=False)
         cones = [clarabel.ZeroConeT(rows.equal), clarabel.NonnegativeConeT(rows.unequal)]
         # The library reads the upper triangle; with a lower one it silently gives wrong answers.
         P = p.triangle.matrix(p.P)

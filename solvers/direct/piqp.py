@@ -26,7 +26,7 @@ class Piqp(LibrarySolver):
 
     def build(self, p: Program, rows: Stack) -> None:
         self._solver = piqp.DenseSolver()
-        self.choose(self._solver.settings, compute_timings=True)
+        self.apply_settings(self._solver.settings, compute_timings=True)
         self._A = np.asfortranarray(p.A) if len(p.A) else None
         inequalities = (np.asfortranarray(p.G), None, p.h) if len(p.G) else (None, None, None)
         self._solver.setup(p.P.T, p.q, self._A, p.b if len(p.A) else None, *inequalities, p.lb, p.ub)

@@ -35,7 +35,7 @@ class Proxsuite(LibrarySolver):
     def build(self, p: Program, rows: Intervals) -> None:
         self._equal = equal = rows.l == rows.u
         self._qp = proxqp.dense.QP(p.d, int(equal.sum()), int((~equal).sum()))
-        self.choose(self._qp.settings, compute_timings=True)
+        self.apply_settings(self._qp.settings, compute_timings=True)
         self._cold = self._qp.settings.initial_guess
         self._qp.init(p.P, p.q, rows.R[equal], rows.l[equal], rows.R[~equal], rows.l[~equal], rows.u[~equal])
         self._dual: tuple[Vector | None, Vector | None] = (None, None)

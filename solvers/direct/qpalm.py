@@ -34,7 +34,7 @@ class Qpalm(LibrarySolver):
         data.Q, data.q = p.triangle.matrix(p.P), p.q
         data.A, data.bmin, data.bmax = self._R, rows.l, rows.u
         settings = qpalm.Settings()
-        self.choose(settings, verbose=False)
+        self.apply_settings(settings, verbose=False)
         self._solver = qpalm.Solver(data, settings)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:

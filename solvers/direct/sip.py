@@ -54,7 +54,7 @@ class Sip(LibrarySolver):
         self._linear.permute_kkt_system, self._linear.kkt_pinv = True, order
         for log in ("logs", "line_search_logs", "search_direction_logs", "derivative_check_logs"):
             setattr(self._options.logging, f"print_{log}", False)
-        self.choose(self._options.termination)
+        self.apply_settings(self._options.termination)
         self._hessian = p.triangle.matrix(p.P)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:

@@ -60,7 +60,7 @@ class Daqp(CompiledLibrary, direct.Daqp):
         cold = direct.senses(p)
         settings, A = Settings(), p.R[p.general]
         DAQP.daqp_default_settings(ctypes.byref(settings))
-        self.choose(settings)
+        self.apply_settings(settings)
         data = (p.P, p.q, A, p.u, p.l, cold)
         qp = QP(p.d, p.u.size, p.d, *(address(part) if part.size else None for part in data))
         work = Workspace(settings=ctypes.addressof(settings))

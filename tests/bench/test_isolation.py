@@ -184,7 +184,11 @@ def test_a_sleeping_process_does_not_outlive_a_killed_race(
         ("import ctypes; ctypes.string_at(0)", "ended the process that loaded it with SIGSEGV"),
         ("def (", "cannot be loaded, SyntaxError"),
         ("import a_module_that_is_not_there", "No module named 'a_module_that_is_not_there'"),
-        ("", "must define exactly one Solver class, not 0"),
+        ("", "must define one Solver class, and defines 0"),
+        (
+            "import solvers\nclass Mine(solvers.Solver):\n    def solve(self, warm_start=None):\n        pass",
+            "its class Mine lacks setup and solution and update",
+        ),
         (faulty_solvers.text("daqp"), "there is a solver daqp in the lane direct already"),
         (faulty_solvers.text("../daqp"), "a solver is named with letters"),
     ],
