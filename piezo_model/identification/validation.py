@@ -71,7 +71,7 @@ class Validation:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         if self.fit.skipped:
             yield (
-                f"The first {self.fit.skipped} samples are not counted: they hold a transient, with an error of up to "
+                f"The first {self.fit.skipped} samples are excluded as a switch-on transient; the error there reaches "
                 f"{percent(self.fit.skipped_max_percent)}."
             )
         if abs(self.shift) > 0.1 * self.fit.rms:

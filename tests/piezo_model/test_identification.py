@@ -165,7 +165,7 @@ def test_the_real_recording_is_fitted_and_its_transient_and_offset_are_named(tmp
     assert fit["rms_percent"] <= 0.289
     assert fit["max_percent"] <= 1.03
     assert 0.1 < fit["skipped"] * recording.sample_time < 0.5
-    for words in ("hold a transient", "Constant term b = "):
+    for words in ("as a switch-on transient", "Constant term b = "):
         assert len(sentences(model, words)) == 1
     # The error of the output hardly depends on the lag; that of (5), which noise biases, is smallest at 3.57 samples.
     lag = model.report["lag"]

@@ -452,7 +452,7 @@ def test_validation_leaves_out_the_transient_that_identification_leaves_out_and_
     assert 10 <= later.skipped <= 200
     assert later.max_percent < 2.0
     assert found.fit.max_percent == pytest.approx(model.report["fit"]["max_percent"], rel=0.05)
-    assert any("hold a transient" in sentence for sentence in found.sentences())
+    assert any("as a switch-on transient" in sentence for sentence in found.sentences())
 
 
 def test_an_extrapolation_is_not_taken_for_an_offset_of_the_sensor() -> None:
