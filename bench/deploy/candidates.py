@@ -79,7 +79,7 @@ class Candidate:
 
     def failing(self, rule: Rule) -> str:
         """Why it does not qualify, or "". Having few calls is no reason."""
-        if self.right < self.problems or not self.margin:
+        if not self.margin:
             return (
                 f"has a cost gap or violation above {rule.accuracy:g} on {self.problems - self.right} of "
                 f"{self.problems} problems at its best setting"
@@ -138,7 +138,8 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
     """
     found = Measurements.of(run)
     here = found.rows[(found.rows.scaling == "scaled") & (found.rows.start == "cold")]
-    floor = [found.pooled([task], way) for task in here.task[here.solver == FLOOR] for way in (HOT, INTERLEAVED)]
+    nothing = found.rows.task[found.rows.solver == FLOOR]
+    floor = [found.pooled([task], way) for task in nothing for way in (HOT, INTERLEAVED)]
     idle = np.concatenate([np.zeros(0), *floor])
     _require_useful_deadline(run, rule, int(np.count_nonzero(idle > rule.deadline_us)), idle.size)
     every = found.every[(found.every.scaling == "scaled") & found.every.lane.isin([*map(str, rule.lanes)])]
@@ -147,13 +148,14 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
         of_lane = here[(here.solver == line["solver"]) & (here.lane == line["lane"])]
         chosen = of_lane[(of_lane.setting == line["furthest"]) & (of_lane.rung >= 0)]
         calls, hot = found.pooled(chosen.task, HOT, INTERLEAVED), found.pooled(chosen.task)
+        problems = int(of_lane.groupby(PROBLEM).ngroups)  # those that the solver does not take count, too
         yield Candidate(
             line["solver"],
             line["lane"],
             line["furthest"],
-            line["margin"] if line["setting"] else 0.0,
-            line["largest"],
-            int(of_lane.groupby(PROBLEM).ngroups),
+            line["margin"] if line["right"] == problems else 0.0,
+            line["largest"] if line["problems"] == problems else math.inf,
+            problems,
             line["right"],
             calls.size,
             int(np.count_nonzero(calls > rule.deadline_us)),

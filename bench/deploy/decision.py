@@ -122,4 +122,4 @@ def decide(run: Run, rule: Rule) -> Decision:
 
 def _distance(it: Candidate) -> tuple[bool, float, float]:
     """Sort key: distance from qualifying."""
-    return it.right < it.problems, it.own_misses[0] / max(it.samples, 1), it.worst
+    return not it.margin, it.own_misses[0] / max(it.samples, 1), it.worst

@@ -151,6 +151,13 @@ def test_a_wrong_timed_answer_a_violation_and_a_problem_without_an_answer_count_
     assert why(decision, "daqp") == "has a cost gap or violation above 1e-09 on 1 of 2 problems at its best setting"
 
 
+def test_a_setting_that_a_time_limit_skipped_in_one_repeat_counts_as_in_the_report(tmp_path: Path) -> None:
+    skipped = racer("daqp", calls=2, repeat=1, status="not_run", cost_gap=math.nan, samples=0)
+    run = run_of(tmp_path, nothing(), racer("daqp"), skipped)
+    assert (decide(run, LENIENT).chosen.solver, decide(run, LENIENT).chosen.margin) == ("daqp", 10.0)
+    assert Measurements.of(run).settings.set_index("tier").margin["high"] == 10.0
+
+
 @pytest.mark.parametrize(
     ("fewest", "by", "name"), [(3000, 0, "p99.9"), (2000, 1, "p99"), (200, 2, "median"), (2, 2, "median")]
 )
