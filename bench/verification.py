@@ -20,7 +20,7 @@ from bench.problems.protocol import RaceProblem
 from bench.races.metrics import relative_gap
 from bench.report.words import settings_label
 from bench.store import Run
-from solvers.certificate import NotCertified, verify
+from solvers.certificate import NotCertified
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
             progress(f"{name[0]}/{name[1]}", done, len(rows))
             problems[name] = run.problem(*name)
             proofs += len(problems[name].forms)
-            wrong += _wrong_proofs(problems[name])
+            wrong += [f"{'/'.join(name)}, {scaling}: {why}" for scaling, why in problems[name].wrong_proofs().items()]
         first += len(row["answer"]) > 0
         timed += row["timed_call"] >= 0
         wrong += [
@@ -57,15 +57,6 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
             for why in _wrong(problems[name], row)
         ]
     return Verified(len(rows), first, timed, proofs, tuple(wrong))
-
-
-def _wrong_proofs(problem: RaceProblem) -> Iterator[str]:
-    """What is wrong with the certificates of a problem."""
-    for scaling, form in problem.forms.items():
-        try:
-            verify(form.qp, form.certificate)
-        except (NotCertified, ValueError) as error:
-            yield f"{problem.set_name}/{problem.name}, {scaling}: {error}"
 
 
 def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:

@@ -25,7 +25,7 @@ from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.report.console import AsJson, console, print_json, print_table, progress_bar, show_table
 from bench.report.words import by_heading
-from solvers.certificate import Certificate, NotCertified, verify
+from solvers.certificate import Certificate
 
 HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
 
@@ -92,7 +92,7 @@ def problems_verb(
         for done, problem in enumerate(islice(problems, limit)):
             name = f"{problem.set_name}/{problem.name}"
             progress(name, done, min(total, limit or total))
-            wrong = _failures(problem) if verify else {}
+            wrong = problem.wrong_proofs() if verify else {}
             failures += [f"{name} ({scaling}): {why}" for scaling, why in wrong.items()]
             rows.append((*_described(problem), "; ".join(wrong.values()) or "holds"))
             if export is not None:
@@ -151,17 +151,6 @@ def _problems(
     files = sorted(source.glob("*.npz"))
     loaded = (RaceProblem.load(path) for path in files)
     return (problem for problem in loaded if problem_set in (None, problem.set_name)), {}, len(files)
-
-
-def _failures(problem: RaceProblem) -> dict[str, str]:
-    """Errors in the proofs of a problem, by scaling."""
-    wrong = {}
-    for scaling, form in problem.forms.items():
-        try:
-            verify(form.qp, form.certificate)
-        except (NotCertified, ValueError) as error:
-            wrong[str(scaling)] = str(error)
-    return wrong
 
 
 def _described(problem: RaceProblem) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ from bench.problems.equilibration import equilibrated
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
 from bench.processes.forked_child import ForkedChild
 from piezo_model.child_process import LateError, LostError
-from solvers.certificate import WORK, NotCertified, verify
+from solvers.certificate import WORK, NotCertified
 
 Source = Callable[[], ReadProgram | RaceProblem]
 """Reads a program, or a problem saved with its proofs."""
@@ -83,8 +83,8 @@ class ForeignPrograms(ProblemSet):
                 given = read()
             if isinstance(given, ReadProgram):
                 return self._certified(name, given, child)
-            prove(child, replay, given)
-            return replace(given, set_name=self.name, name=name)
+            wrong = prove(child, RaceProblem.wrong_proofs, given)
+            return next(iter(wrong.values()), None) or replace(given, set_name=self.name, name=name)
         except (ProblemFileError, NotCertified, ProverLost) as error:
             return str(error)
 
@@ -194,9 +194,3 @@ def _of_file(path: Path) -> ReadProgram | RaceProblem:
             if "meta" in arrays:
                 return RaceProblem.load(path)
     return read(path)
-
-
-def replay(problem: RaceProblem) -> None:
-    """Verify the proof of every form."""
-    for form in problem.forms.values():
-        verify(form.qp, form.certificate)

@@ -24,7 +24,7 @@ from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import FileName, decoded
 from solvers.arrays import Matrix, Vector
-from solvers.certificate import Certificate
+from solvers.certificate import Certificate, NotCertified, verify
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
 STARTS = ("line", "warm")
@@ -173,6 +173,16 @@ class RaceProblem:
     def optimum_error_percent(self) -> float:
         """Error of the optimal model on the unseen data, NaN without any."""
         return math.nan if self.validation is None else self.validation.error_percent(self.optimal_weights)
+
+    def wrong_proofs(self) -> dict[Scaling, str]:
+        """The proofs replayed in exact arithmetic: what is wrong with each that does not hold, by scaling."""
+        wrong: dict[Scaling, str] = {}
+        for scaling, form in self.forms.items():
+            try:
+                verify(form.qp, form.certificate)
+            except (NotCertified, ValueError) as error:
+                wrong[scaling] = str(error)
+        return wrong
 
     def save(self, path: Path, proven: bool = True) -> None:
         """Write the problem as NPZ, atomically; without ``proven`` the proofs are left out and found again on

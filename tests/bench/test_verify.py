@@ -45,7 +45,7 @@ def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
         (edited("violation", lambda row: row.violation + 1e-16), "its violation is"),
         (edited("timed_gap", lambda row: 0.0), "its timed gap is 0 in the run"),
         (edited("timed_gap", lambda row: np.nan), "its timed gap is nan in the run"),
-        (edited("timed_answer", lambda row: np.nextafter(row.timed_answer, 1.0)), "its timed"),
+        (edited("timed_answer", lambda row: row.timed_answer * (1.0 + 1e-9)), "its timed"),
         (edited("timed_shares", lambda row: np.roll(row.timed_shares, 1)), "its timed gap is"),
         (edited("timed_shares", lambda row: row.timed_shares[:-1]), "the draw of its timed answer does not fit"),
         (edited("digest", lambda row: "0" * 16), "its digest is that of other data"),
