@@ -41,9 +41,8 @@ def drop_codes(rows: Rows) -> None:
     for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
         known = np.abs(values) < ABSURD
         at = np.flatnonzero(~(known | np.isnan(values)))
-        if 0 < at.size <= MOST_BAD and rows.length >= LEAST_ROWS and known[(at - 1) % rows.length].all():
-            if not known[(at + 1) % rows.length].all():
-                continue
+        beside = known[np.concatenate([at - 1, at + 1]) % rows.length]
+        if 0 < at.size <= MOST_BAD and rows.length >= LEAST_ROWS and beside.all():
             rows.repairs += [
                 f"{label} is {values[row]:g} in {rows.where(int(row))}, which is not measured" for row in at
             ]
@@ -141,9 +140,9 @@ def replace_bad_samples(rows: Rows) -> None:
     """Name isolated bad samples and draw straight lines over them."""
     if rows.length < LEAST_ROWS:
         return
-    for k, (label, values) in enumerate(zip(rows.labels, list(rows.signals), strict=True)):
+    for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
         bad = np.zeros(rows.length, dtype=bool)
-        others = [signal for signal in rows.signals if signal is not rows.signals[k]]
+        others = [signal for j, signal in enumerate(rows.signals) if j != k]
         for row in _isolated(values, _steps(rows, values)):
             bad[row] = not any(_answers(_steps(rows, other), row) for other in others)
         for row in np.flatnonzero(bad).tolist():

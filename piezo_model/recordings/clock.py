@@ -64,7 +64,7 @@ def _single(times: Vector) -> bool:
 
 @dataclass(frozen=True)
 class Clock:
-    """A column of times, shape (rows,), without missing ones."""
+    """A column of at least two times, shape (rows,), without missing ones."""
 
     label: str
     """Start of every error message."""
@@ -81,13 +81,9 @@ class Clock:
         Raises
         ------
         RecordingError
-            Fewer than two times; times that run backwards or stand still, and with ``even`` those that leap or jitter.
+            Times that run backwards or stand still, and with ``even`` those that leap or jitter.
         """
         times, n = self.times, self.times.size
-        if n < 2:
-            raise RecordingError(
-                f"{self.label} has {n} data row{'' if n == 1 else 's'}, and a sampling period needs two"
-            )
         self._refuse_backwards()
         mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:PART])
         head = times[:PART]

@@ -46,30 +46,28 @@ def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> t
     fill(rows)
     refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
-    if rows.times is None:
-        if rows.length < 2:
-            raise RecordingError(
-                f"{rows.path}: has {rows.length} data row{'' if rows.length == 1 else 's'}, and a recording needs two"
-            )
-        found = period, 0.0
-    else:
-        found = _clocked(rows, seconds, options)
+    found = _sampling(rows, seconds, period, options)
     replace_bad_samples(rows)
     if options.strict and rows.repairs:
         raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict that is repaired")
     return found if options.resample is None else _resampled(rows, seconds, options)
 
 
-def _clocked(rows: Rows, seconds: float, options: ReadOptions) -> tuple[float, float]:
-    """The sampling period of the times, and their rounding, without rows that only repeat the one before."""
-    assert rows.times is not None
+def _sampling(rows: Rows, seconds: float, period: float, options: ReadOptions) -> tuple[float, float]:
+    """The sampling period of the times, and their rounding, without rows that only repeat the one before; that which is
+    known for rows without times."""
+    if rows.length < 2:
+        counted = "1 data row" if rows.length else "no data rows"
+        raise RecordingError(f"{rows.path}: has {counted}, and a recording needs two")
+    if rows.times is None:
+        return period, 0.0
     clock = Clock(f"{rows.path}: {rows.time_label}", rows.times, seconds, rows.where, options.time_tolerance)
     try:
         return clock.sampling(even=options.resample is None)
     except RecordingError:
         if not drop_repeats(rows):
             raise
-    return _clocked(rows, seconds, options)
+    return _sampling(rows, seconds, period, options)
 
 
 def _resampled(rows: Rows, seconds: float, options: ReadOptions) -> tuple[float, float]:

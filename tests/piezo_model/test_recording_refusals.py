@@ -67,7 +67,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (["# nothing"], {}, "holds no table"),
     ([HEADER], {}, " data rows"),
     ([HEADER, "", ""], {}, " data rows"),
-    ([HEADER, "0,1,2"], {}, "has 1 data row, and a sampling period needs two"),
+    ([HEADER, "0,1,2"], {}, "has 1 data row, and a recording needs two"),
     (["1" * (1 << 20)], {}, "longer than"),
     ([*timed(range(60_000)), "7" * (3 << 20), "1,2,3"], {}, "a line is longer than"),
     *(
