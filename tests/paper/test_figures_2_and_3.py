@@ -5,13 +5,13 @@ not."""
 import re
 from pathlib import Path
 
-import boundary
 import numpy as np
 import pytest
 from example_scripts import run_example
 from programs import library
 
 pd = library("pandas")
+import boundary  # noqa: E402
 
 
 def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_set(tmp_path: Path) -> None:
