@@ -55,12 +55,6 @@ def recorded(recording: Path) -> list[RaceProblem]:
     return list(make("recorded", options={"recording": str(recording)}).problems())
 
 
-def test_every_proof_of_the_excitation_set_holds_and_is_counted(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
-    output, problems = excitation
-    of = len(make("excitation").names())
-    assert f"{len(problems)} of {of} problems are certified in every scaling (100 %)" in output
-
-
 def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_ones(
     excitation: tuple[str, dict[str, RaceProblem]],
 ) -> None:
@@ -90,14 +84,14 @@ def test_a_forward_program_leads_from_its_start_to_the_weights_of_the_next_step(
     assert errors["bouc_wen-step-3"] <= errors["bouc_wen-step-1"]
 
 
-def test_the_proximal_term_makes_every_optimum_unique(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
-    proximal = [problem for name, problem in excitation[1].items() if name.endswith("proximal")]
-    assert all(form.optimum_is_unique for problem in proximal for form in problem.forms.values())
-
-
-def test_singular_problems_and_convexity_shifts_are_listed(excitation: tuple[str, dict[str, RaceProblem]]) -> None:
-    lines = {line.split()[0]: line for line in excitation[0].splitlines() if line.startswith("n")}
-    for name, problem in excitation[1].items():
+def test_proofs_are_counted_and_singular_problems_and_shifts_listed_which_a_proximal_term_prevents(
+    excitation: tuple[str, dict[str, RaceProblem]],
+) -> None:
+    output, problems = excitation
+    assert f"{len(problems)} of {len(make('excitation').names())} problems are certified in every scaling" in output
+    lines = {line.split()[0]: line for line in output.splitlines() if line.startswith("n")}
+    for name, problem in problems.items():
+        assert not name.endswith("proximal") or all(form.optimum_is_unique for form in problem.forms.values())
         certificate = problem.forms["scaled"].certificate
         assert ("not unique" in lines[name]) == (not certificate.unique)
         assert ("since rounding left P indefinite" in lines[name]) == (certificate.convexity_shift > 0)
@@ -260,9 +254,7 @@ def test_missing_options_and_files_are_refused_in_one_sentence(
     assert sentence in piezobench("problems", *words).refusal
 
 
-def test_the_verb_lists_every_set_and_the_problems_of_one(piezobench: CommandLine, recording: Path) -> None:
-    listed = piezobench("problems")
-    assert all(name in listed.stdout for name in all_sets())
+def test_the_verb_lists_the_problems_of_a_set(piezobench: CommandLine, recording: Path) -> None:
     one = piezobench("problems", "--set", "recorded", "--recording", recording, "--input", "voltage_V", "--limit", 2)
     assert [line.split()[0] for line in one.stdout.splitlines()[1:]] == ["n5-m3-whole", "n5-m3-half"]
 
