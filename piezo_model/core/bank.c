@@ -129,13 +129,13 @@ static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *worksp
     return tile_controller_drive(&c, y_ref);
 }
 
-/* Prefetch the memory of a tile's next step. */
+/* Prefetch the memory of a tile's next step, without the prefilter, of which a step needs a part only. */
 CORE_INLINE void fetch_tile(const Bank *b, int64_t tile)
 {
     const char *const driver = b->drivers + tile * driver_bytes(b->shape, b->head->block);
-    const int64_t own = compensator_part_bytes(b->shape);
-    const MailboxHead *const m = (const MailboxHead *)(const void *)(driver + own);
-    fetch(driver, own + arena_bytes(sizeof *m) + shared_bytes(GUARD_NUMS));
+    const MailboxHead *const m = (const MailboxHead *)(const void *)(driver + compensator_part_bytes(b->shape));
+    fetch(driver, compensator_part_bytes(b->shape) - bytes_of(prefilter_nums(b->shape)));
+    fetch((const char *)m, arena_bytes(sizeof *m) + shared_bytes(GUARD_NUMS));
     if (m->to_go == 1) {
         fetch(b->learners + tile * learner_part_bytes(b->shape), learner_part_bytes(b->shape));
     }

@@ -15,20 +15,18 @@ static num move(Mode *m)
     return m->q;
 }
 
-/* Write the newest number of a ring; the one that is `lag` samples older. */
+/* Write the newest number of a ring to where it is due; the one that is now, `lag` samples older. */
 static num delayed(num *ring, int size, num *at, num lag, num newest)
 {
     const real place = *(const real *)(const void *)at;
     const int now = place > 0 && place < (real)size ? (int)place : 0;
     const num safe = within(lag, constant(0), constant((real)(size - 1)));
-    num late = newest;
-    ring[now] = newest;
     for (int lane = 0; lane < WIDTH; ++lane) {
-        const int then = now - (int)*entry(&safe, 0, lane);
-        *entry(&late, 0, lane) = *entry(ring, then < 0 ? then + size : then, lane);
+        const int due = now + (int)*entry(&safe, 0, lane);
+        *entry(ring, due < size ? due : due - size, lane) = *entry(&newest, 0, lane);
     }
     *at = constant((real)(now + 1 < size ? now + 1 : 0));
-    return late;
+    return ring[now];
 }
 
 void N(prefilter_balance)(const Prefilter *p, Shape s, num which, num level, const num *play, const num *creep)
