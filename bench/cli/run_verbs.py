@@ -1,5 +1,7 @@
-"""Verbs for several runs: ``combine`` puts them side by side, ``history`` follows a solver through them."""
+"""Verbs for finished runs: ``verify`` judges the stored answers of one again, ``combine`` puts several side by side,
+``history`` follows a solver through them."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -11,9 +13,28 @@ from bench.comparison.combination import Combination, report
 from bench.comparison.compare import SMALLEST
 from bench.comparison.history import COLUMNS, history, regressions
 from bench.races.kind import open_run
-from bench.report.console import AsJson, console, print_json, print_report, print_table
+from bench.report.console import AsJson, console, print_json, print_report, print_result, print_table, progress_bar
 from bench.report.report import Table
 from bench.report.writing import write_report
+from bench.store import RunError
+from bench.verification import verify_run
+
+
+def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
+    """Judge every stored answer of a run again, from the data of its problems in exact arithmetic.
+
+    It shows that accuracies follow from the stored answers; not who gave them, nor that times and statuses are true.
+    """
+    with progress_bar() as progress:
+        found = verify_run(open_run(run), progress)
+    if found.wrong:
+        more = f", and {len(found.wrong) - 1} more" if len(found.wrong) > 1 else ""
+        raise RunError(f"{run} does not agree with its answers: {found.wrong[0]}{more}")
+    lines = [
+        f"{found.rows} rows agree: {found.first} first and {found.timed} timed answers were judged again against "
+        f"{found.proofs} replayed proofs, and give the stored gaps to the last bit."
+    ]
+    print_result(asdict(found), lines, as_json)
 
 
 def combine_verb(
