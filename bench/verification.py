@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.derived.table import rows_of
 from bench.messages.progress import Progress, silent
-from bench.messages.verdict import Status
+from bench.messages.task import Status
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import relative_gap

@@ -18,12 +18,12 @@ from command_line import CommandLine
 from programs import library, program
 
 from bench.cli.app import command_line
-from bench.derived.like_with_like import like_with_like
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import ranking
+from bench.derived.ratios import like_with_like
 from bench.derived.table import ONESHOT
 from bench.derived.verdict import KNOWN
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import Status, Tier
 from bench.report.words import joined, number, rounded
 from bench.store import Run
 from piezo_model import ModelStructure, SelfLearningCompensator, plants

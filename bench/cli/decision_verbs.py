@@ -12,8 +12,8 @@ from bench.comparison import report as comparison_report
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.comparison.versions import compare_versions
 from bench.deploy.actuator_model import model_for
+from bench.deploy.candidates import Rule
 from bench.deploy.decision import decide
-from bench.deploy.rule import Rule
 from bench.problems import make
 from bench.races.kind import open_run
 from bench.report.console import (

@@ -27,7 +27,7 @@ from bench.cli.options import (
     refuse,
 )
 from bench.messages.race_error import RaceError
-from bench.messages.verdict import Tier
+from bench.messages.task import Tier
 from bench.problems import ProblemSetError
 from bench.processes.engine import Backend, Workers
 from bench.processes.forked_child import warm_up

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.derived.measurements import Measurements
-from bench.messages.verdict import Status
+from bench.messages.task import Status
 from bench.store import Run, RunError
 from piezo_model.atomic_file import replacing
 

@@ -15,7 +15,7 @@ import pandas as pd
 from bench.derived.measurements import FLOOR, Measurements
 from bench.derived.statistics import TYPICAL, worst
 from bench.messages.columns import Column, combined
-from bench.messages.verdict import Tier
+from bench.messages.task import Tier
 from bench.report.plot import Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number

@@ -34,10 +34,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import median_abs_deviation
 
-from bench.derived.accuracy import MEASURED, right
 from bench.derived.measurements import HOT, INTERLEAVED, Measurements
-from bench.derived.tier_settings import LANE, tier_settings
-from bench.messages.verdict import Status, Tier
+from bench.derived.tiers import LANE, MEASURED, right, tier_settings
+from bench.messages.task import Status, Tier
 from bench.store import Run
 from bench.timing.clock import Effort
 

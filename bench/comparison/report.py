@@ -11,7 +11,7 @@ import pandas as pd
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
 from bench.derived.ranking import TIER_NAMES
 from bench.messages.columns import Column
-from bench.messages.verdict import Tier
+from bench.messages.task import Tier
 from bench.report.console import plain_json
 from bench.report.plot import ROW, Axis, Mark, Plot
 from bench.report.report import Figure, Report, Table

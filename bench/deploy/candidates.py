@@ -1,4 +1,4 @@
-"""The candidates of a one-shot race or a stream: solver lanes, each at one setting for the required accuracy.
+"""The rule of a decision, and the candidates of a one-shot race or a stream: solver lanes at a setting each.
 
 They are lines of what the reports of these races derive from their rows, with the same settings, times and percentiles:
 the setting is the loosest at which cost gap and violation, of first and timed answers, are within the accuracy with a
@@ -13,20 +13,46 @@ from typing import Any
 import numpy as np
 
 from bench.deploy.floor import explained
-from bench.deploy.rule import QUANTILES, Rule
-from bench.derived.accuracy import TOLERANCE, distance, measured, supported
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements
 from bench.derived.statistics import TYPICAL
-from bench.derived.tier_settings import PROBLEM, choice, chosen_settings, margin
-from bench.messages.verdict import Tier
+from bench.derived.tiers import PROBLEM, TOLERANCE, choice, chosen_settings, distance, margin, measured, supported
+from bench.messages.task import Tier
 from bench.races.stream.race import STREAM
 from bench.races.stream.summary import column, for_deadline, summary
 from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
 from bench.timing.percentiles import needed, percentile
+from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from piezo_model.learning.solving import require_setting
-from solvers import find
+from solvers import Lane, find
+
+QUANTILES = (0.999, 0.99, 0.5)
+"""The first one for which every qualified candidate has enough calls decides."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Requirements on a solver."""
+
+    accuracy: float = 1e-9
+    """Largest relative cost gap and violation."""
+    deadline_us: float = PERIOD_US
+    """Sampling period of the controller."""
+    lanes: tuple[Lane, ...] = (Lane.KERNEL, Lane.DIRECT)
+    """Lanes that the controller can run."""
+    misses: int = 0
+    """Most deadlines missed beyond the floor."""
+
+    @property
+    def sentence(self) -> str:
+        """The rule in words."""
+        return (
+            f"cost gap and violation of at most {self.accuracy:g} on every problem, by first and timed answers, at "
+            f"most {self.misses} "
+            f"deadlines of {self.deadline_us:g} µs missed beyond those that the machine itself misses, then the "
+            f"lowest p99.9; lanes {', '.join(self.lanes)}."
+        )
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.deploy.actuator_model import ChosenModel
-from bench.deploy.candidates import Candidate, of_oneshot, of_stream
-from bench.deploy.rule import QUANTILES, Rule
+from bench.deploy.candidates import QUANTILES, Candidate, Rule, of_oneshot, of_stream
 from bench.races.stream.race import SET as STREAM_SET
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError

@@ -15,13 +15,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.derived.accuracy import TOLERANCE
 from bench.derived.measurements import FLOOR, Measurements
 from bench.derived.pictures import ranked
 from bench.derived.ranking import PACE, with_pace
-from bench.derived.tier_settings import PROBLEM
-from bench.messages.task import PAPER
-from bench.messages.verdict import Status, Tier
+from bench.derived.tiers import PROBLEM, TOLERANCE
+from bench.messages.task import PAPER, Status, Tier
 from bench.report.plot import LEAST_GAP
 from bench.report.report import Table
 from bench.report.words import OURS_NOTE, gap, solver_lanes

@@ -26,10 +26,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.accuracy import applies, measured, right, supported
 from bench.derived.table import rows_of
-from bench.derived.tier_settings import LANE, tier_settings
-from bench.messages.verdict import Status, Tier
+from bench.derived.tiers import LANE, applies, measured, right, supported, tier_settings
+from bench.messages.task import Status, Tier
 from bench.store import Run, Session
 from bench.timing.clock import answers_us
 from bench.timing.schedule import PERIOD_US

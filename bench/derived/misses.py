@@ -11,9 +11,9 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 
-from bench.derived.accuracy import distance
 from bench.derived.measurements import Measurements, at_tiers
-from bench.messages.verdict import Tier
+from bench.derived.tiers import distance
+from bench.messages.task import Tier
 from bench.problem_files.miss import Miss
 from bench.problems.fresh import mixture
 from bench.store import Run, RunError

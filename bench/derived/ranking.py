@@ -13,12 +13,10 @@ from typing import Any
 
 import pandas as pd
 
-from bench.derived.accuracy import supported
 from bench.derived.measurements import Measurements
 from bench.derived.statistics import TYPICAL, worst
-from bench.derived.tier_settings import PROBLEM, TARGETS
-from bench.messages.task import PAPER
-from bench.messages.verdict import Status, Tier
+from bench.derived.tiers import PROBLEM, TARGETS, supported
+from bench.messages.task import PAPER, Status, Tier
 from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number
 from solvers import Lane

@@ -9,7 +9,7 @@ never a mean of percentiles. Of accuracies, the worst counts.
 import numpy as np
 import pandas as pd
 
-from bench.messages.verdict import Status
+from bench.messages.task import Status
 
 TYPICAL = "median"
 """Of times, those that are known."""

@@ -13,9 +13,9 @@ import pandas as pd
 from bench.derived.measurements import FLOOR as NULL
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
-from bench.derived.tier_settings import LANE
+from bench.derived.tiers import LANE
 from bench.messages.columns import Column, combined
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import Status, Tier
 from bench.report.words import marked, settings_label
 from bench.timing.percentiles import percentile
 from solvers.registry import OURS

@@ -12,12 +12,10 @@ import numpy as np
 import pandas as pd
 
 from bench.derived import summary as summaries
-from bench.derived.accuracy import TOLERANCE, UNNOTICED, right
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, TIER_NAMES, Line, of_paper, ranking
-from bench.derived.tier_settings import FEWEST
-from bench.messages.task import PAPERS_SETTING
-from bench.messages.verdict import Tier
+from bench.derived.tiers import FEWEST, TOLERANCE, UNNOTICED, right
+from bench.messages.task import PAPERS_SETTING, Tier
 from bench.report.words import format_distinct, joined, marked, number, percent, rounded, solver_lanes
 from piezo_model.json_file import decoded
 from solvers import Lane

@@ -14,8 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import parquet
 
-from bench.messages.task import Start, Timed
-from bench.messages.verdict import Tier
+from bench.messages.task import Start, Tier, Timed
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane
 

@@ -15,11 +15,10 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from bench.derived.table import ONESHOT, rows_of
-from bench.derived.tier_settings import tier_settings
+from bench.derived.tiers import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError
-from bench.messages.task import Setting, settings_ladder, tightest
-from bench.messages.verdict import Tier
+from bench.messages.task import Setting, Tier, settings_ladder, tightest
 from bench.store import Run
 from piezo_model.atomic_file import replacing
 from solvers.registry import Described

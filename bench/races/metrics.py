@@ -8,7 +8,7 @@
 - model error     RMS error of the model on unseen data, in per cent of the output's range
 - stage excess    (model error − that of x*) / standard deviation of the sensor's noise; NaN if either is unknown
 
-`bench.derived.accuracy` defines the tiers by these measures.
+`bench.derived.tiers` defines the tiers by these measures.
 """
 
 import math
@@ -17,8 +17,7 @@ import numpy as np
 from qpsolvers import Solution
 
 from bench.messages.solver_info import amount
-from bench.messages.task import Outcome, Row
-from bench.messages.verdict import Status
+from bench.messages.task import Outcome, Row, Status
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling

@@ -5,7 +5,7 @@ from typing import Annotated, Any, TypeVar
 
 from msgspec import Meta
 
-from bench.messages.verdict import Tier
+from bench.messages.task import Tier
 from bench.problems.protocol import SCALINGS
 from bench.store import Run, RunError
 from bench.timing.clock import Effort

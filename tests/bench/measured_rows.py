@@ -9,11 +9,10 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from bench.derived.accuracy import right
 from bench.derived.measurements import Measurements
 from bench.derived.table import ONESHOT
-from bench.messages.task import PAPER, Outcome, Row
-from bench.messages.verdict import Tier
+from bench.derived.tiers import right
+from bench.messages.task import PAPER, Outcome, Row, Tier
 from bench.problems.protocol import RaceProblem
 from bench.races.metrics import judge
 from bench.store import TIMES

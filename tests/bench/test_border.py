@@ -28,7 +28,7 @@ from qpsolvers import Problem
 
 from bench.derived.table import ONESHOT
 from bench.messages import user_cache
-from bench.messages.verdict import Tier
+from bench.messages.task import Tier
 from bench.problem_files import ProblemFileError
 from bench.problems.proofs import proof
 from bench.problems.protocol import RaceProblem

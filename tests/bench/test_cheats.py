@@ -9,8 +9,7 @@ from command_line import CommandLine
 from conftest import Race, race_of
 from qpsolvers import Problem
 
-from bench.messages.task import NO_SETTING, Setting, Task
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import NO_SETTING, Setting, Status, Task, Tier
 from bench.problems.fresh import FreshData, mixture
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild

@@ -14,11 +14,10 @@ from conftest import Race
 from measured_rows import ladder, row, table
 
 from bench.derived.table import ONESHOT
-from bench.derived.tier_settings import tier_settings
+from bench.derived.tiers import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError
-from bench.messages.task import settings_ladder, tightest
-from bench.messages.verdict import Tier
+from bench.messages.task import Tier, settings_ladder, tightest
 from bench.races.chosen_settings import ACCURACY, SHIPPED, accuracy, choices, ship, table_of
 from bench.races.kind import kinds
 from bench.store import Run

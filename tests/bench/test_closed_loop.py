@@ -13,8 +13,7 @@ from command_line import CommandLine
 from conftest import assert_harmless
 
 from bench.messages.progress import silent
-from bench.messages.task import NO_SETTING, Task
-from bench.messages.verdict import Tier
+from bench.messages.task import NO_SETTING, Task, Tier
 from bench.races.kind import findings, kind_of, kinds
 from bench.races.loop import race as closed_loop
 from bench.races.loop import report

@@ -30,7 +30,7 @@ from bench.comparison.compare import (
     compare_times,
     lost_tiers,
 )
-from bench.messages.verdict import Status
+from bench.messages.task import Status
 from bench.store import Run, RunError
 
 SLOWED = ("osqp", "direct")

@@ -18,10 +18,9 @@ from measured_rows import row
 from pyarrow import parquet
 
 from bench.deploy.actuator_model import model_for
-from bench.deploy.candidates import Candidate
+from bench.deploy.candidates import QUANTILES, Candidate, Rule
 from bench.deploy.decision import Decision, decide
 from bench.deploy.floor import UNSEEN, explained
-from bench.deploy.rule import QUANTILES, Rule
 from bench.derived.measurements import Measurements
 from bench.derived.summary import summary
 from bench.derived.table import ONESHOT

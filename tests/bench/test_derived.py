@@ -8,13 +8,11 @@ import pandas as pd
 import pytest
 from measured_rows import ladder, measured, row, table
 
-from bench.derived.accuracy import TOLERANCE, error, right
 from bench.derived.measurements import Measurements, merged
+from bench.derived.ratios import wrapper_share
 from bench.derived.summary import raced, summary
-from bench.derived.tier_settings import FEWEST, choice, left_out, margin, tier_settings
-from bench.derived.wrapper_share import wrapper_share
-from bench.messages.task import Row
-from bench.messages.verdict import Status, Tier
+from bench.derived.tiers import FEWEST, TOLERANCE, choice, error, left_out, margin, right, tier_settings
+from bench.messages.task import Row, Status, Tier
 
 NAN = float("nan")
 

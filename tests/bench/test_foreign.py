@@ -23,10 +23,9 @@ from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
 
-from bench.derived.accuracy import right
 from bench.derived.table import ONESHOT
-from bench.messages.task import Outcome
-from bench.messages.verdict import Status, Tier
+from bench.derived.tiers import right
+from bench.messages.task import Outcome, Status, Tier
 from bench.problem_files import ReadProgram, read
 from bench.problem_files.program import fields_of, require
 from bench.problems import ProblemSetError, RaceProblem, make

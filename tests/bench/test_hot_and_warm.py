@@ -10,8 +10,7 @@ from command_line import CommandLine
 from conftest import Race, raced
 from qpsolvers import Problem
 
-from bench.messages.task import NO_SETTING, Task, settings_ladder
-from bench.messages.verdict import Status
+from bench.messages.task import NO_SETTING, Status, Task, settings_ladder
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild

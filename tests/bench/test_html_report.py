@@ -13,7 +13,7 @@ from conftest import Race, assert_harmless
 
 from bench.derived.summary import summary
 from bench.derived.table import ONESHOT
-from bench.messages.verdict import Status
+from bench.messages.task import Status
 from bench.races.kind import kind_of
 from bench.report import vega
 from bench.report.plot import BEST, Axis, Mark, Plot, best_lines

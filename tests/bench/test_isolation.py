@@ -13,8 +13,7 @@ from command_line import CommandLine, command_lines
 from conftest import Race
 
 from bench.messages.race_error import RaceError
-from bench.messages.task import NO_SETTING, Task
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import NO_SETTING, Status, Task, Tier
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import checked
 from bench.races.oneshot.worker import OneShot

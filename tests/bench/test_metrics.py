@@ -8,8 +8,7 @@ import qpsolvers
 from measured_rows import is_right, judged
 from qpsolvers import Problem
 
-from bench.messages.task import Outcome
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import Outcome, Status, Tier
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import Experiment
 from piezo_model import HysteresisCreepModel

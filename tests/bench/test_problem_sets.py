@@ -9,8 +9,7 @@ import pytest
 from command_line import CommandLine
 from measured_rows import judged
 
-from bench.messages.task import Outcome
-from bench.messages.verdict import Status
+from bench.messages.task import Outcome, Status
 from bench.problems import RaceProblem, all_sets, make, sets
 from bench.problems.protocol import SCALINGS
 from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed

@@ -16,8 +16,7 @@ from command_line import CommandLine
 from conftest import assert_harmless, killed_and_resumed
 
 from bench.messages.progress import silent
-from bench.messages.task import Outcome
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import Outcome, Status, Tier
 from bench.races.kind import kind_of, kinds
 from bench.races.stream import report
 from bench.races.stream import summary as stream_summary

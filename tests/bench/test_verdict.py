@@ -13,8 +13,7 @@ from bench.derived.misses import misses
 from bench.derived.ranking import PACE, Line, ranking, short_table
 from bench.derived.summary import summary
 from bench.derived.verdict import notes, verdict
-from bench.messages.task import Row
-from bench.messages.verdict import Tier
+from bench.messages.task import Row, Tier
 
 NAN = float("nan")
 

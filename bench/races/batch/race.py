@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.accuracy import TOLERANCE
 from bench.derived.ranking import TIER_NAMES
 from bench.derived.statistics import TYPICAL, first_text, least_good, worst
+from bench.derived.tiers import TOLERANCE
 from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
-from bench.messages.task import NO_SETTING, Outcome, Request, Row, Task
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import NO_SETTING, Outcome, Request, Row, Status, Task, Tier
 from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races.batch.contestant import contestants, of_file

@@ -12,7 +12,7 @@ import pandas as pd
 
 from bench.derived.pictures import ranked
 from bench.messages.columns import Column, combined
-from bench.messages.verdict import Status
+from bench.messages.task import Status
 from bench.races.batch.race import BATCH, SHARES, BatchRace, BatchSettings
 from bench.races.kind import Kind
 from bench.races.settings import settings_of

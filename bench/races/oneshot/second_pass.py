@@ -18,12 +18,10 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from bench.derived.accuracy import supported
 from bench.derived.measurements import at_tiers, newest
 from bench.derived.table import ONESHOT
-from bench.derived.tier_settings import tier_settings
-from bench.messages.task import Row, Task
-from bench.messages.verdict import Status, Tier
+from bench.derived.tiers import supported, tier_settings
+from bench.messages.task import Row, Status, Task, Tier
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool

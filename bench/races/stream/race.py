@@ -18,11 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.derived.accuracy import TOLERANCE
 from bench.derived.statistics import TYPICAL, first_text, least_good, worst
+from bench.derived.tiers import TOLERANCE
 from bench.messages.columns import COUNT, FLAG, NUMBER, TEXT, Column, named
-from bench.messages.task import NO_SETTING, PAPER, Outcome, Request, Row, Setting, Task, settings_ladder
-from bench.messages.verdict import Status, Tier
+from bench.messages.task import NO_SETTING, PAPER, Outcome, Request, Row, Setting, Status, Task, Tier, settings_ladder
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.processes.solver_child import SolverPool

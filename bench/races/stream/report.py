@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from bench.messages.columns import Column
-from bench.messages.task import PAPER
-from bench.messages.verdict import Status
+from bench.messages.task import PAPER, Status
 from bench.races.chosen_settings import definition, tier_label
 from bench.races.kind import Kind
 from bench.races.settings import settings_of

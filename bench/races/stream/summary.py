@@ -18,8 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.messages.columns import combined
-from bench.messages.task import PAPER
-from bench.messages.verdict import Status
+from bench.messages.task import PAPER, Status
 from bench.races.stream.race import STREAM
 from bench.report.plot import BEST, together
 from bench.report.words import marked, settings_label

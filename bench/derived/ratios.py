@@ -1,21 +1,51 @@
-"""Cost of calling a library through a wrapper: ratio of its time to that in the lane direct, at the same settings.
+"""Ratios of times at the same accuracy and on the same problems: our fastest solver of each lane to each of the others,
+and a library through a wrapper to the same in the lane direct.
 
-Only problems count on which both are right to 1e-3. The excess over 1 is the cost of conversion and repeated set-up.
+    ratio = median time of ours over the problems of a size / median time of the other
+
+at the settings for a cost gap of 1e-9, from a cold start, for each number of unknowns. *Hot* calls follow each other
+directly; *interleaved* with the other solvers, each call finds the caches that they left.
+
+A wrapper is compared at the same settings, on problems on which both are right to 1e-3. The excess over 1 is the cost
+of conversion and repeated set-up.
 """
 
 from typing import Any
 
 import pandas as pd
 
-from bench.derived.accuracy import right
-from bench.derived.measurements import Measurements
+from bench.derived.measurements import HOT, INTERLEAVED, Measurements
 from bench.derived.statistics import TYPICAL
+from bench.derived.tiers import right
 from bench.messages.columns import Column, combined
-from bench.messages.verdict import Tier
-from bench.report.words import number, settings_label
+from bench.messages.task import Tier
+from bench.report.words import marked, number, settings_label
 from piezo_model.json_file import decoded
 from solvers import Lane
-from solvers.registry import FAMILIES
+from solvers.registry import FAMILIES, OURS
+
+COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]
+
+
+def like_with_like(measurements: Measurements) -> pd.DataFrame:
+    """COLUMNS, one row per lane, way of timing, number of unknowns d and other solver that reaches 1e-9, the fastest
+    first."""
+    rows = measurements.cold(measurements.tiers[measurements.tiers.tier == Tier.HIGH])
+    lines = []
+    for timed, us in ((HOT, rows.answer_us), (INTERLEAVED, rows.interleaved_us)):
+        for lane, part in rows.assign(us=us).dropna(subset="us").groupby("lane"):
+            ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
+            if ours.empty:
+                continue
+            best = ours.groupby("solver").us.median().idxmin()
+            for d, mine in ours[ours.solver == best].groupby("d"):
+                own = float(mine.us.median())
+                lines += [
+                    (lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
+                    for other, median in others[others.d == d].groupby("solver").us.median().sort_values().items()
+                ]
+    return pd.DataFrame(lines, columns=COLUMNS)
+
 
 OTHER_NAMES = {"highs": "highspy", "proxqp": "proxsuite"}
 """Names in the lane direct of libraries that qpsolvers and cvxpy call differently."""
