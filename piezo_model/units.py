@@ -101,6 +101,8 @@ LONGEST_NAME, LONGEST_UNIT = 200, 40
 _FACTOR = r"[^\W\d][\w°]*(?:(?:\^|\*\*)-?\d)?"
 COMPOUND = re.compile(rf"{_FACTOR}(?:[*/·]{_FACTOR})*")
 """Units with exponents of one digit; pint would raise numbers of a file to the power of others for hours."""
+SMALLEST_PERCENT = 1e-4
+"""Below this a percentage is rounding, and its digits say nothing."""
 SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
 
 
@@ -232,7 +234,7 @@ def percent(value: float) -> str:
     """A percentage with two digits."""
     if abs(value) > 100.0:
         return "over 100 %" if value > 0.0 else "under −100 %"
-    return f"{value:.2g} %" if abs(value) >= 1e-4 else "less than 0.0001 %"
+    return f"{value:.2g} %" if abs(value) >= SMALLEST_PERCENT else "less than 0.0001 %"
 
 
 def _ascii(text: str) -> str:

@@ -17,7 +17,7 @@ from piezo_model.identification.error_model import Solving, counted_from
 from piezo_model.identification.forward import ForwardFit, fit_forward
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from piezo_model.units import percent, quantity
+from piezo_model.units import SMALLEST_PERCENT, percent, quantity
 from solvers.arrays import Mask, Matrix, Vector
 
 BASELINE_SAMPLES = 1_000_000
@@ -60,12 +60,12 @@ class Fit:
         total = self.samples + self.skipped + self.missing
         every = f" of {total}" if total > self.samples else ""
         without = f" ({self.missing} not counted)" if self.missing else ""
+        unknown = "" if unit else " in the unit of the output, which the file does not say"
+        largest = f" ({quantity(self.max, unit, 2)}{unknown})" if self.max_percent >= SMALLEST_PERCENT else ""
         return (
             f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
             f"model{where and ' ' + where}: RMS error of the output as a share of its full range, "
-            f"over {self.samples}{every} samples{without}; at most {percent(self.max_percent)} "
-            f"({quantity(self.max, unit, 2)}"
-            f"{'' if unit else ' in the unit of the output, which the file does not say'})."
+            f"over {self.samples}{every} samples{without}; the largest error is {percent(self.max_percent)}{largest}."
         )
 
 
