@@ -111,6 +111,14 @@ def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_itera
     assert failed.stdout.count("times as many iterations") == failed.stdout.count("times as long") == 1
 
 
+def test_the_defect_that_the_page_on_certificates_names_is_there(capfd: pytest.CaptureFixture[str]) -> None:
+    library("casadi")
+    page = (ROOT / "docs" / "certificates.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r'^``` title="upper_bound.py"\n(.*?)^```', page, re.DOTALL | re.MULTILINE)
+    exec(compile(source, "upper_bound.py", "exec"), {})
+    assert capfd.readouterr().out.strip().endswith("\n2 Successful return.")
+
+
 def documented(which: int) -> Steps:
     """Transitions of a state machine on the page, by its number."""
     table = re.findall(r"^\| from \|.*\n.*\n((?:\|.*\n)+)", LEARNING.read_text(encoding="utf-8"), flags=re.MULTILINE)[
