@@ -16,8 +16,7 @@ from bench.derived.measurements import FLOOR, Measurements
 from bench.derived.statistics import TYPICAL, worst
 from bench.messages.columns import Column, combined
 from bench.messages.task import Tier
-from bench.report.plot import Axis, Mark, Plot
-from bench.report.report import Figure, Report, Table
+from bench.report.report import Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number
 from bench.store import Run, RunError
 from bench.timing import machine

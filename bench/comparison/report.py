@@ -13,8 +13,7 @@ from bench.derived.ranking import TIER_NAMES
 from bench.messages.columns import Column
 from bench.messages.task import Tier
 from bench.report.console import plain_json
-from bench.report.plot import ROW, Axis, Mark, Plot
-from bench.report.report import Figure, Report, Table
+from bench.report.report import ROW, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, joined, marked, solver_lanes, whole
 from bench.report.writing import write_report
 from bench.store import RunFile

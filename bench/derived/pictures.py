@@ -19,7 +19,7 @@ from bench.derived.measurements import Measurements, at_tiers
 from bench.derived.statistics import TYPICAL, worst
 from bench.derived.verdict import KNOWN
 from bench.messages.task import PAPER, Status, Tier
-from bench.report.plot import BEST, LEAST_GAP, together
+from bench.report.report import BEST, LEAST_GAP, together
 from bench.report.words import MARK, duration, marked
 from solvers.registry import OURS
 

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.experiment.figures import HINDSIGHT, LEARNED, ONCE, STRAIGHT, lines
-from bench.report.plot import Axis
-from bench.report.report import Figure
+from bench.report.report import Axis, Figure
 from bench.stage.setup import AXES
 from bench.stage.trial import Trial, learned
 from solvers.arrays import Vector

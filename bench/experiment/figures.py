@@ -7,8 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import pandas as pd
 
-from bench.report.plot import INK, PALETTE, Axis, Mark, Plot, Where
-from bench.report.report import Figure
+from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot, Where
 from bench.stage.setup import AMPLITUDE_UM, AXES, RANGE_UM, StageSetup, percent
 from bench.stage.trial import Trial
 from solvers.arrays import Vector

@@ -20,8 +20,7 @@ from markupsafe import Markup
 
 from bench.fleet.fleet import TABLES, Row
 from bench.fleet.storage import folder_here
-from bench.report.plot import PALETTE, ROW, Axis, Mark, Plot
-from bench.report.report import Figure, Report, Table
+from bench.report.report import PALETTE, ROW, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import joined, number
 from bench.report.writing import write_page
 from piezo_model.atomic_file import replacing

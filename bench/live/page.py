@@ -25,7 +25,7 @@ from bench.live.device import DeviceError
 from bench.live.settings import LiveSettings
 from bench.rendering import html_templates
 from bench.report import vega
-from bench.report.plot import GREY, PALETTE, Axis, Mark, Plot
+from bench.report.report import GREY, PALETTE, Axis, Mark, Plot
 from piezo_model.units import quantity, shown
 from solvers.arrays import Vector
 

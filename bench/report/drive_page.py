@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.report.plot import PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure, Report
+from bench.report.report import PALETTE, Axis, Figure, Mark, Plot, Report
 from bench.report.writing import write_page
 from solvers.arrays import Vector
 

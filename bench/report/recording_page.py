@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure, Report, Table
+from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.writing import write_page
 from piezo_model.identification.fit_review import Review
 

@@ -17,7 +17,7 @@ import vl_convert
 
 from bench.messages import user_cache
 from bench.report.console import plain_json
-from bench.report.plot import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
+from bench.report.report import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
 from piezo_model.atomic_file import write_text
 
 VEGA_LITE = "6.4"

@@ -14,8 +14,7 @@ import pandas as pd
 from hindsight import ROUNDS, SOLVER, floor
 from outputs import arguments, setup_of, show
 
-from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure
+from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot
 from bench.stage.setup import CREEP_RATES, LEVELS, StageSetup
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode

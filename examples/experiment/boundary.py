@@ -18,8 +18,7 @@ from outputs import arguments, setup_of, show
 from qpsolvers import Problem
 
 import solvers
-from bench.report.plot import GREY, INK, PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure
+from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot
 from bench.stage.trial import Trial, learned
 from piezo_model import DataBasis, IdentificationProblem
 from solvers.arrays import Matrix, Vector

@@ -4,8 +4,7 @@ import numpy as np
 import pandas as pd
 from outputs import arguments, show
 
-from bench.report.plot import GREY, PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure
+from bench.report.report import GREY, PALETTE, Axis, Figure, Mark, Plot
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.signals import decaying_triangle
 

@@ -20,8 +20,7 @@ from outputs import arguments, show
 from robustness import FIRST_SEED, SAMPLE_TIME, learner_of
 from situations import CYCLE_S, Situation
 
-from bench.report.plot import PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure
+from bench.report.report import PALETTE, Axis, Figure, Mark, Plot
 from piezo_model import plants
 from solvers.arrays import Vector
 

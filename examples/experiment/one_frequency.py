@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 from outputs import arguments, show
 
-from bench.report.plot import INK, PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure
+from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot
 from piezo_model import Recording, identify, plants
 from piezo_model.signals import excitation, raster_scan
 from solvers.arrays import Vector

@@ -14,8 +14,7 @@ import pandas as pd
 from outputs import arguments, setup_of, show
 
 from bench.experiment.cycles import per_cycle
-from bench.report.plot import PALETTE, Axis, Mark, Plot
-from bench.report.report import Figure
+from bench.report.report import PALETTE, Axis, Figure, Mark, Plot
 from bench.stage.setup import Actuators, StageSetup
 from bench.stage.trial import learned
 

@@ -15,8 +15,7 @@ from hindsight import floor, tracking_error
 from outputs import arguments, show
 from situations import CYCLE_S, Situation
 
-from bench.report.plot import Axis, Mark, Plot
-from bench.report.report import Figure
+from bench.report.report import Axis, Figure, Mark, Plot
 from piezo_model import Compensator, HysteresisCreepModel, OperatorState, SelfLearningCompensator
 from piezo_model.learning.settings import Mode
 

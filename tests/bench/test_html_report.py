@@ -16,8 +16,7 @@ from bench.derived.table import ONESHOT
 from bench.messages.task import Status
 from bench.races.kind import kind_of
 from bench.report import vega
-from bench.report.plot import BEST, Axis, Mark, Plot, best_lines
-from bench.report.report import Figure, Report
+from bench.report.report import BEST, Axis, Figure, Mark, Plot, Report, best_lines
 from bench.report.words import marked
 from bench.report.writing import write_page
 from bench.store import Run

@@ -16,8 +16,7 @@ from bench.messages.task import Status
 from bench.races.batch.race import BATCH, SHARES, BatchRace, BatchSettings
 from bench.races.kind import Kind
 from bench.races.settings import settings_of
-from bench.report.plot import Axis, Plot, best_lines
-from bench.report.report import Figure, Report, Table, side_by_side
+from bench.report.report import Axis, Figure, Plot, Report, Table, best_lines, side_by_side
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, share, thousand
 from bench.store import Run
 from solvers.registry import OURS

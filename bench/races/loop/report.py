@@ -14,8 +14,7 @@ from bench.races.chosen_settings import definition, tier_label
 from bench.races.kind import Kind
 from bench.races.loop.race import LOOP, LoopRace, LoopSettings
 from bench.races.settings import settings_of
-from bench.report.plot import GREY, LEAST_GAP, Axis, Mark, Plot
-from bench.report.report import Figure, Report, Table, side_by_side, what_went_wrong
+from bench.report.report import GREY, LEAST_GAP, Axis, Figure, Mark, Plot, Report, Table, side_by_side, what_went_wrong
 from bench.report.words import OURS_NOTE, format_distinct, gap, joined, marked, number, settings_label, whole
 from bench.stage.setup import RANGE_UM
 from bench.store import Run

@@ -4,8 +4,7 @@ import pandas as pd
 
 from bench.derived import anytime, pictures
 from bench.derived.measurements import Measurements
-from bench.report.plot import INK, LEAST_GAP, ROW, Axis, Mark, Plot, best_lines
-from bench.report.report import Figure
+from bench.report.report import INK, LEAST_GAP, ROW, Axis, Figure, Mark, Plot, best_lines
 from solvers import Lane
 
 TARGETS = (1e3, 1e0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)

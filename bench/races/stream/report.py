@@ -14,8 +14,7 @@ from bench.races.settings import settings_of
 from bench.races.stream import summary as summaries
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.summary import CORRECTED, FAILURES, FARTHEST, FLOOR_NAME, column
-from bench.report.plot import Axis, Plot, best_lines
-from bench.report.report import Figure, Report, Table, what_went_wrong
+from bench.report.report import Axis, Figure, Plot, Report, Table, best_lines, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, marked, number, percent, settings_label, share, solver_lanes
 from bench.store import Run
 from bench.timing.percentiles import QUANTILES, Percentile, needed

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bench.messages.columns import combined
 from bench.messages.task import PAPER, Status
 from bench.races.stream.race import STREAM
-from bench.report.plot import BEST, together
+from bench.report.report import BEST, together
 from bench.report.words import marked, settings_label
 from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, rate_ratio
 from bench.timing.schedule import PERIOD_US, runs
