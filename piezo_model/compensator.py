@@ -9,8 +9,6 @@ Its state are the operator states of the *model*, H and K, advanced by the drive
 the actuator receives. For any reference, NaN and infinity included, the drive is finite and inside its limits.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -5,8 +5,6 @@ frequency and the damping 0.7, so that F_s y is the output of a static actuator 
 F_s G. The drive is late by the next whole sample, and F_s y by the rest of it, by linear interpolation.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

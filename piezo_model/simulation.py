@@ -1,7 +1,5 @@
 """Simulation of equation (2) from the weights of a structure, as the core takes them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Source: A. Sokal, "Monte Carlo methods in statistical mechanics", 1996, section 3, for the window of the sum of ρ_k.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

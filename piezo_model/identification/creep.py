@@ -21,8 +21,6 @@ Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, sect
 superposition of functions of plays.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ the output has minima between the harmonics of a drive. A single mode has
 the gain 1 unless there is residual compliance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

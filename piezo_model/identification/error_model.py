@@ -3,8 +3,6 @@
 Its error (5) is one of the input, x + Ξ(x, y)ᵀw, linear in the weights; `forward` minimises that of the output.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

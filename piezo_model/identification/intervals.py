@@ -7,8 +7,6 @@ independent. A weight at its bound 0 has the interval from 0 to 1.96 of the devi
 The intervals are those for given orders; what the choice of orders adds is not in them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -11,8 +11,6 @@ Source: L. Ljung, System Identification, 2nd edition 1999, section 8.4, for spec
 Transactions on Audio and Electroacoustics 15 (1967) 70–73, for the averages.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -18,8 +18,6 @@ repeats itself with the drive has lines in the periodogram of e, and the median 
 Source: G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978) 461–464.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
