@@ -86,6 +86,7 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
     assert all(figure in measured for figure in figures), figures
 
 
+@pytest.mark.slow
 def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_iterations_or_time(
     tmp_path: Path, piezobench: CommandLine
 ) -> None:

@@ -47,10 +47,6 @@ MODEL = replace(
 )
 
 
-def model_file(path: Path) -> None:
-    MODEL.save(path)
-
-
 def compensator_file(path: Path) -> None:
     Deployment(
         model=MODEL,
@@ -83,7 +79,7 @@ def use_model(path: Path) -> None:
 @pytest.mark.parametrize(
     ("write", "use"),
     [
-        (model_file, use_model),
+        (MODEL.save, use_model),
         (compensator_file, Deployment.load),
         (compensator_file, SelfLearningCompensator.load),
         (learner_file, use_learner),

@@ -33,20 +33,19 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     return folder
 
 
-def test_exported_sources_and_their_description_carry_the_warning(
+@pytest.mark.needs("cc")
+def test_exported_sources_their_description_an_fmu_and_the_table_of_a_fleet_carry_the_warning(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
     call = piezobench.run("export-c", desk / "model.json", tmp_path / "c")
-    assert WARNING in call.stderr.replace("\n", " ")
-    for name in ("README.md", "piezo_parameters.h"):
-        assert WARNING in (tmp_path / "c" / name).read_text(), name
-
-
-@pytest.mark.needs("cc")
-def test_an_fmu_carries_the_warning_in_its_description(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    assert piezobench("export-fmu", desk / "model.json", tmp_path / "it.fmu").status == 0
+    piezobench.run("export-fmu", desk / "model.json", tmp_path / "it.fmu")
+    piezobench.run("identify", desk / "noise.csv", "--out-dir", tmp_path / "fleet", "--force", "--n", 1, "--m", 0)
     with zipfile.ZipFile(tmp_path / "it.fmu") as archive:
-        assert WARNING in archive.read("modelDescription.xml").decode()
+        description = archive.read("modelDescription.xml").decode()
+    sources = [(tmp_path / "c" / name).read_text() for name in ("README.md", "piezo_parameters.h")]
+    (forced,) = pd.read_csv(tmp_path / "fleet" / "fleet.csv").forced
+    for text in (call.stderr.replace("\n", " "), *sources, description, forced):
+        assert WARNING in text
 
 
 @pytest.mark.parametrize(
@@ -63,11 +62,6 @@ def test_results_of_a_forced_model_are_printed_with_the_warning(
     assert WARNING in piezobench(*words, folder=desk).stdout
     found = json.loads(piezobench(*words, "--json", folder=desk).stdout)
     assert WARNING in (found["sentences"][0] if words[0] == "validate" else found["forced"])
-
-
-def test_the_table_of_a_fleet_marks_forced_models(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    assert piezobench("identify", desk / "noise.csv", "--out-dir", tmp_path, "--force", "--n", 1, "--m", 0).status == 0
-    assert WARNING in pd.read_csv(tmp_path / "fleet.csv").forced[0]
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
