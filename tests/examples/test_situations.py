@@ -1,7 +1,10 @@
-"""Situations drawn at random: repeatable, of every kind, and such that a learner can do something with them."""
+"""Situations drawn at random: repeatable, of every kind, and such that a learner can do something with them; learning
+in them ends near the floor and is never worse than the straight line."""
 
 import numpy as np
+import pandas as pd
 import pytest
+import robustness
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from references import changing_amplitude, from_samples, set_point_steps
@@ -73,3 +76,21 @@ def test_every_piece_has_an_amplitude_of_its_own() -> None:
     spans = [np.ptp(piece[500:]) for piece in np.split(s, 8)]
     assert max(spans) > 2.0 * min(spans)
     assert min(spans) > 0.3 * 0.95
+
+
+@pytest.fixture(scope="module")
+def rows() -> pd.DataFrame:
+    return pd.DataFrame([row for seed in (5, 6, 14) for row in robustness.rows(seed)])
+
+
+def test_every_way_ends_near_the_floor_and_far_from_the_straight_line(rows: pd.DataFrame) -> None:
+    assert (rows.cycle_5 < 0.5 * rows.straight).all()
+    assert (rows.ratio < 3.0).all()
+    assert (rows[rows.way == "continuous"].ratio < 1.5).all()
+
+
+def test_a_seed_is_the_same_row_again(rows: pd.DataFrame) -> None:
+    (again,) = robustness.rows(6, ("cyclic, exact",))
+    (before,) = rows[(rows.seed == 6) & (rows.way == "cyclic, exact")].to_dict("records")
+    assert again == before
+    assert np.isfinite(list(again.values())[4:]).all()
