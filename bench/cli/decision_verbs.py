@@ -200,9 +200,9 @@ def deploy_verb(
         "rule": rule.sentence,
         "why": decision.sentences(),
         "elsewhere": elsewhere,
-        "figures": decision.chosen.figures(),
-        "runners_up": [each.figures() for each in decision.runners_up],
-        "refused": [{**each.figures(), "why": why} for each, why in decision.refused],
+        "figures": decision.chosen.metrics(),
+        "runners_up": [each.metrics() for each in decision.runners_up],
+        "refused": [{**each.metrics(), "why": why} for each, why in decision.refused],
     }
     lines = [
         *decision.sentences(),

@@ -23,8 +23,8 @@ WORSE = 1.1
 """Largest ratio of another model's error to that of the model of the first four fifths."""
 REFITTED, UNKNOWN = "held out, then fitted", "not known"
 SENTENCES = {
-    REFITTED: "Fitted to the first four fifths alone, it errs by {:.3g} % of the range on the last, which was held "
-    "out.",
+    REFITTED: "Fitted to the first four fifths alone, its RMS error is {:.3g} % of the range on the last, which was "
+    "held out.",
     HELD_OUT: "On the last fifth of the recording, which was held out, its RMS error is {:.3g} % of the range.",
     FITTED: "On the last fifth of the recording, to which it was fitted, its RMS error is {:.3g} % of the range.",
     UNKNOWN: "On the last fifth of the recording its RMS error is {:.3g} % of the range; whether it was fitted to it "
@@ -109,9 +109,9 @@ def _validated(run: Run, found: ChosenModel) -> ChosenModel:
     known = note.get("error_percent")
     if known is not None and error > WORSE * known:
         raise RunError(
-            f"{run.path}: the model from {found.source} errs by {error:.3g} % of the range on the last "
-            "fifth of the recording, and "
-            f"one of the first four fifths by {known:.3g} %; leave out --model and --problem to take the run's"
+            f"{run.path}: the model from {found.source} has an RMS error of {error:.3g} % of the range on the last "
+            f"fifth of the recording, and one of the first four fifths {known:.3g} %; leave out --model and --problem "
+            "to take the run's"
         )
     of_fitted = found.certificate.get("problem_of_run", "").startswith(f"{Recorded.name}/")
     last_fifth = HELD_OUT if of_fitted else note["digests"].get(found.model.report.get("recording", ""), UNKNOWN)

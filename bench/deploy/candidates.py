@@ -134,7 +134,7 @@ class Candidate:
         """Why it has no percentile of this index."""
         return f"needs {needed(QUANTILES[by])} samples and has {self.calls}"
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """Figures for JSON, in the units of the report."""
         p999, p99, median = (None if math.isnan(us) else us for us in self.times_us)
         fewest, most = self.own_misses

@@ -80,8 +80,8 @@ class Decision:
             "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
             "rule": self.rule.sentence,
             "why": self.sentences(),
-            "figures": self.chosen.figures(),
-            "runners_up": [each.figures() for each in self.runners_up[:3]],
+            "figures": self.chosen.metrics(),
+            "runners_up": [each.metrics() for each in self.runners_up[:3]],
         }
 
     def deployment(self, found: ChosenModel) -> Deployment[HysteresisCreepModel]:

@@ -73,7 +73,7 @@ def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_tha
     unseen = Recording.from_arrays(x[fitted:], y[fitted:], 1e-3, input_unit="V", output_unit="um")
     note = run.settings["models"]["recorded"]
     assert note["error_percent"] == pytest.approx(judged.validate(unseen).fit.rms_percent, rel=1e-9)
-    assert "deploy takes the one that it makes of the whole recording." in (run.path / "report.md").read_text()
+    assert "deploy uses the model of the whole recording." in (run.path / "report.md").read_text()
 
 
 def test_deploy_uses_that_model_and_prints_its_error(
@@ -84,7 +84,7 @@ def test_deploy_uses_that_model_and_prints_its_error(
     error = run.settings["models"]["recorded"]["error_percent"]
     output = " ".join(call.stdout.split())
     assert (
-        "Model: from the recording of the race. Fitted to the first four fifths alone, it errs by "
+        "Model: from the recording of the race. Fitted to the first four fifths alone, its RMS error is "
         f"{error:.3g} % of the range on the last, which was held out."
     ) in output
     deployed = Deployment.load(tmp_path / "c.json")
@@ -105,8 +105,8 @@ def test_a_model_with_a_ten_percent_larger_error_is_refused_with_both_errors(
         "deploy", run.path, *LONG, "--model", tmp_path / "bad.json", "--out", tmp_path / "c.json"
     ).refusal
     assert (
-        f"bad.json errs by {bad.validate(unseen).fit.rms_percent:.3g} % of the range on the last fifth of the "
-        f"recording, and one of the first four fifths by {kept:.3g} %; leave out --model and --problem to take the "
+        f"bad.json has an RMS error of {bad.validate(unseen).fit.rms_percent:.3g} % of the range on the last fifth of "
+        f"the recording, and one of the first four fifths {kept:.3g} %; leave out --model and --problem to take the "
         "run's"
     ) in sentence
     assert not (tmp_path / "c.json").exists()

@@ -234,8 +234,9 @@ def _hosts(measurements: Measurements) -> list[str]:
 def _models(run: Run) -> list[str]:
     """Sentences about the models of recordings: their errors, or the reasons for their absence."""
     return [
-        f"The model that identify makes of the first four fifths of the recording errs by {note['error_percent']:.3g} "
-        "% of the range (RMS) on the last fifth; deploy takes the one that it makes of the whole recording. "
+        f"The model that identify makes of the first four fifths of the recording has an RMS error of "
+        f"{note['error_percent']:.3g} % of the range on held-out data, the last fifth; deploy uses the model of the "
+        "whole recording. "
         f"{note.get('creep', '')}".rstrip()
         if "error_percent" in note
         else f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
