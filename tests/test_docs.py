@@ -32,7 +32,7 @@ from solvers import Lane
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-LONG_PAGES = {"commands", "tutorial-live"}
+LONG_PAGES = {"commands", "tutorial-live", "tutorial-solver-author"}
 """Pages whose commands take over twenty seconds."""
 READING = (ROOT / "docs" / "reading-the-report.md").read_text(encoding="utf-8")
 LEARNING = ROOT / "docs" / "learning.md"

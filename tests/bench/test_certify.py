@@ -270,6 +270,7 @@ def test_the_programs_of_the_public_set_have_the_same_bits_everywhere() -> None:
     assert digest.hexdigest() == "7a2c23039d26cb811a2b7a87a32ac9503ea0d43a463dbb876ed684435c50b63b"
 
 
+@pytest.mark.slow
 def test_the_published_set_holds_every_program_in_every_format_with_a_certificate_that_is_confirmed(
     tmp_path: Path,
 ) -> None:

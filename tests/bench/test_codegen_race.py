@@ -12,6 +12,7 @@ from bench.store import Run
 from solvers import Lane, find
 
 
+@pytest.mark.slow
 @pytest.mark.needs("gcc")
 def test_embedded_solvers_race_against_certified_optima(piezobench: CommandLine, tmp_path: Path) -> None:
     done = piezobench.run(

@@ -101,8 +101,9 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
         assert events[3] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.needs("gcc")
-@pytest.mark.parametrize("solver", ["box_active_set", pytest.param("continuous", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("solver", ["box_active_set", "continuous"])
 def test_the_exported_learner_refuses_a_reversed_output_and_learns_it_with_a_descending_range(
     tmp_path: Path, solver: str
 ) -> None:
@@ -190,6 +191,7 @@ def test_every_shape_of_model_builds_and_fits_its_memory(
         np.testing.assert_array_equal(x, Compensator(model, (0.0, 150.0), settings.get("rate_limit")).run(y_ref))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("x_start", [None, 40.0])
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_the_first_drive_of_the_exported_c_is_a_step_of_the_rate_limit_away_from_where_the_stage_is(
