@@ -5,7 +5,8 @@
     creep    creep and drift, where the data determine them                      `creep`
     orders   n and m, from one Gram matrix of all candidates                     `selection`
     fit      program (6) with its proof, then the smallest error of the output   `error_model`, `forward`
-    report   lag, adequacy, intervals, figures of a data sheet                   `sensor_lag`, `adequacy`, `intervals`
+    judge    lag, errors beside those of a line, adequacy, intervals             `sensor_lag`, `fit_errors`, `adequacy`
+    report   numbers, and what each finding says of itself                       `report`
 
 Data that the model class does not describe are refused.
 """
