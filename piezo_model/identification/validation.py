@@ -19,7 +19,6 @@ from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import simulate
 from piezo_model.identification.sensor_lag import without_lag
 from piezo_model.identification.start import start_and_transient, y_range
-from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
 
@@ -52,11 +51,6 @@ class Validation:
     """What the recording's units needed to be the model's, in a sentence; "" if they are the same."""
     own: bool
     """Whether the model was fitted to exactly these samples."""
-
-    @property
-    def start(self) -> OperatorState:
-        """Estimated states before the first sample."""
-        return self.states[0]
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
