@@ -1,4 +1,5 @@
-"""None"""
+"""The compensator: its states and starts, a drive that is finite and inside its limits whatever the reference is, and
+integral action beside it."""
 
 import math
 from dataclasses import replace

@@ -1,12 +1,34 @@
+"""Behind the inverse of the dynamics: a compensator follows after the declared lag, and self-learning compensators and
+banks learn the static part."""
+
 import copy
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from known_models import structure, true_model
+from numpy.typing import NDArray
 from ringing_stage import RingingStage, T, recorded, steps
 
-from piezo_model import Compensator, Dynamics, HysteresisCreepModel, Recording, identify
+from piezo_model import (
+    Compensator,
+    CompensatorBank,
+    Dynamics,
+    HysteresisCreepModel,
+    ModelStructure,
+    OperatorState,
+    Recording,
+    SelfLearningCompensator,
+    identify,
+    plants,
+    signals,
+)
+from piezo_model.prefilter import Prefilter
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
 TWO = Dynamics((120.0, 900.0), (0.03, 0.01), (0.8, 0.15), 0.5 * T, 2e-4)
@@ -132,3 +154,142 @@ def test_a_change_of_the_dynamics_begins_in_balance() -> None:
     compensator.run(np.full(3000, 5.0))
     compensator.change_model(replace(model, dynamics=TWO))
     assert np.ptp(compensator.run(np.full(200, 5.0))) < 1e-6
+
+
+Vector = NDArray[np.float64]
+STAGE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
+S = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (100.0, 10.0, 1.0), T, offset=True)
+LINE = HysteresisCreepModel.from_weights(S, S.straight_line)
+
+
+def stage(kind: str = "maxwell_slip", dynamics: Dynamics = STAGE) -> RingingStage:
+    modes = zip(dynamics.frequencies_Hz, dynamics.damping, dynamics.gains, strict=True)
+    return RingingStage(kind, [*modes], dynamics.delay_s, level=float(plants.get(kind, sample_time=T).run([0.0])[0]))
+
+
+def scan(f: float, seconds: float) -> Vector:
+    """A triangle of changing height about a changing level, µm, from the end of the range on."""
+    t = T * np.arange(round(seconds / T))
+    triangle = 2.0 * np.abs(2.0 * ((f * t + 0.25) % 1.0) - 1.0) - 1.0
+    moving = (8.5 + 5.5 * np.sin(1.4 * np.pi * t)) * triangle + 2.0 * np.sin(0.46 * np.pi * t)
+    return np.concatenate([np.linspace(-19.0, moving[0], 1000), moving])
+
+
+def learner_of(dynamics: Dynamics | None, **options: object) -> SelfLearningCompensator:
+    chosen = {"mode": "continuous", "x_limits": (0.0, 150.0), **options}
+    return SelfLearningCompensator(S, model=replace(LINE, dynamics=dynamics), **chosen)
+
+
+def error_percent(model: HysteresisCreepModel, kind: str = "maxwell_slip") -> float:
+    """Of the static part on a slow decaying triangle, in % of the range."""
+    x = signals.decaying_triangle(duration_s=2.0, sample_time=T, low=5, high=145, cycles=10)
+    error = plants.get(kind, sample_time=T).run(x) - model.static.simulate(x, OperatorState.settled_at(S, 0.0))
+    return float(np.std(error[2000:])) / 0.4
+
+
+@cache
+def best_percent(kind: str = "maxwell_slip") -> float:
+    """The same of the model of a slow recording without dynamics."""
+    x = signals.decaying_triangle(duration_s=4.0, sample_time=T, low=5, high=145, cycles=20)
+    y = plants.get(kind, sample_time=T).run(x)
+    return error_percent(identify(x, y, S, dynamics="ignore"), kind)
+
+
+def learned(
+    learner: SelfLearningCompensator, f: float, noise_um: float, kind: str = "maxwell_slip", seconds: float = 5.0
+) -> float:
+    """Error of what it learned while it scanned."""
+    random, plant = np.random.default_rng(9), stage(kind)
+
+    def measured(x: Vector) -> Vector:
+        y = plant.run(x) + noise_um * random.standard_normal(x.size)
+        return np.where(random.random(x.size) < 1e-3, np.nan, y)
+
+    learner.run(scan(f, seconds), measured)
+    return error_percent(learner.model, kind)
+
+
+@pytest.mark.parametrize("kind", ["maxwell_slip", "relay_preisach"])
+@pytest.mark.parametrize("f", [20.0, 100.0])
+def test_a_scan_teaches_the_static_part_nearly_as_well_as_a_slow_recording(kind: str, f: float) -> None:
+    dynamics = replace(
+        STAGE, frequencies_Hz=(515.0,), damping=(0.013,), delay_s=1.5 * T
+    )  # not quite those of the stage
+    best = best_percent(kind)
+    assert learned(learner_of(STAGE), f, 0.02, kind) < 3.0 * best
+    assert learned(learner_of(dynamics), f, 0.02, kind) < 4.0 * best
+    assert learned(learner_of(None), f, 0.02, kind) > 5.0 * best
+
+
+@contextmanager
+def without_subtraction() -> Iterator[None]:
+    """Learners that take the noise of the sensor for that behind the inverse of the dynamics."""
+    made = Prefilter.__init__
+
+    def init(self: Prefilter, *about: object) -> None:
+        made(self, *about)
+        self.noise_gains = np.array([1.0, self.noise_gains[1]])
+
+    with patch.object(Prefilter, "__init__", init):
+        yield
+
+
+@pytest.mark.parametrize("integral_gain", [0.0, 500.0])
+def test_noise_of_a_hundredth_of_the_range_does_not_bias_what_is_learned(integral_gain: float) -> None:
+    error = learned(learner_of(STAGE, integral_gain=integral_gain), 50.0, 0.4, seconds=3.0)
+    assert error < 4.0 * best_percent()
+    with without_subtraction():
+        assert learned(learner_of(STAGE, integral_gain=integral_gain), 50.0, 0.4, seconds=3.0) > 4.0 * error
+
+
+@pytest.mark.parametrize("mode", ["continuous", "cyclic"])
+def test_step_run_replay_and_a_saved_learner_give_the_same_bits(mode: str, tmp_path: Path) -> None:
+    options = {"mode": mode, "integral_gain": 300.0, "rate_limit": 5e4, "build_s": 0.3, "learn_s": 0.1}
+    by_step, by_replay, saved = (learner_of(STAGE, **options) for _ in range(3))
+    reference, plant, drives, outputs = scan(50.0, 0.9), stage(), [], [np.nan]
+    for y_ref in reference.tolist():
+        drives.append(by_step.step(y_ref, outputs[-1]))
+        outputs.append(plant.step(drives[-1]))
+    np.testing.assert_array_equal(by_replay.replay(reference, np.array(outputs[:-1])), drives)
+    first = saved.run(reference[:4567], stage().run)[0]
+    plant = stage()
+    plant.run(first)
+    saved.save(tmp_path / "learner.json")
+    rest = SelfLearningCompensator.load(tmp_path / "learner.json").run(reference[4567:], plant.run)[0]
+    np.testing.assert_array_equal(np.concatenate([first, rest]), drives)
+    assert by_step.counts["hand_overs"] > 0
+
+
+@pytest.mark.parametrize("integral_gain", [0.0, 300.0])
+def test_each_lane_of_a_bank_is_a_single_learner_of_its_own_dynamics_to_the_last_bit(
+    integral_gain: float, tmp_path: Path
+) -> None:
+    each = [Dynamics((300.0 + 40.0 * i, 900.0), (0.01, 0.02), (0.8, 0.15), (0.3 * i) * T, 1e-5 * i) for i in range(8)]
+    options = {"hand_over_s": 0.1, "integral_gain": integral_gain, "rate_limit": 5e4}
+    bank, reference = CompensatorBank(S, 8, dynamics=each[0], **options), scan(30.0, 0.8)
+    for i, g in enumerate(each):
+        bank.set_model(i, replace(LINE, dynamics=g))
+    y = 0.93 * np.stack([g.filter(reference, T) for g in each], axis=1)
+    y[500::700, 3] = np.nan
+    y[3000:3100, 5] += 30.0
+    before, y_ref = np.vstack([np.full(8, np.nan), y[:-1]]), np.repeat(reference[:, None], 8, axis=1)
+    x = bank.run(y_ref[:4321], before[:4321])
+    bank.save(tmp_path / "bank.npz")
+    bank = CompensatorBank.load(tmp_path / "bank.npz")
+    x = np.vstack([x, bank.run(y_ref[4321:], before[4321:])])
+    assert [model.dynamics for model in bank.models] == each
+    for i, g in enumerate(each):
+        single = learner_of(g, **options)
+        np.testing.assert_array_equal(single.replay(reference, before[:, i]), x[:, i])
+        assert single.counts["hand_overs"] == bank.counts["hand_overs"][i] > 1
+    bank.remove(2)
+    assert [model.dynamics for model in bank.models] == each[:2] + each[3:]
+
+
+def test_a_bank_refuses_dynamics_for_which_it_has_no_room() -> None:
+    bank = CompensatorBank(S, 2, dynamics=STAGE)
+    with pytest.raises(ValueError, match="the model has dynamics and the bank has none, or the other way round"):
+        bank.set_model(0, LINE)
+    for dynamics in (replace(STAGE, delay_s=0.1), Dynamics((), (), (), 0.0)):
+        with pytest.raises(ValueError, match="the bank has room for 1 modes and the lag of its own"):
+            bank.set_model(0, replace(LINE, dynamics=dynamics))

@@ -1,4 +1,4 @@
-"""None"""
+"""Identification of models that are in the class, of the real recording, with lags and with missing outputs."""
 
 import json
 from collections.abc import Sequence

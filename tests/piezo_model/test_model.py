@@ -1,4 +1,4 @@
-"""None"""
+"""The structure, the operators and the model: simulation, states, copies and files."""
 
 import copy
 import json
