@@ -28,7 +28,10 @@ def live_verb(
         ),
     ] = None,
     simulate: Annotated[
-        str | None, typer.Option(metavar="KIND", help="Simulated actuator, such as relay_preisach.")
+        str | None,
+        typer.Option(
+            metavar="KIND", help="Simulated actuator, such as relay_preisach, or flexure, a stage that rings."
+        ),
     ] = None,
     device: Annotated[
         Path | None, typer.Option(metavar="STAGE.py", help="Python file with the class of your stage.")

@@ -25,7 +25,7 @@ from typing import Annotated, Any, Protocol
 
 import msgspec
 
-from piezo_model import json_file, plants
+from piezo_model import checks, json_file, plants
 
 METHODS = ("open", "exchange", "close")
 TIMEOUT_S = 0.5
@@ -128,9 +128,11 @@ class Simulated:
 
     def make(self) -> Device:
         """Make the stage; DeviceError if there is no such plant."""
-        if self.kind not in plants.names():
-            raise DeviceError(f"there is no simulated actuator {self.kind!r}; known are {', '.join(plants.names())}")
-        plant = plants.get(self.kind, sample_time=self.sample_time)
+        known = (*plants.names(), *plants.STAGES)
+        if self.kind not in known:
+            raise DeviceError(f"there is no simulated actuator {self.kind!r}; known are {', '.join(known)}")
+        with checks.refusing(DeviceError, f"simulated {self.kind}: "):
+            plant = plants.stage(self.kind, self.sample_time)
         return SimulatedStage(plants.Sensor(plant, noise_um=self.noise, seed=self.seed), self.sample_time)
 
     def __str__(self) -> str:

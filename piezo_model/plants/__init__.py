@@ -15,7 +15,7 @@ from piezo_model.plants.flexure import Flexure
 from piezo_model.plants.protocol import Plant
 from piezo_model.plants.sensor import Sensor
 
-__all__ = ["Actuator", "Flexure", "Plant", "Sensor", "get", "names", "options_of"]
+__all__ = ["STAGES", "Actuator", "Flexure", "Plant", "Sensor", "get", "names", "options_of", "stage"]
 
 
 def _classes() -> dict[str, type[Actuator]]:
@@ -25,9 +25,24 @@ def _classes() -> dict[str, type[Actuator]]:
     return {cls.__module__.rpartition(".")[2]: cls for cls in Actuator.__subclasses__() if cls.__module__ in modules}
 
 
+STAGES = {"flexure": Flexure.scanner}
+"""Actuators in a stage, by name."""
+
+
 def names() -> list[str]:
     """Names of the simulated actuators."""
     return sorted(_classes())
+
+
+def stage(name: str, sample_time: float) -> Plant:
+    """Make one of :data:`STAGES` or a simulated actuator by name; KeyError if there is neither.
+
+    Examples
+    --------
+    >>> stage("flexure", 1e-4).sample_time
+    0.0001
+    """
+    return STAGES[name](sample_time) if name in STAGES else get(name, sample_time=sample_time)
 
 
 def get(name: str, **options: Any) -> Actuator:

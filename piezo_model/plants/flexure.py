@@ -2,11 +2,13 @@
 
 import copy
 from dataclasses import dataclass
+from typing import Self
 
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
 from piezo_model.dynamics import Dynamics
+from piezo_model.plants.maxwell_slip import MaxwellSlip
 from piezo_model.plants.protocol import Plant
 from solvers.arrays import Vector
 
@@ -47,6 +49,11 @@ class Flexure(Plant):
         self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
         self.dynamics.require(self.sample_time)
         self._begin()
+
+    @classmethod
+    def scanner(cls, sample_time: float = 125e-6) -> Self:
+        """A stage that rings at 200 Hz with a damping of 1 %, whose sensor is read one sampling period late."""
+        return cls(MaxwellSlip(sample_time=sample_time), Dynamics((200.0,), (0.01,), (1.0,), sample_time))
 
     def _begin(self) -> None:
         at_rest = copy.copy(self.plant).step(self.x_range[0])

@@ -513,6 +513,10 @@ def test_a_simulated_stage_follows_the_clock_if_the_loop_is_late() -> None:
     [
         ((), "give either a simulated actuator or the file of a stage"),
         (("--simulate", "magic"), "there is no simulated actuator 'magic'"),
+        (
+            ("--simulate", "flexure", "--rate", 500),
+            "the resonance at 200 Hz is above 35 % of the sampling rate, 500 Hz",
+        ),
         (("--simulate", "duhem", "--sine", "fast"), "--sine fast: 2 parts between colons are needed"),
         (("--simulate", "duhem", "--sine", "1:2:3:4"), "2 parts between colons are needed"),
         (("--simulate", "duhem", "--sine", "0Hz:1um"), "the frequency must be positive"),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine, command_lines, of_session, wait_until, wait_until_gone
-from exported_loops import a_model, compensation, learning, loop_of
+from exported_loops import DYNAMICS, a_model, compensation, learning, loop_of
 from exported_programs import build, write_sources
 from programs import program
 
@@ -18,6 +18,7 @@ from bench.export.building import EXACT, WARNINGS
 from bench.export.realtime import real_time
 from bench.export.settings import ExportError, ExportSettings
 from bench.timing import cores
+from piezo_model import Dynamics
 
 LOOP = ExportSettings(part="learning", **loop_of("continuous"))
 NOBODY = 65534
@@ -158,19 +159,20 @@ CORES = {
 
 @pytest.mark.needs("arm-none-eabi-gcc", "qemu-arm")
 @pytest.mark.parametrize(
-    ("core", "solver"),
+    ("core", "solver", "dynamics"),
     [
-        *((core, None) for core in CORES),
+        *((core, None, None) for core in CORES),
+        ("Cortex-M7", None, DYNAMICS),
         *(
-            pytest.param("Cortex-M7", solver, marks=pytest.mark.slow)
+            pytest.param("Cortex-M7", solver, None, marks=pytest.mark.slow)
             for solver in ("projected_difference", "continuous")
         ),
     ],
 )
 def test_a_controller_computes_the_drives_of_python_and_learns_to_the_last_bit(
-    tmp_path: Path, core: str, solver: str | None
+    tmp_path: Path, core: str, solver: str | None, dynamics: Dynamics | None
 ) -> None:
-    expected = learning(solver, 24_000) if solver else compensation(8000)
+    expected = learning(solver, 24_000) if solver else compensation(8000, dynamics)
     write_sources(tmp_path, expected.model, expected.settings)
     image = build(tmp_path, "emulated.c", "arm-none-eabi-gcc", *WARNINGS, *EXACT, *ARM, *CORES[core])
     done = subprocess.run(
