@@ -35,8 +35,9 @@ SHARING = {
         "isolation",
         "report",
         "store",
+        "verify",
     ),
-    "wide race": ("compare", "deploy", "html_report"),
+    "wide race": ("compare", "deploy", "html_report", "oneshot_race"),
     "experiment": ("experiment", "figure_4_staircase"),
 }
 """Files whose tests share an expensive fixture: one process runs them all."""

@@ -1,4 +1,4 @@
-"""The schedule of a stream, on a simulated clock."""
+"""The schedule of a stream, on a simulated clock; percentiles and their intervals against their definitions."""
 
 from collections.abc import Callable
 from fractions import Fraction

@@ -1,4 +1,5 @@
-"""Simulated actuators: the contract of a plant, bare or with its sensor, and the behaviour of a stack actuator."""
+"""Simulated actuators: the contract of a plant, bare or with its sensor, the behaviour of a stack
+actuator, and laws that each simulated hysteresis obeys or violates."""
 
 import numpy as np
 import pytest

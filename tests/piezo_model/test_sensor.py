@@ -1,4 +1,4 @@
-"""The sensor of a plant: the size of each of its errors, and their repeatability."""
+"""The sensor of a plant: the size of each of its errors, and their repeatability; a learner's verdict on each sample."""
 
 import math
 from itertools import pairwise
