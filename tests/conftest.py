@@ -26,6 +26,7 @@ settings.load_profile("repeated")
 SHARING = {
     "small races": (
         "border",
+        "chosen_settings",
         "cli",
         "conditions",
         "debts",

@@ -1,4 +1,5 @@
-"""The sensor of a plant: the size of each of its errors, and their repeatability; a learner's verdict on each sample."""
+"""The sensor of a plant: the size of each of its errors, and their repeatability; a learner's verdict on each of its
+samples."""
 
 import math
 from itertools import pairwise
