@@ -21,7 +21,7 @@ from bench.problems.certifying import ProverLost, prove, require_size
 from bench.problems.proofs import start
 from bench.processes.forked_child import ForkedChild
 from bench.processes.solver_child import entry_of_file
-from bench.report.console import AsJson, check_writable, console, print_json, print_result, print_table, progress_bar
+from bench.report.console import AsJson, check_writable, print_result, progress_bar
 from bench.solver_check import LEVELS, checked, checked_settings, row, worst
 from piezo_model.atomic_file import write_text
 from solvers import find
@@ -112,12 +112,8 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
                 if missed
                 else f"{entry.name}: takes none of these programs."
             )
-    if as_json:
-        print_json({"problems": len(problems), "solvers": results})
-    else:
-        print_table(("solver", "setting", *row([])), rows, left=2)
-        for line in lines:
-            console.print(line)
+    document = {"problems": len(problems), "solvers": results}
+    print_result(document, lines, as_json, (("solver", "setting", *row([])), rows, 2))
     return int(wrong > 0)
 
 

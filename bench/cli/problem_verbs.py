@@ -23,7 +23,7 @@ from bench.cli.options import (
 )
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
-from bench.report.console import AsJson, console, print_json, print_table, progress_bar, show_table
+from bench.report.console import AsJson, print_result, progress_bar, show_table
 from bench.report.words import by_heading
 from solvers.certificate import Certificate
 
@@ -85,50 +85,33 @@ def problems_verb(
     problems, left_out, total = _problems(problem_set, source, seed, set_options)
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)
-    rows: list[tuple[str, ...]] = []
-    failures: list[str] = []
-    exported: dict[str, list[bool]] = defaultdict(list)
+    rows, failures, exported = list[tuple[str, ...]](), list[str](), defaultdict[str, list[bool]](list)
     with progress_bar() as progress:
         for done, problem in enumerate(islice(problems, limit)):
             name = f"{problem.set_name}/{problem.name}"
             progress(name, done, min(total, limit or total))
             wrong = problem.wrong_proofs() if verify else {}
             failures += [f"{name} ({scaling}): {why}" for scaling, why in wrong.items()]
-            rows.append((*_described(problem), "; ".join(wrong.values()) or "holds"))
+            rows.append((*_described(problem), *(("; ".join(wrong.values()) or "holds",) if verify else ())))
             if export is not None:
                 problem.save(export / f"{problem.set_name}--{problem.name}.npz")
                 exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
-    headings = HEADINGS if verify else HEADINGS[:-1]
-    shown = [row[: len(headings)] for row in rows]
-    test_sets = (
-        [] if export is None else [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
-    )
-    if as_json:
-        print_json(
-            {
-                "problems": by_heading(headings, shown),
-                "left_out": dict(left_out),
-                "test_sets": test_sets,
-                "failures": failures,
-            }
+    test_sets = [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()] if export else []
+    headings, count = HEADINGS if verify else HEADINGS[:-1], len(rows) + len(left_out)
+    lines = [f"Not certified and therefore not raced: {name}: {why}" for name, why in left_out.items()]
+    lines += [f"Test set of qpbenchmark: {path}" for path in test_sets]
+    if verify and rows and not failures:
+        share = 100.0 * len(rows) / count
+        lines.append(
+            f"{len(rows)} of {count} problems are certified in every scaling ({share:.0f} %): every proof holds."
         )
-    else:
-        print_table(headings, shown, left=2)
-        for name, why in left_out.items():
-            console.print(f"Not certified and therefore not raced: {name}: {why}")
-        for path in test_sets:
-            console.print(f"Test set of qpbenchmark: {path}")
+    document = {"problems": by_heading(headings, rows), "left_out": dict(left_out), "test_sets": test_sets}
+    print_result({**document, "failures": failures}, lines, as_json, (headings, rows, 2))
     if not rows:
         raise ProblemSetError(f"there is no certified problem in {source or problem_set}")
     if failures:
         more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
         raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
-    if verify and not as_json:
-        count = len(rows) + len(left_out)
-        share = 100.0 * len(rows) / count
-        console.print(
-            f"{len(rows)} of {count} problems are certified in every scaling ({share:.0f} %): every proof holds."
-        )
 
 
 def _count(cls: type[ProblemSet]) -> str:

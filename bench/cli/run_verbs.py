@@ -13,7 +13,7 @@ from bench.comparison.combination import Combination, report
 from bench.comparison.compare import SMALLEST
 from bench.comparison.history import COLUMNS, history, regressions
 from bench.races.kind import open_run
-from bench.report.console import AsJson, console, print_json, print_report, print_result, print_table, progress_bar
+from bench.report.console import AsJson, print_report, print_result, progress_bar
 from bench.report.report import Table
 from bench.report.writing import write_report
 from bench.store import RunError
@@ -83,23 +83,12 @@ def history_verb(
     worse = regressions(table, most_iterations, most_time)
     if asv is not None:
         write_asv(read, solver, asv)
-    if as_json:
-        print_json(
-            [
-                {
-                    "name": f"{solver} ({line['lane']}) {what}",
-                    "unit": "ratio",
-                    "value": value,
-                    "extra": str(line),
-                }
-                for line in table[table.run == table.run.iloc[-1]].to_dict("records")
-                for what, value in (("iterations", line["iterations_ratio"]), ("time", line["time_ratio"]))
-            ]
-        )
-    else:
-        shown = Table.of("", table, COLUMNS)
-        print_table(shown.headings, shown.rows, left=4)
-        for sentence in worse:
-            console.print(sentence)
+    newest = [
+        {"name": f"{solver} ({line['lane']}) {what}", "unit": "ratio", "value": value, "extra": str(line)}
+        for line in table[table.run == table.run.iloc[-1]].to_dict("records")
+        for what, value in (("iterations", line["iterations_ratio"]), ("time", line["time_ratio"]))
+    ]
+    shown = Table.of("", table, COLUMNS)
+    print_result(newest, worse, as_json, (shown.headings, shown.rows, 4))
     if worse:
         raise typer.Exit(FAILED)

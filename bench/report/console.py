@@ -100,13 +100,21 @@ def show_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int
         print_table(headings, rows, left)
 
 
-def print_result(document: Any, lines: Iterable[str], as_json: bool) -> None:
-    """Print the result of a verb: a JSON document, or the lines that are not empty."""
+def print_result(
+    document: Any,
+    lines: Iterable[str],
+    as_json: bool,
+    table: tuple[Sequence[str], Sequence[Sequence[str]], int] | None = None,
+) -> None:
+    """Print the result of a verb: a JSON document, or a table, as of :func:`print_table`, and the lines that are not
+    empty."""
     if as_json:
         print_json(document)
-    else:
-        for line in filter(None, lines):
-            console.print(line)
+        return
+    if table is not None:
+        print_table(*table)
+    for line in filter(None, lines):
+        console.print(line)
 
 
 def print_report(
