@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.table import rows_of
+from bench.derived.measurements import rows_of
 from bench.messages.progress import Progress, silent
 from bench.messages.task import Status
 from bench.problems.fresh import mixture

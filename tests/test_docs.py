@@ -18,10 +18,8 @@ from command_line import CommandLine
 from programs import library, program
 
 from bench.cli.app import command_line
-from bench.derived.measurements import Measurements
-from bench.derived.ranking import ranking
-from bench.derived.ratios import like_with_like
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT, Measurements
+from bench.derived.ranking import like_with_like, ranking
 from bench.derived.verdict import KNOWN
 from bench.messages.task import Status, Tier
 from bench.report.words import joined, number, rounded

@@ -9,9 +9,8 @@ import typer
 
 from bench.cli import FAILED
 from bench.comparison.asv import write_asv
-from bench.comparison.combination import Combination, report
 from bench.comparison.compare import SMALLEST
-from bench.comparison.history import COLUMNS, history, regressions
+from bench.comparison.several_runs import FOLLOWED, Combination, history, regressions, report
 from bench.races.kind import open_run
 from bench.report.console import AsJson, print_report, print_result, progress_bar
 from bench.report.report import Table
@@ -88,7 +87,7 @@ def history_verb(
         for line in table[table.run == table.run.iloc[-1]].to_dict("records")
         for what, value in (("iterations", line["iterations_ratio"]), ("time", line["time_ratio"]))
     ]
-    shown = Table.of("", table, COLUMNS)
+    shown = Table.of("", table, FOLLOWED)
     print_result(newest, worse, as_json, (shown.headings, shown.rows, 4))
     if worse:
         raise typer.Exit(FAILED)

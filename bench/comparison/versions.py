@@ -28,7 +28,7 @@ from bench.problems.protocol import RaceProblem
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.blocks import BlockError, run_block, set_up
+from bench.races.oneshot.measuring import BlockError, run_block, set_up
 from bench.timing import cores
 from solvers.protocol import setting_text
 from solvers.registry import Entry, from_file

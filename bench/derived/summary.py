@@ -11,8 +11,7 @@ import math
 import pandas as pd
 
 from bench.derived.measurements import FLOOR as NULL
-from bench.derived.measurements import Measurements
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT, Measurements
 from bench.derived.tiers import LANE
 from bench.messages.columns import Column, combined
 from bench.messages.task import Status, Tier

@@ -14,7 +14,7 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
-from bench.derived.table import ONESHOT, rows_of
+from bench.derived.measurements import ONESHOT, rows_of
 from bench.derived.tiers import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError

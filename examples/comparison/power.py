@@ -17,8 +17,7 @@ import numpy as np
 from simulated_pairs import pair, ratios, resampled
 
 from bench.comparison.compare import BLOCK, CANNOT_TELL, NAMES, SAME, SOLVER_LANE, compare_times, levels
-from bench.derived.measurements import INTERLEAVED, Measurements
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import INTERLEAVED, ONESHOT, Measurements
 from bench.store import Run
 from solvers.arrays import Vector
 

@@ -17,8 +17,7 @@ from browser import Browser
 from command_line import CommandLine, Finished
 from programs import library
 
-from bench.derived.measurements import Measurements
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT, Measurements
 from bench.store import Run, Schema
 from bench.timing import cores
 

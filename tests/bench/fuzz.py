@@ -27,7 +27,7 @@ from pyarrow import parquet
 from random_models import Case, cases
 from test_recording_formats import FORMATS, made
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.export.building import EXACT, WARNINGS
 from bench.export.fmu import write_fmu
 from bench.export.settings import SOLVERS, ExportError, ExportSettings

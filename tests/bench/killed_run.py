@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.messages.task import NO_SETTING, Task
 from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane

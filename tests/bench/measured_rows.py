@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from bench.derived.measurements import Measurements
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT, Measurements
 from bench.derived.tiers import right
 from bench.messages.task import PAPER, Outcome, Row, Tier
 from bench.problems.protocol import RaceProblem

@@ -26,7 +26,7 @@ from hostile_files import (
 from pyarrow import parquet
 from qpsolvers import Problem
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.messages import user_cache
 from bench.messages.task import Tier
 from bench.problem_files import ProblemFileError

@@ -15,8 +15,7 @@ from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.blocks import timed
-from bench.races.oneshot.rows import row_of
+from bench.races.oneshot.measuring import row_of, timed
 from bench.timing.clock import Effort
 from solvers import Lane, find
 from solvers.certificate import certify

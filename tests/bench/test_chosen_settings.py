@@ -13,7 +13,7 @@ from command_line import CommandLine
 from conftest import Race
 from measured_rows import ladder, row, table
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.derived.tiers import tier_settings
 from bench.messages import columns
 from bench.messages.race_error import RaceError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.races.settings import RaceSettings
 from bench.store import Run
 from solvers import Lane, find

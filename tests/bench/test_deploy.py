@@ -21,9 +21,8 @@ from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import QUANTILES, Candidate, Rule
 from bench.deploy.decision import Decision, decide
 from bench.deploy.floor import UNSEEN, explained
-from bench.derived.measurements import Measurements
+from bench.derived.measurements import ONESHOT, Measurements
 from bench.derived.summary import summary
-from bench.derived.table import ONESHOT
 from bench.messages.task import Row
 from bench.races.stream.race import STREAM
 from bench.store import TIMES, Run, RunError, Schema

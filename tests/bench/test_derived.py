@@ -9,7 +9,7 @@ import pytest
 from measured_rows import ladder, measured, row, table
 
 from bench.derived.measurements import Measurements, merged
-from bench.derived.ratios import wrapper_share
+from bench.derived.ranking import wrapper_share
 from bench.derived.summary import raced, summary
 from bench.derived.tiers import FEWEST, TOLERANCE, choice, error, left_out, margin, right, tier_settings
 from bench.messages.task import Row, Status, Tier

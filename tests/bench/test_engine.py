@@ -13,7 +13,7 @@ from conftest import MACHINES, SMALL, THIRD, TWO_CORES, Race
 from programs import library
 from test_store import of_first_answers
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.store import Run
 from bench.timing import cores
 

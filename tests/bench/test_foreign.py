@@ -23,7 +23,7 @@ from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.derived.tiers import right
 from bench.messages.task import Outcome, Status, Tier
 from bench.problem_files import ReadProgram, read

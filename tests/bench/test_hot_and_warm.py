@@ -17,7 +17,7 @@ from bench.processes.solver_child import SolverChild
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.metrics import judge_timed
-from bench.races.oneshot.blocks import timed
+from bench.races.oneshot.measuring import timed
 from bench.races.oneshot.second_pass import LONGEST_US, interleave
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile

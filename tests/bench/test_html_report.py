@@ -11,8 +11,8 @@ from browser import WIDTHS, Browser
 from command_line import CommandLine
 from conftest import Race, assert_harmless
 
+from bench.derived.measurements import ONESHOT
 from bench.derived.summary import summary
-from bench.derived.table import ONESHOT
 from bench.messages.task import Status
 from bench.races.kind import kind_of
 from bench.report import vega

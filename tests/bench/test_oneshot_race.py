@@ -13,7 +13,7 @@ from command_line import CommandLine
 from conftest import Race, race_of, saved
 from qpsolvers import Problem
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.messages.task import PAPER, settings_ladder
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.races.oneshot.settings import EXPONENT, OneshotSettings, first_pass_settings, tasks_of

@@ -8,7 +8,7 @@ from pathlib import Path
 import faulty_solvers
 import pytest
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.store import Run
 from solvers import registry
 

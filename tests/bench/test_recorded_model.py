@@ -10,7 +10,7 @@ import pytest
 from command_line import CommandLine
 
 from bench.deploy.actuator_model import model_for
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.problems.recorded import kept_back
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants

@@ -8,8 +8,7 @@ import pytest
 from command_line import CommandLine
 from conftest import Race, race_of
 
-from bench.derived.measurements import Measurements
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT, Measurements
 from bench.store import Run
 
 WORDS = ("--limit", 2, "--set", "measured", "--scaling", "scaled", "--rounds", 4, "--lane", "direct")

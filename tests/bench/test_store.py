@@ -22,7 +22,7 @@ from command_line import CommandLine, wait_until_gone
 from conftest import SMALL, TASKS, THIRD, Race
 from killed_run import PLAIN
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.store import VERSION, Run, RunError
 from bench.timing import machine
 

@@ -16,8 +16,7 @@ from bench.processes.sentinel import EVERY_S
 from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races import null_solver
 from bench.races.driver import Part, Tell
-from bench.races.oneshot.blocks import BlockError, Measurement, timed
-from bench.races.oneshot.rows import row_of
+from bench.races.oneshot.measuring import BlockError, Measurement, row_of, timed
 from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
 from bench.timing.clock import Effort

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT
 from bench.messages import user_cache
 from bench.messages.progress import Progress
 from bench.messages.race_error import RaceError

@@ -8,11 +8,9 @@ import pandas as pd
 
 from bench.derived import anytime
 from bench.derived import summary as summaries
-from bench.derived.measurements import Measurements
+from bench.derived.measurements import ONESHOT, Measurements
 from bench.derived.misses import kept, misses
-from bench.derived.ranking import ranking, short_table, yardstick
-from bench.derived.ratios import WRAPPERS, like_with_like, wrapper_share
-from bench.derived.table import ONESHOT
+from bench.derived.ranking import WRAPPERS, like_with_like, ranking, short_table, wrapper_share, yardstick
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.messages.columns import Column
 from bench.races.kind import Kind

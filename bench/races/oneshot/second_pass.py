@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from bench.derived.measurements import at_tiers, newest
-from bench.derived.table import ONESHOT
+from bench.derived.measurements import ONESHOT, at_tiers, newest
 from bench.derived.tiers import supported, tier_settings
 from bench.messages.task import Row, Status, Task, Tier
 from bench.problems.fresh import FreshData
@@ -27,8 +26,8 @@ from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races import null_solver
 from bench.races.driver import Tell
-from bench.races.oneshot.blocks import BlockError, Measurement, measurement, run_block, set_up
 from bench.races.oneshot.first_pass import FirstPass, Pass
+from bench.races.oneshot.measuring import BlockError, Measurement, measurement, run_block, set_up
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.worker import BlockOutcome
 from bench.store import Run

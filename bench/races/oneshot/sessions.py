@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator
 
-from bench.derived.measurements import FLOOR, Measurements
+from bench.derived.measurements import FLOOR, ONESHOT, Measurements
 from bench.derived.ranking import PACE, ranking
-from bench.derived.table import ONESHOT
 from bench.messages.task import Tier
 from bench.report.words import joined, marked
 from bench.store import Anchor, Run

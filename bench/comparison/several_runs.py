@@ -3,6 +3,10 @@
 Problems are the same if their digests are, whatever they are called. Accuracy does not depend on the machine: an answer
 counts for its solver, version and setting. Times are those of each run. A ratio to the solver that does nothing, or to
 one of LANES, compares machines better than microseconds do.
+
+A solver is followed over several runs, from version to version: iterations exactly, times by the rule of a comparison.
+Iterations of the same task, a problem at a setting, are a property of the solver's version and of the data, and are
+compared as sums over the tasks that both runs have; times are compared as in `bench.comparison.compare`.
 """
 
 from collections.abc import Sequence
@@ -12,10 +16,11 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from bench.comparison.compare import compare_runs
 from bench.derived.measurements import FLOOR, Measurements
 from bench.derived.statistics import TYPICAL, worst
 from bench.messages.columns import Column, combined
-from bench.messages.task import Tier
+from bench.messages.task import Status, Tier
 from bench.report.report import Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number
 from bench.store import Run, RunError
@@ -23,7 +28,7 @@ from bench.timing import machine
 
 LANES = ("box_active_set (direct)", "daqp (direct)")
 """Solver lanes over whose times, too, those of others are shown."""
-COLUMNS = (
+SIDE_BY_SIDE = (
     Column("solver", heading="solver", format=marked),
     Column("lane", heading="lane"),
     Column("version", heading="version", format=lambda version: version.partition(",")[0]),
@@ -81,7 +86,7 @@ class Combination:
             us = rows[lane == base].set_index(["run", "digest"]).answer_us
             pairs = pd.MultiIndex.from_frame(rows[["run", "digest"]])
             rows = rows.assign(**{base: rows.answer_us.to_numpy() / us.reindex(pairs).to_numpy()})
-        found = combined(rows, COLUMNS, KEY)
+        found = combined(rows, SIDE_BY_SIDE, KEY)
         pooled = rows.groupby(KEY[:3]).cost_gap.agg(worst).rename("worst_cost_gap")
         return found.merge(pooled, on=KEY[:3]).sort_values(KEY, ignore_index=True)
 
@@ -107,7 +112,7 @@ def report(combination: Combination) -> Report:
     """The combination as a report."""
     table = combination.table
     cells = table.assign(right=table.right.astype(str) + "/" + table.problems.astype(str))
-    short = [column for column in COLUMNS if column.name not in ("worst_cost_gap", *LANES)]
+    short = [column for column in SIDE_BY_SIDE if column.name not in ("worst_cost_gap", *LANES)]
     machines = [(run.path.name, machine.name(run.settings["machine"])) for run in combination.runs]
     missing = [
         f"Only in {name}, and not counted: {', '.join(problems)}." for name, problems in combination.unmatched.items()
@@ -133,7 +138,7 @@ def report(combination: Combination) -> Report:
             f"{len(combination.runs)} runs on {count} common problem{'s' * (count != 1)}: {table.solver.nunique()} "
             f"solvers in {len(table[['solver', 'lane']].drop_duplicates())} lanes."
         ],
-        Table.of("Solvers side by side", cells, COLUMNS, 4, filters=("lane", "version", "run")),
+        Table.of("Solvers side by side", cells, SIDE_BY_SIDE, 4, filters=("lane", "version", "run")),
         summary=table,
         figures=[figure],
         notes=missing,
@@ -147,3 +152,66 @@ def report(combination: Combination) -> Report:
         terminal=Table.of("Solvers side by side", cells, short, 4, note="Times in µs."),
         title="Runs side by side: " + ", ".join(run.path.name for run in combination.runs),
     )
+
+
+FOLLOWED = (
+    *(Column(name, heading=name, format=lambda text: text or "–") for name in ("run", "commit", "version", "lane")),
+    Column("iterations", heading="iterations"),
+    Column("iterations_ratio", heading="ratio", format=number),
+    Column("time_ratio", heading="time ratio", format=number),
+    Column(
+        "interval",
+        heading="interval",
+        format=lambda ends: "unknown" if ends[1] == np.inf else " to ".join(map(number, ends)),
+    ),
+    Column("finding", heading="times", format=lambda text: text or "–"),
+)
+
+
+def history(runs: Sequence[Run], solver: str, smallest: float) -> pd.DataFrame:
+    """FOLLOWED, one row for each lane of a solver in each run, compared with the first run; RunError if that does not
+    have it. ``iterations`` is their sum over the common tasks, 0 if the solver does not count them."""
+    first = Measurements.of(runs[0])
+    if solver not in set(first.field.solver):
+        raise RunError(f"{runs[0].path} has no solver {solver!r}")
+    counted = first.field[(first.field.solver == solver) & (first.field.status == Status.OK)]
+    found = []
+    for run in runs:
+        settings, measured = run.settings, first if run is runs[0] else Measurements.of(run)
+        comparison, rows = compare_runs(runs[0], run, smallest, (first, measured)), measured.field
+        pairs = counted.merge(rows[rows.status == Status.OK], on="task", suffixes=("_a", ""))
+        if not len(pairs):
+            raise RunError(f"{run.path} has no task of {solver} in common with {runs[0].path}")
+        lines = comparison.times[comparison.times.solver == solver].to_dict("records")
+        times = {str(line["lane"]): line for line in lines}
+        for name, part in pairs.groupby("lane"):
+            lane, line = str(name), times.get(str(name), {})
+            has = (part.iterations >= 0) & (part.iterations_a >= 0)
+            before, after = int(part.iterations_a[has].sum()), int(part.iterations[has].sum())
+            found.append(
+                {
+                    "run": run.path.name,
+                    "commit": settings["machine"].get("environment", {}).get("commit", "")[:12],
+                    "version": settings.get("field", {}).get(f"{solver} ({lane})", ""),
+                    "lane": lane,
+                    "iterations": after,
+                    "iterations_ratio": after / before if before else np.nan,
+                    "time_ratio": float(line.get("ratio", np.nan)),
+                    "interval": tuple(float(line.get(f"ratio_{end}", np.nan)) for end in ("low", "high")),
+                    "finding": str(line.get("finding", "")),
+                }
+            )
+    return pd.DataFrame(found)
+
+
+def regressions(table: pd.DataFrame, iterations: float, times: float) -> list[str]:
+    """A sentence for each row whose iterations or times exceed those of the first run by these ratios; a time does if
+    the lower end of its interval excludes no change."""
+    found = []
+    for line in table.to_dict("records"):
+        name, (low, high) = f"{line['run']}, {line['lane']}, {line['version'] or 'no version'}", line["interval"]
+        if line["iterations_ratio"] > iterations:
+            found.append(f"{name}: {line['iterations_ratio']:.3f} times as many iterations")
+        if line["time_ratio"] > times and low > 1.0:
+            found.append(f"{name}: {line['time_ratio']:.2f} times as long ({low:.2f} to {high:.2f})")
+    return found
