@@ -7,24 +7,24 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine, command_lines, hears_its_terminal, of_session, wait_until_gone, without_waiting
+from command_line import (
+    CommandLine,
+    command_lines,
+    hears_its_terminal,
+    of_session,
+    wait_until,
+    wait_until_gone,
+    without_waiting,
+)
 from conftest import TWO_CORES, Race
 from exported_loops import a_model
 
 from piezo_model import Recording, identify, plants
 from piezo_model.recordings.writer import write_table
-
-
-def wait_until(reached: Callable[[], bool], call: subprocess.Popen[str]) -> None:
-    """Wait until a running call has reached a point."""
-    while not reached():
-        assert call.poll() is None, call.stderr and call.stderr.read()
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("verb", ["race", "identify", "report"])
@@ -132,7 +132,7 @@ def test_a_signalled_call_removes_its_processes_and_its_temporary_files(
         stderr=subprocess.PIPE,
         preexec_fn=hears_its_terminal,
     ) as call:
-        wait_until(lambda: is_at_work(kind, tmp_path, call.pid), call)
+        wait_until(lambda: is_at_work(kind, tmp_path, call.pid), call.poll)
         call.send_signal(ending)
         shown, output = call.communicate()
     wait_until_gone(call.pid)
@@ -204,7 +204,7 @@ def test_a_call_started_with_nohup_or_in_the_background_continues_when_its_termi
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as call:
-        wait_until(lambda: is_pacing(call.pid), call)
+        wait_until(lambda: is_pacing(call.pid), call.poll)
         os.killpg(call.pid, ignored)  # as a terminal does, also to the C program
         call.communicate()
     assert call.returncode == 0

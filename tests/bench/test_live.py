@@ -281,12 +281,19 @@ def test_a_stage_that_does_not_close_is_given_up_at_rest_and_its_run_has_failed(
     assert stage.drives()[-1] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("code", "why"),
+    [
+        ("raise OSError('the port is taken')", "it cannot be opened: the port is taken"),
+        pytest.param(ASLEEP, "did not open within 60 s", marks=pytest.mark.nightly),
+    ],
+)
 def test_a_stage_that_cannot_be_opened_is_refused_and_nothing_is_recorded(
-    stage: Stage, piezobench: CommandLine, tmp_path: Path
+    code: str, why: str, stage: Stage, piezobench: CommandLine, tmp_path: Path
 ) -> None:
-    file, _ = hanging(stage, "open", 1, "raise OSError('the port is taken')")
+    file, _ = hanging(stage, "open", 1, code)
     words = ("--device", file, "--no-page", "--record", tmp_path / "run.parquet")
-    assert piezobench("live", *words).refusal == f"piezobench live: {file}: it cannot be opened: the port is taken"
+    assert piezobench("live", *words).refusal == f"piezobench live: {file}: {why}"
     assert not list(tmp_path.glob("run.*"))
 
 
@@ -316,12 +323,6 @@ def test_a_signal_while_the_stage_opens_ends_the_run_at_once(
     assert not stage.drives().size
     assert not list(tmp_path.glob("run.*"))
     wait_until_gone(call.pid)
-
-
-@pytest.mark.nightly
-def test_a_stage_that_does_not_open_within_a_minute_is_refused(stage: Stage, piezobench: CommandLine) -> None:
-    file, _ = hanging(stage, "open", 1)
-    assert "did not open within 60 s" in piezobench("live", "--device", file, "--no-page").refusal
 
 
 @pytest.mark.sample(1)
