@@ -3,6 +3,7 @@ that names them."""
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -417,6 +418,15 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "a flexure too fast for its sampling": (
         lambda: plants.Flexure(PLANT, Dynamics((400.0,), (0.1,), (1.0,), 0.0)),
         "above 35 % of the sampling rate",
+    ),
+    "a start of another structure": (lambda: replace(MODEL, start=ELSEWHERE), "states are those of another structure"),
+    "an input that does not exist": (
+        lambda: OperatorState.settled_at(STRUCTURE, math.nan),
+        "x must be a finite number, not nan",
+    ),
+    "a direction that does not exist": (
+        lambda: OperatorState.settled_at(STRUCTURE, 20.0, "left"),
+        "came_from must be 'above', 'below' or None, not 'left'",
     ),
     "an option of a plant": (lambda: plants.get("bouc_wen", lines=3), "'bouc_wen' has no option 'lines'"),
 }

@@ -110,12 +110,6 @@ def test_a_model_keeps_nothing_of_what_it_was_made_from(model: HysteresisCreepMo
     assert made.to_dict() == before
 
 
-def test_a_start_of_another_structure_is_refused(model: HysteresisCreepModel) -> None:
-    other = structure_of(np.random.default_rng(0), 12, 1, 1, 1, True)
-    with pytest.raises(ValueError, match="the operator states are those of another structure"):
-        replace(model, start=OperatorState.settled_at(other, 0.0))
-
-
 @pytest.fixture
 def model() -> HysteresisCreepModel:
     rng = np.random.default_rng(7)
@@ -171,18 +165,6 @@ def test_a_model_is_itself_at_its_own_rate_and_refuses_one_that_does_not_exist(m
     for wrong in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(StructureError, match=r"sample_time must be from 1e-09 to 1e\+09, not"):
             model.at(wrong)
-
-
-@pytest.mark.parametrize(
-    ("x", "came_from", "sentence"),
-    [
-        (math.nan, None, "x must be a finite number, not nan"),
-        (20.0, "left", "came_from must be 'above', 'below' or None, not 'left'"),
-    ],
-)
-def test_an_input_or_a_direction_that_does_not_exist_is_refused(x: float, came_from: Any, sentence: str) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        OperatorState.settled_at(ModelStructure.equidistant(3, 1, (0, 1), (0, 1), (), 1e-3), x, came_from)
 
 
 def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepModel) -> None:
