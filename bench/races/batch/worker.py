@@ -29,8 +29,8 @@ GROUP_NS = 1_000_000
 WARM_UP = 64
 """Number of programs at the end that are used for the warm-up and not timed; they are repeated for a contestant that
 compiles for a larger batch."""
-CHUNK = 512
-"""Number of programs that are mixed at once, which bounds the memory."""
+CHUNK = 32
+"""Number of programs that are mixed at once, in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,14 @@ class Families:
     def block(self, first: int, last: int) -> tuple[NDArray[np.float64], Matrix, Matrix, Matrix]:
         """P (n, d, d), q, lb and ub (n, d) of programs ``first`` to ``last`` − 1."""
         family, shares = (array[first:last] for array in self.drawn())
-        P, q = np.zeros((last - first, self.d, self.d)), np.zeros((last - first, self.d))
-        for f in range(len(self.P)):
+        P, q = np.empty((last - first, self.d, self.d)), np.empty((last - first, self.d))
+        for f, windows in enumerate(zip(self.P, self.q, strict=True)):
             members = np.flatnonzero(family == f)
             for at in range(0, members.size, CHUNK):
                 chunk = members[at : at + CHUNK]
-                for share, window_P, window_q in zip(shares[chunk].T, self.P[f], self.q[f], strict=True):
-                    P[chunk] += share[:, None, None] * window_P
-                    q[chunk] += share[:, None] * window_q
+                parts = [*zip(shares[chunk].T, *windows, strict=True)]
+                P[chunk] = sum(share[:, None, None] * window_P for share, window_P, _ in parts)
+                q[chunk] = sum(share[:, None] * window_q for share, _, window_q in parts)
         return P, q, self.lb[family], self.ub[family]
 
 
