@@ -122,8 +122,8 @@ def status(settings: LiveSettings, board: Board, rms: tuple[float, float]) -> li
         f"{'' if settings.learn == 'off' else learning}.",
         f"Tracking error over the last {WINDOW_S:g} s: {measured} RMS; along a straight line it would be {line} by the "
         "model in use.",
-        f"{board.head} samples at {settings.rate:g} Hz, {board.missed} deadlines missed; "
-        f"{board.null_missed} of {board.null_samples} by a loop that does nothing.",
+        f"{board.head} samples at {settings.rate:g} Hz; deadlines missed: {board.missed}, and by a loop that does "
+        f"nothing {board.null_missed} of {board.null_samples}.",
     ]
 
 

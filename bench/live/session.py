@@ -146,8 +146,8 @@ def _figures(settings: LiveSettings, board: Board) -> list[str]:
     )
     sentences = [
         f"{board.head} samples at {settings.rate:g} Hz; service {median:.3g} µs at the median and {tail:.3g} µs at "
-        f"p99.9; {board.missed} deadlines were missed, and {board.null_missed} of {board.null_samples} by a loop that "
-        "does nothing."
+        f"p99.9; deadlines missed: {board.missed}, and by a loop that does nothing {board.null_missed} of "
+        f"{board.null_samples}."
     ]
     if error.size:
         rms = quantity(float(np.sqrt(np.mean(error**2))), settings.declared.output_unit, 3)

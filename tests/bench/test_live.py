@@ -416,7 +416,7 @@ def test_due_times_that_a_stall_skips_are_missed_deadlines(piezobench: CommandLi
     file.write_text(STALLS)
     ended = piezobench("live", "--device", file, "--no-page", "--rate", 1000, "--seconds", 2, "--record", record)
     samples, missed = (
-        int(re.search(what, ended.stdout)[1]) for what in (r"(\d+) samples at", r"; (\d+) deadlines were")
+        int(re.search(what, ended.stdout)[1]) for what in (r"(\d+) samples at", r"deadlines missed: (\d+)")
     )
     k = np.rint(1000.0 * pd.read_parquet(record).time_s.to_numpy()).astype(int)
     skipped = k[-1] + 1 - samples
