@@ -440,7 +440,7 @@ def test_qpsolvers_refuses_what_it_would_hand_to_scipy() -> None:
                 ready(Lane.QPSOLVERS, name, problem)
 
 
-def test_cvxpy_compiles_the_problem_once_since_it_is_dpp() -> None:
+def test_cvxpy_compiles_the_problem_once_since_it_is_dpp_and_reports_the_time_of_the_library() -> None:
     problem = pair("rows", 6)
     solver = ready(Lane.CVXPY, "clarabel", problem.problems[0])
     assert isinstance(solver, CvxpySolver)
@@ -451,6 +451,7 @@ def test_cvxpy_compiles_the_problem_once_since_it_is_dpp() -> None:
     solver.update(problem.problems[1].P, problem.problems[1].q)
     solver.solve()
     assert solver.model._cache.param_prog is compiled
+    assert 0.0 < solver.solution().extras["reported_us"] < 1e8
 
 
 def test_the_square_root_of_a_singular_cost_still_gives_that_cost() -> None:
