@@ -29,7 +29,6 @@ SHARING = {
         "chosen_settings",
         "cli",
         "conditions",
-        "debts",
         "engine",
         "hot_and_warm",
         "interrupts",

@@ -1,4 +1,4 @@
-"""Cold and warm starts, hot and interleaved solves, and several fresh processes."""
+"""Cold and warm starts, hot and interleaved solves, several fresh processes, and the plan of the second pass."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 from conftest import Race, raced
+from measured_rows import ladder, row, table
 from qpsolvers import Problem
 
-from bench.messages.task import NO_SETTING, Status, Task, settings_ladder
+from bench.messages.task import NO_SETTING, Row, Status, Task, settings_ladder
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -18,7 +19,7 @@ from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.metrics import judge_timed
 from bench.races.oneshot.measuring import timed
-from bench.races.oneshot.second_pass import LONGEST_US, interleave
+from bench.races.oneshot.second_pass import LONGEST_US, NEAR, interleave, planned
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, find
@@ -127,12 +128,12 @@ def test_figures_are_those_of_the_raw_times_and_a_tail_is_missing_if_the_sample_
     key = ["task", "timed", "repeat"]
     ns = times.set_index([*key, "what"]).ns
     assert {*times[key].itertuples(index=False)} == {*clean_race.rows[key].itertuples(index=False)}
-    for row in clean_race.rows.itertuples():
-        update, solve = (ns[row.task, row.timed, row.repeat, what] for what in ("update", "solve"))
-        assert (solve.size, solve.max() / 1e3) == (row.samples, row.solve_us_max)
+    for one in clean_race.rows.itertuples():
+        update, solve = (ns[one.task, one.timed, one.repeat, what] for what in ("update", "solve"))
+        assert (solve.size, solve.max() / 1e3) == (one.samples, one.solve_us_max)
         wanted = percentile(solve / 1e3, 0.99).value
-        np.testing.assert_equal(row.solve_us_p99, np.nan if wanted is None else wanted)
-        assert row.answer_us == pytest.approx(np.median(update + solve) / 1e3) or row.cpu_us > 0.0
+        np.testing.assert_equal(one.solve_us_p99, np.nan if wanted is None else wanted)
+        assert one.answer_us == pytest.approx(np.median(update + solve) / 1e3) or one.cpu_us > 0.0
 
 
 def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails_leaves_the_others(
@@ -190,3 +191,59 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     problem = RaceProblem("none", "none", {"scaled": form})
     assert judge_timed(problem, fresh, measured.answers, 3)["timed_gap"] <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
+
+
+NAN = float("nan")
+DEFAULTS = row(setting="d", rung=-1, is_default=True, cost_gap=0.1)
+
+
+def settings(rows: list[Row]) -> dict[str, str]:
+    """The setting of each solver."""
+    plan = planned(table(rows), 3000)
+    return dict(zip(plan.solver, plan.setting, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("gaps", "setting"),
+    [([1e-5, 1e-8, 1e-11], "s2"), ([1e-5, 1e-8, 1e-8], "s1"), ([1e-5, 1e-5, 1e-5], "d"), ([NAN, NAN, NAN], "d")],
+)
+def test_the_setting_is_that_for_1e_9_else_for_1e_6_else_the_solvers_defaults(gaps: list[float], setting: str) -> None:
+    assert settings([*ladder({"p1": gaps}), DEFAULTS]) == {"daqp": setting}
+
+
+def test_races_that_draw_other_data_for_their_timed_answers_have_the_same_setting() -> None:
+    rng = np.random.default_rng(0)
+    plans = [
+        settings(
+            ladder({"p1": [1e-10, 1e-12], "p2": [1e-11, 1e-12]}, timed_gap=[float(rng.choice([1e-11, 1e-3])), 1e-12])
+        )
+        for _ in range(8)
+    ]
+    assert plans == [{"daqp": "s0"}] * 8
+
+
+def test_solvers_near_the_fastest_of_their_lane_are_timed_longer() -> None:
+    rows = [
+        *ladder({"p1": [1e-12]}, solve_us_p50=1.0),
+        *ladder({"p1": [1e-12]}, solver="near", solve_us_p50=NEAR, timed_gap=1e-3),
+        *ladder({"p1": [1e-12]}, solver="far", solve_us_p50=1.1 * NEAR),
+        *ladder({"p1": [1e-12]}, solver="wrapped", lane="qpsolvers"),
+    ]
+    plan = planned(table(rows), 3000)
+    assert set(plan.solver[plan.longer]) == {"daqp", "near"}
+    enough = planned(table([{**each, "samples": 3000} for each in rows]), 3000)
+    assert not enough.longer.any()
+
+
+def test_a_lane_is_interleaved_on_all_problems_or_on_none() -> None:
+    rows = [
+        *ladder({"p1": [1e-12], "p2": [1e-12]}, solve_us_p50=LONGEST_US),
+        *ladder({"p1": [1e-12]}, solver="slow_once", solve_us_p50=1.0),
+        *ladder({"p2": [1e-12]}, solver="slow_once", solve_us_p50=1.1 * LONGEST_US),
+        *ladder({"p1": [1e-12], "p2": [NAN]}, solver="fails_once"),
+        row(setting="{}", rung=-1, is_default=True, solver="null", status="solver_failed"),
+        *ladder({"p1": [1e-12]}, solver="takes_some"),
+        row(problem="p2", solver="takes_some", status="unsupported"),
+    ]
+    plan = planned(table(rows), 3000)
+    assert set(plan.solver[plan.interleaved]) == {"daqp", "null", "takes_some"}
