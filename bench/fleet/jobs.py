@@ -141,6 +141,8 @@ class Validating(WithModel):
         """The recording, the model and its validation."""
         loaded, _ = open_model(model)
         opened = check_direction(Recording.open(recording, **self.opening))
+        with checks.refusing(ModelError, f"{model} with {recording}: "):
+            loaded = loaded.at(opened.sample_time)
         result = loaded.validate(opened)
         return opened, result.model, result
 

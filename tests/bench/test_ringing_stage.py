@@ -121,6 +121,10 @@ def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
             "0.json with slow.csv: the resonance at 400 Hz is above 35 % of the sampling rate, 1000 Hz",
         ),
         (
+            ("validate", "0.json", "slow.csv", "--input", "voltage_V", "--output", "reference_um"),
+            "0.json with slow.csv: the resonance at 400 Hz is above 35 % of the sampling rate, 1000 Hz",
+        ),
+        (
             ("simulate", "0.json", "slow.csv", "--out", "x.csv"),
             "0.json with slow.csv: the resonance at 400 Hz is above 35 % of the sampling rate, 1000 Hz",
         ),
