@@ -122,11 +122,28 @@ static void restore(Arguments *a, void *memory, void *other)
     }
 }
 
+/* Begin the next block with the states at the end of the one that was learned from. */
+static void begin_next(const Loop *loop)
+{
+    const Learner *const l = &loop->learner;
+    const Workspace w = workspace_of(l);
+    const Block block = block_in(&l->mailbox, 0); /* the only one of Python's ring */
+    memcpy(w.play, block.play, sizeof(double) * (size_t)lanes(l->shape));
+    memcpy(w.creep, block.creep, sizeof(double) * (size_t)creep_lanes(l->shape));
+    for (int i = 0; i < block.head->count; ++i) {
+        advance(l->regressors.operators, l->shape, block.x[i], w.play, w.creep);
+    }
+    controller_begin_block(&loop->controller, w.play, w.creep);
+}
+
 static int observe(const Loop *loop, double y)
 {
-    return controller_observe(&loop->controller, loop->controller.compensator.play[0], y)
-               ? learner_learn(&loop->learner) & ~TAKE_OVER
-               : 0;
+    const int full = controller_observe(&loop->controller, loop->controller.compensator.play[0], y);
+    const int events = full ? learner_learn(&loop->learner) & ~TAKE_OVER : 0;
+    if (events) { /* Python takes the states from the next block */
+        begin_next(loop);
+    }
+    return events;
 }
 
 /* Observe if `observes`, then drive; after events Python acts first and then calls again for the drive. */
@@ -144,22 +161,6 @@ static void drive(const Loop *loop, int64_t samples, const double *y_ref, double
     }
 }
 
-/* Learn from the block that is full, then begin the next one with the states at its end; the events. */
-static int next_block(const Loop *loop)
-{
-    const Learner *const l = &loop->learner;
-    const Workspace w = workspace_of(l);
-    const Block block = block_in(&l->mailbox, 0); /* the only one of Python's ring */
-    const int events = learner_learn(l) & ~TAKE_OVER;
-    memcpy(w.play, block.play, sizeof(double) * (size_t)lanes(l->shape));
-    memcpy(w.creep, block.creep, sizeof(double) * (size_t)creep_lanes(l->shape));
-    for (int i = 0; i < block.head->count; ++i) {
-        advance(l->regressors.operators, l->shape, block.x[i], w.play, w.creep);
-    }
-    controller_begin_block(&loop->controller, w.play, w.creep);
-    return events;
-}
-
 /* Observe samples from number k on until there are events; the number of samples done. */
 static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, const double *x, int64_t k,
                            int64_t *events)
@@ -168,7 +169,8 @@ static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, c
     *events = 0;
     for (; k < samples && *events == 0; ++k) {
         if (controller_observe(&loop->controller, (x[k] - p->x_centre) / p->x_scale, y[k])) {
-            *events = next_block(loop);
+            *events = learner_learn(&loop->learner) & ~TAKE_OVER;
+            begin_next(loop);
         }
     }
     return k;
