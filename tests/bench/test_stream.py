@@ -216,6 +216,7 @@ def test_a_failure_is_a_row_with_its_message(
     streamed: Streamed, solver: str, lane: str, status: Status, message: str
 ) -> None:
     row = streamed.row(solver, lane)
+    assert (row.solves, row.missed, row.stalls, row.unanswered, row.exact_instants) == (0, 0, 0, 0, 0)
     assert (row.status, row.samples) == (status, 0)
     assert message in row.message
 
