@@ -71,16 +71,19 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
 
 
 def field_of(run: Run, pool: SolverPool) -> list[Described]:
-    """The solvers that run here, noted in the run; RaceError if no solver runs, or one selected by name runs in no
-    lane."""
+    """The solvers that run here, noted in the run; RaceError if no solver runs, one selected by name runs in no lane,
+    or one of a race that is resumed has another version now."""
     described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
     field = [solver for solver in described if not solver.absent]
     before = run.settings
+    versions = {f"{solver.name} ({solver.lane})": solver.version for solver in field}
+    begun = {} if run.session else before.get("field", {})
+    for lane, version in begun.items():
+        was, now = (text.partition(",")[0] for text in (version, versions.get(lane, version)))
+        if was != now:
+            raise RaceError(f"{run.path} raced {lane} in version {was}, and this is {now}; begin a new run")
     absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
-    run.note(
-        field=before.get("field", {}) | {f"{solver.name} ({solver.lane})": solver.version for solver in field},
-        absent=before.get("absent", {}) | absent,
-    )
+    run.note(field=before.get("field", {}) | versions, absent=before.get("absent", {}) | absent)
     present = {solver.name for solver in field}
     for solver in described:
         if solver.name in run.settings_in_force["solvers"] and solver.name not in present:

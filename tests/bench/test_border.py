@@ -325,6 +325,18 @@ def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
     assert "mine" in set(Run(run).rows(ONESHOT).solver)
 
 
+def test_a_race_is_not_resumed_with_another_version_of_a_solver(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    run = unfinished(clean_race, tmp_path / "run")
+    noted = json.loads((run / "run.json").read_text())
+    now = noted["field"]["daqp (direct)"]
+    (run / "run.json").write_text(json.dumps({**noted, "field": {**noted["field"], "daqp (direct)": "0.1.2"}}))
+    refusal = piezobench("resume", run).refusal
+    assert f"raced daqp (direct) in version 0.1.2, and this is {now}; begin a new run" in refusal
+    assert json.loads((run / "run.json").read_text())["field"]["daqp (direct)"] == "0.1.2"
+
+
 def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
