@@ -1,12 +1,13 @@
 """Good and bad files for the tests of recordings, and the checks of every error message."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import openpyxl
 import pytest
 
 from piezo_model.recordings import Recording, RecordingError
@@ -14,6 +15,12 @@ from piezo_model.recordings import Recording, RecordingError
 ROWS = 1000
 HEADER = "time_s,voltage_V,displacement_um"
 TWO_RATES = np.concatenate([np.arange(300) * 2e-4, 0.06 + np.arange(200) * 1e-3])
+
+
+N = 2500
+X = np.round(50 + 50 * np.sin(6e-3 * np.arange(N)), 6)
+Y = np.round(5 * np.sin(6e-3 * np.arange(N) - 0.2) + np.random.default_rng(0).normal(0, 0.01, N) - 40, 6)
+"""Drive and displacement that every form of text and every format has to give back to the last bit."""
 
 
 def signals(rows: int = ROWS, sample_time: float = 0.005) -> dict[str, np.ndarray]:
@@ -35,6 +42,20 @@ def with_times(folder: Path, times: list[str] | np.ndarray, name: str = "stage.c
 def waves(times: np.ndarray, header: str = HEADER) -> list[str]:
     """The lines of a table of sines at the given times."""
     return [header, *(f"{t:.7g},{np.sin(40 * t):.9g},{np.sin(40 * t - 0.3):.9g}" for t in times.tolist())]
+
+
+def workbook(path: Path, *rows: Iterable[object]) -> openpyxl.Workbook:
+    """A workbook of one sheet with the given rows, saved."""
+    book = openpyxl.Workbook()
+    for row in rows:
+        book.active.append(list(row))
+    book.save(path)
+    return book
+
+
+def lines_of(*columns: np.ndarray) -> list[str]:
+    """The rows of a table with every digit."""
+    return [",".join(map(repr, row)) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
 
 def refusal(path: Path, **options: Any) -> str:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_files import HEADER, signals, text_file
+from recording_files import HEADER, lines_of, signals, text_file
 from recording_kinds import DESCRIBABLE, creeping, noisy
 
 from piezo_model import identify
@@ -12,13 +12,6 @@ from piezo_model.identification.direction import check_direction
 from piezo_model.operators import play
 from piezo_model.recordings import Recording, RecordingError, write_table
 from piezo_model.units import split_unit
-
-
-@pytest.fixture
-def stage(tmp_path: Path) -> Path:
-    path = tmp_path / "stage.csv"
-    write_table(path, signals())
-    return path
 
 
 @pytest.mark.parametrize(
@@ -73,7 +66,8 @@ def test_columns_are_guessed_from_the_header_and_reported(
     assert all(repr(name) in recording.describe() for name in (time, x, y))
 
 
-def test_named_columns_are_taken_and_are_no_guesses(stage: Path) -> None:
+def test_named_columns_are_taken_and_are_no_guesses(tmp_path: Path) -> None:
+    stage = text_file(tmp_path, HEADER, *lines_of(*signals().values()))
     recording = Recording.open(stage, input="displacement_um", output="voltage_V")
     assert (recording.input_unit, recording.output_unit) == ("um", "V")
     assert recording.reasons == recording.swapped().reasons == {"time": "by name"}
@@ -131,17 +125,9 @@ def test_of_two_unnamed_signals_the_one_that_lags_is_the_output(
 ) -> None:
     t, x, y = kept_back(noise, sign)
     pair = (x, y) if swapped else (y, x)
-    stamps = [repr(float(np.float32(value))) for value in t]
-    path = text_file(
-        tmp_path, *(f"\t{at}\t{a!r}\t{b!r}" for at, a, b in zip(stamps, *(p.tolist() for p in pair), strict=True))
-    )
-    recording = Recording.open(path)
-    clean = text_file(
-        tmp_path,
-        "time_s,voltage,position",
-        *(f"{at!r},{a!r},{b!r}" for at, a, b in zip(t.tolist(), x.tolist(), y.tolist(), strict=True)),
-        name="clean.csv",
-    )
+    rows = lines_of(t.astype(np.float32).astype(float), *pair)
+    recording = Recording.open(text_file(tmp_path, *("\t" + row.replace(",", "\t") for row in rows)))
+    clean = text_file(tmp_path, "time_s,voltage,position", *lines_of(t, x, y), name="clean.csv")
     assert recording.digest() == Recording.open(clean).digest()
     assert recording.sample_time == Recording.open(clean).sample_time == 1e-3
     assert (
@@ -153,10 +139,7 @@ def test_without_a_loop_the_noisier_side_is_the_output(tmp_path: Path) -> None:
     t = np.arange(5000) * 1e-3
     x = np.sin(20 * t)
     y = x + np.random.default_rng(1).normal(0, 1e-2, t.size)
-    path = text_file(
-        tmp_path, *(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), y.tolist(), x.tolist(), strict=True))
-    )
-    recording = Recording.open(path)
+    recording = Recording.open(text_file(tmp_path, *lines_of(t, y, x)))
     assert recording.columns == {"time": "column 1", "input": "column 3", "output": "column 2"}
     assert "because the output is the noisier one" in recording.describe()
 
@@ -192,8 +175,7 @@ def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: 
         columns[1]: x,
         columns[2]: y,
     }
-    lines = zip(*(cells[name].tolist() for name in header.split(",")), strict=True)
-    recording = Recording.open(text_file(tmp_path, header, *(",".join(map(str, line)) for line in lines)))
+    recording = Recording.open(text_file(tmp_path, header, *lines_of(*(cells[name] for name in header.split(",")))))
     assert tuple(recording.columns[role] for role in ("time", "input", "output")) == columns
     np.testing.assert_array_equal([recording.x, recording.y], [x, y])
 

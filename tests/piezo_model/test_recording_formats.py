@@ -20,17 +20,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from recording_files import refusal
+from recording_files import N, X, Y, refusal
+from recording_files import workbook as table_workbook
 
 from piezo_model.recordings import Recording, RecordingError, formats, isolated
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.options import ReadOptions
 
-N, PERIOD = 2500, 5e-4
+PERIOD = 5e-4
 T = np.arange(N) * PERIOD
-X = np.round(50 + 50 * np.sin(6 * T), 6)
-Y = np.round(5 * np.sin(6 * T - 0.2) + np.random.default_rng(0).normal(0, 0.01, N) - 40, 6)
 
 
 def gcs(path: Path) -> None:
@@ -309,27 +308,40 @@ def test_an_option_that_a_format_does_not_support_is_refused(
     assert f"for which no {option.replace('_', ' ')} can be given" in refusal(made(tmp_path, form), **{option: value})
 
 
+READ_EACH = """
+import sys
+from piezo_model.recordings import Recording, RecordingError
+for path in sys.argv[1:]:
+    try:
+        print(Recording.open(path))
+    except RecordingError as error:
+        print(error)
+"""
+
+
 @pytest.mark.parametrize(
-    ("name", "package"),
+    "packages",
     [
-        ("NeXus", "h5py"),
-        ("MAT 7.3", "pymatreader"),
-        ("Excel", "openpyxl"),
-        ("TDMS groups", "nptdms"),
-        ("MDF 4", "asammdf"),
+        {"NeXus": "h5py", "Excel": "openpyxl", "TDMS groups": "nptdms", "MDF 4": "asammdf"},
+        {"MAT 7.3": "pymatreader"},  # which needs h5py, too
     ],
 )
-def test_a_missing_library_is_a_sentence_that_says_what_to_install(tmp_path: Path, name: str, package: str) -> None:
-    path, absent = made(tmp_path, name), tmp_path / "absent"
-    absent.mkdir()
-    (absent / f"{package}.py").write_text(f"raise ModuleNotFoundError('there is none', name={package!r})")
-    program = f"from piezo_model import Recording; Recording.open({str(path)!r})"
-    done = subprocess.run(
-        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(absent)}, capture_output=True, text=True
-    )
-    assert done.returncode == 1
-    assert f"{path}: is " in done.stderr
-    assert f"reading it needs the package {package}: install piezobench[formats]" in done.stderr
+def test_a_missing_library_is_a_sentence_that_says_what_to_install(tmp_path: Path, packages: dict[str, str]) -> None:
+    paths = [made(tmp_path, name).rename(tmp_path / package) for name, package in packages.items()]
+    (tmp_path / "absent").mkdir()
+    for package in packages.values():
+        program = f"raise ModuleNotFoundError('there is none', name={package!r})"
+        (tmp_path / "absent" / f"{package}.py").write_text(program)
+    sentences = subprocess.run(
+        [sys.executable, "-c", READ_EACH, *paths],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "absent"), *sys.path])},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    for path, sentence in zip(paths, sentences, strict=True):
+        assert sentence.startswith(f"{path}: is ")
+        assert f"reading it needs the package {path.name}: install piezobench[formats]" in sentence
 
 
 def test_a_format_is_one_function_and_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -394,13 +406,10 @@ def test_times_are_read_to_the_nanosecond(tmp_path: Path, name: str) -> None:
 def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: str) -> None:
     """In Excel a time is a number of days; one without date is shown as a time of day before the first midnight and as
     a date after it."""
-    book = openpyxl.Workbook()
-    book.active.append(["t", "voltage_V", "height_um"])
-    for k in range(400):
-        book.active.append(
-            [(over - (2 - k / 100) / 86400) % (1.0 if over == 2.0 and shown[0] == "h" else np.inf), X[k], Y[k]]
-        )
-        book.active.cell(k + 2, 1).number_format = shown
+    days = (over - (2 - np.arange(400) / 100) / 86400) % (1.0 if over == 2.0 and shown[0] == "h" else np.inf)
+    book = table_workbook(tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *zip(days, X, Y, strict=False))
+    for row in range(2, 402):
+        book.active.cell(row, 1).number_format = shown
     book.save(tmp_path / "stage.xlsx")
     recording = Recording.open(tmp_path / "stage.xlsx")
     assert (recording.sample_time, recording.columns["time"]) == (0.01, "t")
@@ -410,9 +419,9 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
     ("cell", "shown"), [("over", "'over'"), (datetime(2024, 1, 31), "datetime.datetime(2024, 1, 31, 0, 0)")]
 )
 def test_a_cell_that_is_not_a_number_is_named_with_row_and_sheet(tmp_path: Path, cell: object, shown: str) -> None:
-    book = openpyxl.Workbook()
-    for row in (["t", "voltage_V", "height_um"], *([k / 10, k % 7, k % 5] for k in range(50))):
-        book.active.append(row)
+    book = table_workbook(
+        tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *([k / 10, k % 7, k % 5] for k in range(50))
+    )
     book.active["B7"] = cell
     book.save(tmp_path / "stage.xlsx")
     sentence = f"column 'voltage_V' holds {shown} in row 7 of sheet 'Sheet', where a number is needed"

@@ -11,9 +11,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-import openpyxl
 import pytest
-from recording_files import HEADER, TWO_RATES, refusal, text_file, waves
+from recording_files import HEADER, TWO_RATES, refusal, text_file, waves, workbook
 
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.units import canonical
@@ -247,6 +246,23 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         {"sample_time": 1e-2},
         "lasts 0.499 s by its time column 'time_s' and 4.99 s by --sample-time 0.01; leave out",
     ),
+    # comments, headers and blank lines among the rows, which shift no row that is named
+    (
+        ["t;u;y", "0;1;2", "# pause", "t;u;y", "1;2;3", "", "2;x;4"],
+        {},
+        "holds 'x' in row 7 (data row 3), where a number is needed",
+    ),
+    (
+        ["t;u;y", "0;1;2", "# pause", "1;2;3", "; second", "2;3;4"],
+        {},
+        "row 5 (data row 3) has 2 columns where the others have 3",
+    ),
+    (["t u y", "0 1 2", "\t", "1 2 3", "2 x 4"], {}, "holds 'x' in row 5 (data row 3), where a number is needed"),
+    # tens of thousands of columns
+    *(
+        ([",".join(names), *2 * [",".join(["1"] * len(names))]], {}, f"has {len(names)} columns, and no recording has")
+        for names in ([f"c{k}" for k in range(20_000)], ["v"] * 60_000)
+    ),
 ]
 
 
@@ -309,7 +325,7 @@ def test_a_file_that_takes_values_from_another_one_is_refused(
 @pytest.mark.parametrize("at", [0, 1, 20])
 def test_a_cell_of_any_length_is_read_or_refused(tmp_path: Path, line: str, at: int) -> None:
     lines = waves(np.arange(40) * 1e-3)
-    _read_or_refused(text_file(tmp_path, *lines[:at], line, *lines[at:]))
+    read_or_refused(text_file(tmp_path, *lines[:at], line, *lines[at:]))
 
 
 @pytest.mark.parametrize(
@@ -329,7 +345,7 @@ def test_a_cell_of_any_length_is_read_or_refused(tmp_path: Path, line: str, at: 
     ids=["period", "rate", "brackets", "remark", "blanks", "bars", "open", "power", "powers", "product"],
 )
 def test_a_header_of_any_length_is_read_or_refused(tmp_path: Path, line: str) -> None:
-    _read_or_refused(text_file(tmp_path, line, *waves(np.arange(40) * 1e-3)[1:]))
+    read_or_refused(text_file(tmp_path, line, *waves(np.arange(40) * 1e-3)[1:]))
 
 
 def test_a_unit_has_exponents_of_one_digit() -> None:
@@ -343,25 +359,15 @@ def test_a_unit_has_exponents_of_one_digit() -> None:
     ]
 
 
-@pytest.mark.parametrize("names", [[f"c{k}" for k in range(20_000)], ["v"] * 60_000], ids=["names", "one name"])
-def test_a_table_of_tens_of_thousands_of_columns_is_refused(tmp_path: Path, names: list[str]) -> None:
-    row = ",".join(["1"] * len(names))
-    path = text_file(tmp_path, ",".join(names), row, row)
-    assert f"has {len(names)} columns, and no recording has more than 10000" in refusal(path)
-
-
 def test_as_many_columns_as_a_recording_may_have_are_no_hindrance(tmp_path: Path) -> None:
     rows = [f"{k},{k % 7},{k % 5}" + f",{k}" * 9000 for k in range(20)]
     path = text_file(tmp_path, HEADER + "".join(f",c{k}" for k in range(9000)), *rows)
     assert Recording.open(path).length == 20
 
 
-def workbook(path: Path, change: Callable[[bytes], bytes]) -> Path:
+def changed_workbook(path: Path, change: Callable[[bytes], bytes]) -> Path:
     """A workbook of a table whose sheet is changed."""
-    book = openpyxl.Workbook()
-    for row in ["time_s", "voltage_V", "position_um"], *([k * 1e-3, k % 7, k % 5] for k in range(100)):
-        book.active.append(row)
-    book.save(path)
+    workbook(path, HEADER.split(","), *([k * 1e-3, k % 7, k % 5] for k in range(100)))
     with zipfile.ZipFile(path) as archive:
         parts = {name: archive.read(name) for name in archive.namelist()}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -387,18 +393,18 @@ def end(rows: bytes) -> Callable[[bytes], bytes]:
 def test_a_workbook_that_grows_beyond_measure_is_refused(
     tmp_path: Path, change: Callable[[bytes], bytes], sentence: str
 ) -> None:
-    assert sentence in refusal(workbook(tmp_path / "stage.xlsx", change))
+    assert sentence in refusal(changed_workbook(tmp_path / "stage.xlsx", change))
 
 
 def test_the_size_that_a_workbook_states_is_not_believed(tmp_path: Path) -> None:
     def wide(sheet: bytes) -> bytes:
         return re.sub(rb'<dimension ref="[^"]*"/>', b'<dimension ref="A1:XFD1048576"/>', sheet)
 
-    assert Recording.open(workbook(tmp_path / "stage.xlsx", wide)).length == 100
+    assert Recording.open(changed_workbook(tmp_path / "stage.xlsx", wide)).length == 100
 
 
-def _read_or_refused(path: Path, **options: Any) -> None:
+def read_or_refused(path: Path) -> None:
     try:
-        Recording.open(path, **options)
+        Recording.open(path)
     except RecordingError:
-        refusal(path, **options)
+        refusal(path)

@@ -26,17 +26,10 @@ def table(
     return "\n".join(([separator.join(header)] if header else []) + [*rows]) + "\n"
 
 
-def changed(values: np.ndarray, **at: float) -> np.ndarray:
-    """A copy with some values replaced, ``_17=nan``."""
+def changed(values: np.ndarray, at: int | list[int] | slice, value: Any = np.nan) -> np.ndarray:
+    """A copy with some values replaced."""
     copy = values.copy()
-    for place, value in at.items():
-        copy[int(place.removeprefix("_"))] = value
-    return copy
-
-
-def spanned(values: np.ndarray, first: int, last: int, value: float = np.nan) -> np.ndarray:
-    copy = values.copy()
-    copy[first:last] = value
+    copy[at] = value
     return copy
 
 
@@ -53,30 +46,45 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     # text, remark, rows that are cut out, number of rows that are not counted
     "an empty cell": (CLEAN.replace(f",{Y[7]:.7g}\n", ",\n"), "position_um' is missing in row 9", slice(0), 1),
     "NaN, decimal commas": (
-        table(T, X, changed(Y, _5=np.nan, _900=np.nan), separator=";", decimal=","),
+        table(T, X, changed(Y, [5, 900]), separator=";", decimal=","),
         "is missing in row 7 .data row 6., row 902",
         slice(0),
         2,
     ),
-    "a silent sensor": (table(T, X, spanned(Y, 300, 1200)), "900 of 2000 samples move the operators", slice(0), 900),
-    "a drive that is missing": (table(T, spanned(X, 50, 58), Y), "voltage_V' is missing .* interpolated", slice(0), 8),
+    "a silent sensor": (
+        table(T, X, changed(Y, slice(300, 1200))),
+        "900 of 2000 samples move the operators",
+        slice(0),
+        900,
+    ),
+    "a drive that is missing": (
+        table(T, changed(X, slice(50, 58)), Y),
+        "voltage_V' is missing .* interpolated",
+        slice(0),
+        8,
+    ),
     "a drive that is missing for long": (
-        table(T, spanned(X, 700, 740), Y),
+        table(T, changed(X, slice(700, 740)), Y),
         "missing in 40 rows .* cut out",
         slice(700, 740),
         0,
     ),
-    "a drive that begins late": (table(T, spanned(X, 0, 30), Y), "30 rows from row 2 .* cut out", slice(0, 30), 0),
-    "an overload": (table(T, X, changed(Y, _100=9.9e37)), r"is 9\.9e\+37 in row 102", slice(0), 1),
-    "the last sample of the drive": (table(T, changed(X, _1999=7.7), Y), "voltage_V' is 7.7 in row 2001", slice(0), 1),
+    "a drive that begins late": (
+        table(T, changed(X, slice(0, 30)), Y),
+        "30 rows from row 2 .* cut out",
+        slice(0, 30),
+        0,
+    ),
+    "an overload": (table(T, X, changed(Y, 100, 9.9e37)), r"is 9\.9e\+37 in row 102", slice(0), 1),
+    "the last sample of the drive": (table(T, changed(X, 1999, 7.7), Y), "voltage_V' is 7.7 in row 2001", slice(0), 1),
     "the first sample of the sensor": (
-        table(T, X, changed(Y, _0=-500.0)),
+        table(T, X, changed(Y, 0, -500.0)),
         "is -500 in row 2 .* isolated bad",
         slice(0),
         1,
     ),
     "two bad samples, tabs": (
-        table(T, changed(X, _400=99.0), changed(Y, _1200=0.0), separator="\t"),
+        table(T, changed(X, 400, 99.0), changed(Y, 1200, 0.0), separator="\t"),
         "voltage_V' is 99 in row 402 .* beside",
         slice(0),
         2,
@@ -126,19 +134,19 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
         {},
         r"stands still in row 3 .* .1500 of 2000 rows repeat",
     ),
-    "a sensor silent for more than half": (table(T, X, spanned(Y, 300, 1400)), {}, "in all 1100 of 2000 values"),
+    "a sensor silent for more than half": (table(T, X, changed(Y, slice(300, 1400))), {}, "in all 1100 of 2000 values"),
     "a drive with holes everywhere": (
-        table(T, spanned(X, 0, N, np.nan) + (T % 0.1 < 0.04), Y),
+        table(T, changed(X, slice(0, N)) + (T % 0.1 < 0.04), Y),
         {},
         "cannot tell which column is the input",
     ),
     "a drive missing here and there": (table(T, np.where(np.arange(N) % 40, X, np.nan), Y), {}, "in all 50 of 2000"),
-    "overloads": (table(T, X, spanned(Y, 100, 104, 9.9e37)), {}, "too large for a measured value"),
-    "times that are missing": (table(changed(T, _40=np.nan), X, Y), {}, "time_s' is missing .or NaN. in row 42"),
-    "a time that jumps": (table(changed(T, _40=3.0), X, Y), {}, "runs backwards in row 43"),
+    "overloads": (table(T, X, changed(Y, slice(100, 104), 9.9e37)), {}, "too large for a measured value"),
+    "times that are missing": (table(changed(T, 40), X, Y), {}, "time_s' is missing .or NaN. in row 42"),
+    "a time that jumps": (table(changed(T, 40, 3.0), X, Y), {}, "runs backwards in row 43"),
     "a short gap": (table(T + 0.02 * (T > 6), X, Y), {}, "has a gap of 0.025 s before row"),
     "sweeps at two rates": (HALF_RATE, {}, "has two sampling rates: one sample every 0.005 in the first part"),
-    "a sweep of three rows": (table(changed(T, _1997=0.0, _1998=0.005, _1999=0.01), X, Y), {}, "runs backwards"),
+    "a sweep of three rows": (table(changed(T, slice(1997, None), T[:3]), X, Y), {}, "runs backwards"),
     "a stray text": (CLEAN.replace(f",{X[50]:.7g},", ",over,", 1), {}, "holds 'over' in row"),
     "an open quote": (CLEAN.replace(f",{X[50]:.7g},", ',"1,', 1), {}, "row 52|quote"),
     "a row too wide": (CLEAN.replace(f",{X[50]:.7g},", ",1,1,", 1), {}, "has 4 columns where the others have 3"),
@@ -148,6 +156,13 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
     "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows between --from 50 and --to inf"),
     "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "lasts 9.995 s by its time column"),
+    "a length for a unit of time": (table(T, X, Y, header=()), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
+    "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "neither plain text"),
+    "a name that two columns have": (
+        table(T, X, Y, header=("Sec", "Volt", "Volt")),
+        {"input": "Volt"},
+        r"2 columns named 'Volt'; .* 2 for 'Volt \(2\)', 3 for 'Volt \(3\)'",
+    ),
 }
 
 
@@ -161,9 +176,9 @@ def test_a_spoiled_file_is_refused(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize(
     ("drive", "sensor"),
     [
-        (changed(X, **{f"_{k}": 20.0 for k in (300, 700, 1100, 1500)}), Y),  # a train of pulses
-        (spanned(X, 900, 950, 30.0), spanned(Y, 900, 950, 900.0)),  # a step and its way back
-        (changed(X, _900=30.0), changed(Y, _900=900.0)),  # which the sensor answers
+        (changed(X, [300, 700, 1100, 1500], 20.0), Y),  # a train of pulses
+        (changed(X, slice(900, 950), 30.0), changed(Y, slice(900, 950), 900.0)),  # a step and its way back
+        (changed(X, 900, 30.0), changed(Y, 900, 900.0)),  # which the sensor answers
         (np.where(T % 1 < 0.5, 1.0, 9.0), np.where(T % 1 < 0.5, 41.5, 366.0)),
         (X, Y + np.random.default_rng(1).normal(0, 30, N)),
     ],
@@ -253,26 +268,16 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
         ("x-axis,1,2\nsecond,Volt,Volt", {}, ("second", "Volt (2)", "Volt (3)"), ("", "")),
         ("Sec,Volt,Volt", {"input": "2", "output": "Volt (3)"}, ("Sec", "Volt (2)", "Volt (3)"), ("", "")),
         ("time_s,drive\x1a_V,sensor\x07_V", {"input": "drive"}, ("time_s", "drive_V", "sensor_V"), ("V", "V")),
-        ("t\x00ime_s,Piezo out [V],Mess [µm]", {"output": "Mess"}, None, None),
     ],
 )
 def test_names_are_printable_told_apart_and_found_by_a_part(
-    tmp_path: Path, header: str, options: dict[str, str], columns: tuple[str, ...] | None, units: object
+    tmp_path: Path, header: str, options: dict[str, str], columns: tuple[str, ...], units: tuple[str, str]
 ) -> None:
     text = table(T, X, Y).replace(",".join(HEADER), header, 1)
-    if columns is None:
-        with pytest.raises(RecordingError, match="neither plain text"):
-            opened(tmp_path, text, **options)
-        return
     recording = opened(tmp_path, text, **options)
     assert tuple(recording.columns.values()) == columns
     assert (recording.input_unit, recording.output_unit) == units
     assert recording.describe().replace("\n", "").isprintable()
-
-
-def test_a_name_that_two_columns_have_is_refused_with_their_numbers(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"2 columns named 'Volt'; .* 2 for 'Volt \(2\)', 3 for 'Volt \(3\)'"):
-        opened(tmp_path, table(T, X, Y, header=("Sec", "Volt", "Volt")), input="Volt")
 
 
 def test_seconds_that_nobody_states_are_called_a_guess_and_a_unit_of_time_settles_it(tmp_path: Path) -> None:
@@ -282,8 +287,6 @@ def test_seconds_that_nobody_states_are_called_a_guess_and_a_unit_of_time_settle
     assert re.search(r"one every 5.* s \(seconds are a guess, otherwise --time-unit\)", guessed.describe())
     assert (guessed.guessed_seconds, told.guessed_seconds) == (True, False)
     assert (told.sample_time, "guess," in told.describe()) == (pytest.approx(0.005, rel=0.01), False)
-    with pytest.raises(RecordingError, match="'um', which is not a unit of time; --time-unit"):
-        opened(tmp_path, text, time_unit="um")
 
 
 @pytest.mark.parametrize(

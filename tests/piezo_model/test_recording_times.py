@@ -1,6 +1,7 @@
 """The times of a recording: rounding and jitter are no irregularity, gaps are found, uneven times are interpolated."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -36,8 +37,7 @@ def test_rounding_of_printed_times_is_no_irregularity(
 
 
 def test_the_round_period_behind_rounded_times_is_found(tmp_path: Path) -> None:
-    path = with_times(tmp_path, [f"{k * 125e-6:.3f}" for k in range(1000)])
-    recording = Recording.open(path)
+    recording = Recording.open(with_times(tmp_path, [f"{k * 125e-6:.3f}" for k in range(1000)]))
     assert recording.sample_time == 125e-6
     assert "rounded to 1 ms" in recording.describe()
 
@@ -72,8 +72,6 @@ def test_the_tolerance_is_the_users(tmp_path: Path) -> None:
     times[20] += 0.02 * 0.005
     path = with_times(tmp_path, [f"{t:.7f}" for t in times])
     assert Recording.open(path, time_tolerance=0.05).sample_time == 0.005
-    with pytest.raises(RecordingError, match=r"between 0 and 0.5, not 0"):
-        Recording.open(path, time_tolerance=0)
 
 
 def test_jitter_within_the_tolerance_is_accepted(tmp_path: Path) -> None:
@@ -115,11 +113,12 @@ def test_a_reference_at_uneven_times_is_interpolated_too(tmp_path: Path) -> None
         ({"resample": 1e-3, "sample_time": 1e-3}, "give one of the two"),
         ({"resample": -1.0}, "the sampling period must be from"),
         ({"input_unit": " "}, "the input unit must not be empty"),
+        ({"time_tolerance": 0}, "between 0 and 0.5, not 0"),
     ],
 )
-def test_impossible_options_are_refused(tmp_path: Path, options: dict[str, object], words: str) -> None:
+def test_impossible_options_are_refused(tmp_path: Path, options: dict[str, Any], words: str) -> None:
     with pytest.raises(RecordingError, match=words):
-        Recording.open(text_file(tmp_path, *waves(TWO_RATES)), **options)  # type: ignore[arg-type]
+        Recording.open(text_file(tmp_path, *waves(TWO_RATES)), **options)
 
 
 def test_a_period_that_agrees_with_the_time_column_or_stands_in_its_place_is_taken(tmp_path: Path) -> None:

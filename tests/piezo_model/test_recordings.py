@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from programs import real_recording
-from recording_files import HEADER, ROWS, refusal, signals, text_file, without_privileges
+from recording_files import HEADER, ROWS, lines_of, refusal, signals, text_file, without_privileges
 
 from piezo_model.recordings import Recording, RecordingError, read_reference, write_table
 from piezo_model.units import UnitError
@@ -150,9 +150,18 @@ def test_the_column_of_a_reference_may_be_named(stage: Path) -> None:
     np.testing.assert_array_equal(reference.values, signals()["voltage_V"])
 
 
-def test_a_constant_reference_is_one_to_be_held(tmp_path: Path) -> None:
-    path = text_file(tmp_path, "time_s,y_ref_um", "0,5", "1,5", "2,5")
-    np.testing.assert_array_equal(read_reference(path).values, [5, 5, 5])
+@pytest.mark.parametrize(
+    ("lines", "options", "values"),
+    [
+        (["time_s,y_ref_um", "0,5", "1,5", "2,5"], {}, [5, 5, 5]),
+        ([f"{k / 7:.3f}" for k in range(40)], {"sample_time": 0.01}, [float(f"{k / 7:.3f}") for k in range(40)]),
+    ],
+    ids=["to be held", "one column"],
+)
+def test_a_reference_may_be_constant_or_one_column_of_a_given_period(
+    tmp_path: Path, lines: list[str], options: dict[str, float], values: list[float]
+) -> None:
+    np.testing.assert_array_equal(read_reference(text_file(tmp_path, *lines), **options).values, values)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +192,7 @@ def test_a_missing_an_empty_and_a_folder_of_a_file_are_refused(tmp_path: Path, s
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".xlsx", ".log", ""])
 def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix: str) -> None:
     write_table(tmp_path / "stage.parquet", signals())
-    text_file(tmp_path, HEADER, *(",".join(map(repr, row)) for row in np.column_stack([*signals().values()]).tolist()))
+    text_file(tmp_path, HEADER, *lines_of(*signals().values()))
     for name in ("stage.parquet", "stage.csv"):
         path = (tmp_path / name).rename(tmp_path / f"other{suffix}")
         np.testing.assert_array_equal(Recording.open(path).counted_y, signals()["displacement_um"])
@@ -273,24 +282,11 @@ def test_an_unreadable_file_is_refused(suffix: str) -> None:
             assert "cannot be read: Permission denied" in refusal(path)
 
 
-@pytest.fixture(params=[".csv", ".parquet"])
-def old(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    path = tmp_path / f"stage{request.param}"
-    write_table(path, signals())
-    return path
-
-
-def test_a_written_table_comes_back_to_the_last_bit(old: Path) -> None:
-    columns = {
-        "time_s": np.arange(500) * 125e-6,
-        "u_V": np.random.default_rng(2).normal(size=500),
-        "y_um": np.arange(500),
-    }
-    write_table(old, columns)
-    recording = Recording.open(old)
-    x, y = recording.x, recording.y
-    np.testing.assert_array_equal(x, columns["u_V"])
-    np.testing.assert_array_equal(y, columns["y_um"])
+def test_a_written_table_comes_back_to_the_last_bit(stage: Path) -> None:
+    x, y = np.random.default_rng(2).normal(size=500), np.arange(500)
+    write_table(stage, {"time_s": np.arange(500) * 125e-6, "u_V": x, "y_um": y})
+    recording = Recording.open(stage)
+    np.testing.assert_array_equal([recording.x, recording.y], [x, y])
 
 
 @pytest.mark.parametrize(
@@ -314,17 +310,17 @@ def test_a_table_that_cannot_be_written_is_refused_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_write_that_fails_halfway_leaves_the_old_file_untouched(old: Path) -> None:
-    before, (soft, hard) = old.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+def test_a_write_that_fails_halfway_leaves_the_old_file_untouched(stage: Path) -> None:
+    before, (soft, hard) = stage.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
     columns = {name: np.random.default_rng(3).normal(size=100_000) for name in HEADER.split(",")}
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))  # like a full disk
     try:
         with pytest.raises(RecordingError, match=r"stage.*cannot be written: File too large"):
-            write_table(old, columns)
+            write_table(stage, columns)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert old.read_bytes() == before
-    assert list(old.parent.iterdir()) == [old]
+    assert stage.read_bytes() == before
+    assert list(stage.parent.iterdir()) == [stage]
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
