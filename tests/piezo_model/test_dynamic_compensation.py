@@ -293,7 +293,7 @@ def test_a_bank_refuses_dynamics_for_which_it_has_no_room() -> None:
 
 def test_thresholds_follow_the_drive_with_the_same_bits_by_step_and_by_run() -> None:
     wide = ModelStructure.equidistant(5, 3, (0.0, 450.0), (-20.0, 100.0), (100.0, 10.0), T, offset=True)
-    model = replace(HysteresisCreepModel.from_weights(wide, wide.straight_line), dynamics=STAGE)
+    model = replace(HysteresisCreepModel.from_weights(wide, wide.straight_line), dynamics=ONE)
     by_step, by_run = (
         SelfLearningCompensator(
             wide, 0.05, 0.2, 0.05, "box_active_set", x_limits=(0.0, 150.0), model=model, adapt_range=True
@@ -306,4 +306,4 @@ def test_thresholds_follow_the_drive_with_the_same_bits_by_step_and_by_run() -> 
         y = plant.step(drives[-1])
     np.testing.assert_array_equal(by_run.run(reference, stage().run)[0], drives)
     assert "range" in [event.what for event in by_run.log]
-    assert by_run.model.dynamics == STAGE
+    assert by_run.model.dynamics == ONE

@@ -257,6 +257,7 @@ def test_steps_determine_the_modes_the_residual_compliance_and_the_delay(
     g = identify(made(kind, "steps", modes_of_stage)).dynamics
     assert g is not None
     found, true = np.array(modes(g)), np.array(modes_of_stage)
+    assert found.shape == true.shape
     assert np.all(np.abs(found - true) <= np.array(tolerances) * true)
     assert g.delay_s == pytest.approx(DELAY_S, abs=delay * T)
 
