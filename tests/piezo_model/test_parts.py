@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from plain_stage import THRESHOLDS, Vector, stage
 
 from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification import forward, start
@@ -14,15 +14,8 @@ from piezo_model.identification.creep import holds
 from piezo_model.identification.fit_errors import alternate_blocks
 from piezo_model.identification.forward import independent_samples
 from piezo_model.identification.sensor_lag import without_lag
-from piezo_model.operators import play
 
-Vector = NDArray[np.float64]
-SAMPLE_TIME, THRESHOLDS = 5e-3, np.array([0.24, 0.8, 2.0])
-
-
-def stage(u: Vector, before: Vector) -> Vector:
-    """Output in um for an input in V, with the plays ``before`` away from the first input."""
-    return np.asarray(40 * (0.8 * u + play(u, THRESHOLDS, u[0] + before)[0] @ [0.1, 0.08, 0.06]))
+SAMPLE_TIME = 5e-3
 
 
 def swelling(cycles: float, samples: int) -> Vector:
@@ -32,9 +25,9 @@ def swelling(cycles: float, samples: int) -> Vector:
 
 
 def joined(parts: list[tuple[Vector, Vector]], noise: float = 0.1) -> Recording:
-    """Parts, each a drive and the states before it, as one recording."""
+    """Parts, each a drive and how far the states before it are away from its first sample, as one recording."""
     u = np.concatenate([drive for drive, _ in parts])
-    y = np.concatenate([stage(*part) for part in parts])
+    y = np.concatenate([stage(drive, drive[0] + before) for drive, before in parts])
     y += np.random.default_rng(0).normal(0.0, noise, y.size)
     starts = np.cumsum([0, *(drive.size for drive, _ in parts[:-1])]).tolist()
     return replace(Recording.from_arrays(u, y, SAMPLE_TIME, input_unit="V", output_unit="um"), starts=tuple(starts))
@@ -74,7 +67,7 @@ def test_many_short_parts_give_the_model_of_a_long_recording_without_a_search_of
     assert len(model.report["parts"]) == 59
     assert "searched" not in {part["start"] for part in model.report["parts"]}
     slow = swelling(3.0, 3000)
-    error = model.simulate(slow) - stage(slow, np.zeros(3))
+    error = model.simulate(slow) - stage(slow, slow[0])
     assert np.std(error[1500:]) < 0.5  # the states before it are forgotten by then
 
 

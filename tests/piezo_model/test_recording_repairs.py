@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plain_stage import stage
 from recording_files import refusal
 
-from piezo_model.operators import play
 from piezo_model.recordings import Recording, RecordingError, write_table
 
 N, PERIOD = 2000, 0.005
 T = np.arange(N) * PERIOD
 X = 1.0 + 4.0 * (1.0 - np.cos(2 * np.pi * 0.5 * T))
-Y = 40.0 * (0.8 * X + play(X, [0.24, 0.8, 2.0], [1.0] * 3)[0] @ [0.1, 0.08, 0.06])
+Y = stage(X)
 HEADER = ("time_s", "voltage_V", "position_um")
 
 
