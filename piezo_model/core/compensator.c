@@ -40,8 +40,7 @@ static num wanted_drive(const Compensator *c, num y_ref, num creep)
 static num output_of(const Compensator *c, num creep)
 {
     const Inverse *const p = &c->inverse;
-    const num hysteresis = dot(p->w_H, c->play, play_vectors(c->shape));
-    const vec8 u = SPREAD(plus(plus(hysteresis, creep), p->offset[0]));
+    const vec8 u = SPREAD(plus(plus(dot(p->w_H, c->play, play_vectors(c->shape)), creep), p->offset[0]));
     Sum sum = no_sum();
     for (int i = 0; i < VECTORS(c->shape.zones); ++i) {
         accumulate(&sum, i, vector(p->w_S_inverse, i), dead_zone8(u, vector(p->low, i), vector(p->high, i)));
@@ -55,8 +54,8 @@ static num filtered(const Compensator *c, num y_ref, num finite)
     const DriveSettings *const p = c->settings;
     DriveMemory *const m = c->memory;
     num *const reference = &c->prefilter.memory->reference;
-    const num centre = constant(p->y_centre), most = constant(FARTHEST * MAGNITUDE(p->y_scale));
-    const num low = minus(centre, most), high = plus(centre, most);
+    const num centre = constant(p->y_centre), most = constant(FARTHEST * MAGNITUDE(p->y_scale)),
+              low = minus(centre, most), high = plus(centre, most);
     if (p->gain > 0) {
         set_where(finite, reference, within(y_ref, low, high));
         m->given = where(finite, N(prefilter_reference)(&c->prefilter, c->shape, *reference), y_ref);
