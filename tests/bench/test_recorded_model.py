@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import plain_stage
 import pytest
 from command_line import CommandLine
 
@@ -16,7 +17,6 @@ from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
 from piezo_model.deployment import Deployment
 from piezo_model.identification.creep import UNDETERMINED
-from piezo_model.operators import play
 from piezo_model.recordings import write_table
 
 FEW = ("--limit", 2, "--solver", "box_active_set", "--lane", "direct", "--budget", 0.002, "--rounds", 0)
@@ -199,17 +199,12 @@ def test_a_recording_without_a_model_is_raced_and_deploy_gives_the_reason(
         model_for(run, simulated=True)
 
 
-def without_creep(u: np.ndarray) -> np.ndarray:
-    """Output of a stage with hysteresis alone, settled at 1 V."""
-    return np.asarray(40 * (0.8 * u + play(u, [0.24, 0.8, 2.0], [1.0] * 3)[0] @ [0.1, 0.08, 0.06]))
-
-
 def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controller_and_in_a_fleet(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     chance, t = np.random.default_rng(0), np.arange(6000) * 0.01
     u = 1 + 8 * np.interp(t / 2 % 1, [0, 0.5, 1], [0, 1, 0])
-    y = without_creep(u)
+    y = plain_stage.stage(u)
     for name in ("a", "b"):
         noise = chance.normal(0, 0.3, t.size)
         write_table(tmp_path / f"{name}.csv", {"time_s": t, "voltage_V": u, "position_um": y + noise})
@@ -220,7 +215,7 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
     assert UNDETERMINED in " ".join(call.stdout.split()), call.stderr
     model = Deployment.load(tmp_path / "c.json").model
     held = np.concatenate([np.linspace(1, 6, 50), np.full(6000, 6.0)])  # a step, held for a minute
-    error = (model.simulate(held) - without_creep(held))[50:]
+    error = (model.simulate(held) - plain_stage.stage(held))[50:]
     assert np.ptp(error) == 0.0
     assert np.abs(error[0]) < 0.001 * np.ptp(y)
     names = [tmp_path / f"{name}.csv" for name in ("a", "b")]

@@ -289,7 +289,7 @@ def test_where_one_mode_gains_nothing_over_none_no_richer_dynamics_are_tried() -
 
 
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
-    recording = made("relay_preisach", "triangle", [(400.0, 0.24, 1.0)], 0.05)
+    recording = made("relay_preisach", "triangle", [(400.0, 0.24, 1.0)], 0.05, size=SIZE // 2)
     model = identify(recording, force=True)
     assert model.dynamics is None
     assert any("record steps of 20 ms to determine it" in sentence for sentence in model.report["findings"])
