@@ -90,12 +90,14 @@ def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_itera
 ) -> None:
     texts = {block.rest: block.text for block in documents.blocks(ROOT / "docs" / "tutorial-solver-author.md")}
     source, workflow = texts['title="my_solver.py"'], texts['title=".github/workflows/solver.yml"']
-    race, history = re.findall(r"- run: piezobench (.*)", workflow)
+    race, history, compare = re.findall(r"- run: piezobench (.*)", workflow)
     solver = tmp_path / "my_solver.py"
     solver.write_text(source)
     piezobench.run(*race.replace("--name now", "--name baseline").split(), folder=tmp_path)
     assert piezobench(*race.split(), folder=tmp_path).status == 0
-    assert piezobench(*history.split(), folder=tmp_path).status == 0
+    shutil.copy(solver, tmp_path / "baseline.py")
+    for words in (history, compare):
+        assert piezobench(*words.split(), folder=tmp_path).status == 0
     shutil.rmtree(tmp_path / "now")
     slower = "return self._solve() if self._solve() is None else self._solve()"
     solver.write_text(
@@ -108,6 +110,14 @@ def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_itera
     failed = piezobench(*history.split(), folder=tmp_path)
     assert failed.status == 3
     assert failed.stdout.count("times as many iterations") == failed.stdout.count("times as long") == 1
+    assert piezobench(*compare.split(), folder=tmp_path).status == 3
+
+
+def test_the_history_of_versions_on_the_page_is_that_of_the_runs_beside_the_reference(piezobench: CommandLine) -> None:
+    (shown,) = re.findall(r'^``` title="piezobench history .*?"\n(.*?)^```', READING, re.DOTALL | re.MULTILINE)
+    runs = [ROOT / "results" / "versions" / line.split()[0] for line in shown.splitlines()[1:]]
+    assert len(runs) == 3
+    assert piezobench.run("history", *runs, "--solver", "osqp").stdout.rstrip() == shown.rstrip()
 
 
 def test_the_defect_that_the_page_on_certificates_names_is_there(capfd: pytest.CaptureFixture[str]) -> None:

@@ -114,7 +114,8 @@ def _do(words: list[str], verb: str) -> int:
         return INTERRUPTED
     except typer.TyperException as error:  # a wrong verb, option or argument
         verb = verb if verb.strip() in VERBS else ""
-        return _refuse(verb, f"{error.format_message().rstrip('.')}; see piezobench{verb} --help")
+        sentence = error.format_message().rstrip(".").replace("Value error, ", "")  # Pydantic's own words
+        return _refuse(verb, f"{sentence}; see piezobench{verb} --help")
     except OSError as error:
         reason = error.strerror or str(error)
         return _refuse(verb, f"{error.filename}: {reason}" if error.filename else reason)

@@ -1,6 +1,7 @@
 """Verbs for finished runs: ``verify`` judges the stored answers of one again, ``combine`` puts several side by side,
 ``history`` follows a solver through them."""
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -83,7 +84,7 @@ def history_verb(
     if asv is not None:
         write_asv(read, solver, asv)
     newest = [
-        {"name": f"{solver} ({line['lane']}) {what}", "unit": "ratio", "value": value, "extra": str(line)}
+        {"name": f"{solver} ({line['lane']}) {what}", "unit": "ratio", "value": value, "extra": json.dumps(line)}
         for line in table[table.run == table.run.iloc[-1]].to_dict("records")
         for what, value in (("iterations", line["iterations_ratio"]), ("time", line["time_ratio"]))
     ]

@@ -33,6 +33,8 @@ from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.units import quantity
 
+MOST = 200
+"""Largest order: more operators take minutes, and describe no stage better."""
 SHOWN = 8
 """Rows of the table of candidates; the page has all."""
 
@@ -50,11 +52,12 @@ def identify_verb(
     input: Input = None,
     output: Output = None,
     n: Annotated[
-        int | None, typer.Option(min=0, help="Order of hysteresis and creep; by an information criterion by default.")
+        int | None,
+        typer.Option(min=0, max=MOST, help="Order of hysteresis and creep; by an information criterion by default."),
     ] = None,
     m: Annotated[
         int | None,
-        typer.Option(min=0, help="Order of the superposition on each side; by an information criterion by default."),
+        typer.Option(min=0, max=MOST, help="Order of the superposition on each side, likewise."),
     ] = None,
     creep_rates: Annotated[
         str | None,
@@ -248,8 +251,11 @@ def _rates(text: str | None) -> tuple[float, ...] | None:
     if text.strip().lower() in ("", "none"):
         return ()
     try:
-        return tuple(float(part) for part in text.split(","))
+        rates = tuple(float(part) for part in text.split(","))
     except ValueError:
         raise typer.BadParameter(
             f"{text!r} is not a list of numbers separated by commas", param_hint="--rates"
         ) from None
+    if not all(rate > 0.0 for rate in rates):
+        raise typer.BadParameter(f"{text!r} has a rate that is not positive", param_hint="--rates")
+    return rates

@@ -211,7 +211,7 @@ def regressions(table: pd.DataFrame, iterations: float, times: float) -> list[st
     for line in table.to_dict("records"):
         name, (low, high) = f"{line['run']}, {line['lane']}, {line['version'] or 'no version'}", line["interval"]
         if line["iterations_ratio"] > iterations:
-            found.append(f"{name}: {line['iterations_ratio']:.3f} times as many iterations")
+            found.append(f"{name}: {line['iterations_ratio']:.3f} times as many iterations, over {iterations:g}")
         if line["time_ratio"] > times and low > 1.0:
-            found.append(f"{name}: {line['time_ratio']:.2f} times as long ({low:.2f} to {high:.2f})")
+            found.append(f"{name}: {line['time_ratio']:.2f} times as long ({low:.2f} to {high:.2f}), over {times:g}")
     return found

@@ -36,7 +36,7 @@ def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
         except LostError as error:
             entry = f"ended the process that loaded it with {error}"
     if isinstance(entry, str):
-        raise RaceError(f"{path}: {entry}")
+        raise RaceError(f"{path}: {entry.removeprefix(f'{path}: ')}")
     return entry
 
 

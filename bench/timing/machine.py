@@ -11,6 +11,7 @@ import subprocess
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ def describe() -> dict[str, Any]:
 
 
 def environment() -> dict[str, str]:
-    """What a later run is compared by: the commit of this program's checkout, all installed packages, the libraries of
+    """What a later run is compared by: the commit of the checkout, all installed packages, the libraries of
     linear algebra, and the settings of the processor; "" for what is not known."""
     settings = {
         "governor": CPU / "cpu0/cpufreq/scaling_governor",
@@ -62,15 +63,15 @@ def environment() -> dict[str, str]:
 
 
 def commit() -> str:
-    """The commit of the checkout that this program runs from, with + if a file differs from it; "" without one."""
-    root = Path(__file__).parents[2]
-    if not (root / ".git").exists():
-        return ""
-    try:
-        words = ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+"]
-        return subprocess.run(words, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
-    except (OSError, subprocess.SubprocessError):  # without git, or in a checkout of another user
-        return ""
+    """The commit of the current folder's checkout, or else of the one that this program runs from, with + if a file
+    differs from it; "" without either."""
+    own = Path(__file__).parents[2]
+    words = ["-c", "core.fsmonitor=false", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+"]
+    for root in (Path.cwd(), *([own] if (own / ".git").exists() else [])):
+        with suppress(OSError, subprocess.SubprocessError):  # without git, a checkout, or in that of another user
+            call = ["git", "-C", str(root), *words]
+            return subprocess.run(call, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    return ""
 
 
 def name(described: Mapping[str, Any]) -> str:

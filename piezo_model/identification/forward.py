@@ -258,7 +258,7 @@ def fit_forward(
     def trial(z: Vector) -> Trial:
         solving.passes += 1
         begun = list(states)
-        for part, slopes in zip(free_parts, z[d : d + n].reshape(-1, s.n), strict=True):
+        for part, slopes in zip(free_parts, z[d : d + n].reshape(len(free_parts), s.n), strict=True):
             begun[part] = state_with_slopes(sweeps[part], s, slopes)
         arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
         dynamics = None if parameters is None else parameters.at(z[d + n + k :])

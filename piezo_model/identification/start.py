@@ -266,9 +266,10 @@ def require(recording: Recording, counted: Mask, s: ModelStructure, skip: int) -
     """Refuse a recording with too few samples, or no movement, after the skipped ones."""
     left = int(np.count_nonzero(counted))
     if left <= s.d:
+        counted_ones = f"{left} samples" if left == recording.length else f"only {left} of {recording.length} samples"
         raise IdentificationError(
-            f"{recording.name}: only {left} of {recording.length} samples are counted"
-            f"{f' after skipping {skip}' if skip else ''}, too few for {s.d} weights"
+            f"{recording.name}: {counted_ones} are counted{f' after skipping {skip}' if skip else ''}, too few for "
+            f"{s.d} weights"
         )
     if skip and first_motion(recording, skip) == recording.length:
         raise IdentificationError(

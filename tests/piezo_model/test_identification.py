@@ -250,7 +250,7 @@ X = a_drive(400)
 @pytest.mark.parametrize(
     ("x", "y", "options", "sentence"),
     [
-        (X[:9], X[:9], {}, "only 9 of 9 samples are counted, too few for 11 weights"),
+        (X[:9], X[:9], {}, "9 samples are counted, too few for 11 weights"),
         (X, X, {"skip": 395}, "only 5 of 400 samples are counted after skipping 395, too few for 11 weights"),
         (X, X, {"skip": -1}, "skip must be a whole number of at least 0, not -1"),
         (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),

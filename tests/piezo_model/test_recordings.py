@@ -219,7 +219,7 @@ def test_a_truncated_or_damaged_parquet_file_is_refused(tmp_path: Path, spoil: C
     path = tmp_path / "stage.parquet"
     write_table(path, signals())
     path.write_bytes(spoil(path.read_bytes()))
-    assert "is a damaged Parquet file" in refusal(path)
+    assert "is a Parquet file, and damaged" in refusal(path)
 
 
 # Cells that are not numbers.

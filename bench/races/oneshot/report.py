@@ -210,12 +210,13 @@ def _reproduction(run: Run, files: Iterable[str]) -> list[str]:
     """The lines of Python that solve a missed program again; the user's own solver files are registered first."""
     own = run.settings_in_force.get("solver_files", ())
     register = "".join(["import solvers; ", *(f"solvers.add_file({path!r}); " for path in own)]) if own else ""
+    names = [*files]
     return [
-        f"{len([*files])} missed answers are kept in {run.path / 'misses'}, each with its program and the proven "
-        "optimum. To solve the first again: "
-        f"{register}from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / file)!r}); "
+        f"{len(names)} missed answer{'s are' if len(names) > 1 else ' is'} kept in {run.path / 'misses'}, each with "
+        "its program and the proven optimum. To solve the first again: "
+        f"{register}from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / name)!r}); "
         "print(miss.gap(miss.x), miss.gap(miss.solve()))"
-        for file in [*files][:1]
+        for name in names[:1]
     ]
 
 

@@ -128,8 +128,7 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
     except PermissionError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     except Exception as error:
-        kind = format.name.partition(" ")[2].removesuffix(" file")
-        raise RecordingError(f"{path}: is a damaged {kind} file: {first_line(error)}") from None
+        raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
     if len(table.columns) > MOST_COLUMNS:
         raise RecordingError(f"{path}: has {len(table.columns)} columns, and no recording has more than {MOST_COLUMNS}")
     return table
