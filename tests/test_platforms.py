@@ -154,7 +154,7 @@ def test_the_tests_of_the_paper_need_the_library_pytest_and_hypothesis_alone() -
     )
     assert done.returncode == 0, done.stdout
     assert {line.split("'")[1] for line in reasons(done)} == {"pandas"}
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) > 40
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 40
 
 
 REFUSE = """

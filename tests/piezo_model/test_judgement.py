@@ -463,7 +463,7 @@ def test_an_extrapolation_is_not_taken_for_an_offset_of_the_sensor() -> None:
     wider = model.validate(Recording.from_arrays(u[4000:] + 0.5, y[4000:], SAMPLE_TIME))
     assert wider.beyond_percent > 20.0
     inside = np.abs(model.structure.unit_input(u[4000:] + 0.5)) <= 1.0
-    state = wider.start.copy()
+    state = wider.states[0].copy()
     error = y[4000:] - model.simulate(u[4000:] + 0.5, state)
     assert wider.shift == pytest.approx(float(error[inside].mean()), abs=0.01 * np.ptp(y))
     assert any("extrapolates" in sentence for sentence in wider.sentences())

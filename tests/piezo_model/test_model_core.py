@@ -30,7 +30,7 @@ from solvers.core import compile_core
 
 PACKAGE = Path(core.__file__).parents[1]
 FOLDERS = compile_core.folders(PACKAGE)
-ALGORITHMS = [PACKAGE / "core" / name for name in ("model.c", "data_basis.c", "compensator.c")]
+ALGORITHMS = [PACKAGE / "core" / name for name in ("model.c", "prefilter.c", "data_basis.c", "compensator.c")]
 """Files of an exported folder."""
 INCLUDES = [f"-I{folder}" for folder in FOLDERS]
 STRUCTURE = ModelStructure.equidistant(

@@ -68,7 +68,7 @@ def _table(
             for batch in batches_of(names):
                 yield [array_of(batch.column(schema.names[k] if names else k)) for k in at]
         except (pa.ArrowException, OSError, KeyError) as error:
-            raise RecordingError(f"{path}: is a damaged {form} file: {first_line(error)}") from None
+            raise RecordingError(f"{path}: is {form}, and damaged: {first_line(error)}") from None
 
     return Table(path, form, columns, batches)
 
