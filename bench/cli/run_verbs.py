@@ -12,8 +12,9 @@ from bench.cli import FAILED
 from bench.comparison.asv import write_asv
 from bench.comparison.compare import SMALLEST
 from bench.comparison.several_runs import FOLLOWED, Combination, history, regressions, report
+from bench.derived.measurements import Measurements
 from bench.races.kind import open_run
-from bench.report.console import AsJson, print_report, print_result, progress_bar
+from bench.report.console import AsJson, plain_json, print_report, print_result, progress_bar
 from bench.report.report import Table
 from bench.report.writing import write_report
 from bench.store import RunError
@@ -79,14 +80,20 @@ def history_verb(
     if len(runs) < 2:
         raise typer.BadParameter("a history has two runs or more", param_hint="RUN_A RUN_B")
     read = [open_run(path) for path in runs]
-    table = history(read, solver, SMALLEST)
+    measured = [Measurements.of(run) for run in read]
+    table = history(read, measured, solver, SMALLEST)
     worse = regressions(table, most_iterations, most_time)
     if asv is not None:
-        write_asv(read, solver, asv)
+        write_asv(read, measured, solver, asv)
     newest = [
-        {"name": f"{solver} ({line['lane']}) {what}", "unit": "ratio", "value": value, "extra": json.dumps(line)}
+        {
+            "name": f"{solver} ({line['lane']}) {what}",
+            "unit": "ratio",
+            "value": line[f"{what}_ratio"],
+            "extra": json.dumps(plain_json(line)),
+        }
         for line in table[table.run == table.run.iloc[-1]].to_dict("records")
-        for what, value in (("iterations", line["iterations_ratio"]), ("time", line["time_ratio"]))
+        for what in ("iterations", "time")
     ]
     shown = Table.of("", table, FOLLOWED)
     print_result(newest, worse, as_json, (shown.headings, shown.rows, 4))

@@ -18,52 +18,55 @@ from piezo_model.atomic_file import replacing
 
 ENVIRONMENT = "race"
 """Name of the environment of all results; asv compares results of the same environment."""
+BENCHMARK: dict[str, Any] = {"version": "1", "params": [], "param_names": [], "timeout": 0.0, "code": ""}
+RESULT: dict[str, Any] = {
+    "version": 2,
+    "env_name": ENVIRONMENT,
+    "date": 0,
+    "python": "",
+    "requirements": {},
+    "env_vars": {},
+    "durations": {},
+    "result_columns": ["result", "params"],
+}
+"""What all benchmarks and all results have in common."""
 
 
-def asv_files(runs: Sequence[Run], solver: str) -> dict[str, dict[str, Any]]:
+def asv_files(runs: Sequence[Run], measured: Sequence[Measurements], solver: str) -> dict[str, dict[str, Any]]:
     """Contents of the files of a folder of results, by their names in it; RunError for a run without a commit or the
     solver."""
     files: dict[str, dict[str, Any]] = {}
     described: dict[str, Any] = {}
-    for run in runs:
+    for run, found in zip(runs, measured, strict=True):
         machine = run.settings["machine"]
         environment = machine.get("environment", {})
         commit = environment.get("commit", "").rstrip("+")
         if not commit:
             raise RunError(f"{run.path} does not know the commit that it ran from, by which asv orders results")
-        found = Measurements.of(run)
-        rows = found.field
-        rows = rows[(rows.solver == solver) & (rows.status == Status.OK)]
+        rows = found.field[(found.field.solver == solver) & (found.field.status == Status.OK)]
         if not len(rows):
             raise RunError(f"{run.path} has no answer of {solver}")
         results = {}
         for lane, part in rows.groupby("lane"):
-            for what, unit, value in (
-                ("time", "seconds", float(part.answer_us.median()) * 1e-6),
-                ("iterations", "iterations", float(part.iterations.clip(lower=0).sum())),
+            for what, kind, unit, value in (
+                ("time", "time", "seconds", float(part.answer_us.median()) * 1e-6),
+                ("iterations", "track", "iterations", float(part.iterations.clip(lower=0).sum())),
             ):
                 name = f"{solver}.{lane}.{what}"
                 results[name] = [[value if math.isfinite(value) else None], []]
-                described[name] = {
-                    **{"name": name, "unit": unit, "type": "time" if what == "time" else "track", "version": "1"},
-                    **{"params": [], "param_names": [], "timeout": 0.0, "code": ""},
-                }
+                described[name] = {**BENCHMARK, "name": name, "unit": unit, "type": kind}
         about = {"machine": found.host, "cpu": machine["processor"], "os": machine["system"]}
         files[f"{found.host}/machine.json"] = {**about, "version": 1}
         name = f"{found.host}/{commit[:8]}-{ENVIRONMENT}.json"
         if name in files:
             raise RunError(f"{run.path} is of commit {commit}, as a run before it, and asv has one result a commit")
-        files[name] = {
-            **{"commit_hash": commit, "env_name": ENVIRONMENT, "date": 0, "params": about, "python": ""},
-            **{"requirements": {}, "env_vars": {}, "durations": {}, "version": 2},
-            **{"result_columns": ["result", "params"], "results": results},
-        }
+        files[name] = {**RESULT, "commit_hash": commit, "params": about, "results": results}
     return {**files, "benchmarks.json": {**described, "version": 2}}
 
 
-def write_asv(runs: Sequence[Run], solver: str, folder: Path) -> None:
+def write_asv(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, folder: Path) -> None:
     """Write or replace the files in a folder of results."""
-    for name, content in asv_files(runs, solver).items():
+    for name, content in asv_files(runs, measured, solver).items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         with replacing(folder / name) as temporary:
             temporary.write_text(json.dumps(content, indent=1))

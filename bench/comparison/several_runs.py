@@ -168,17 +168,17 @@ FOLLOWED = (
 )
 
 
-def history(runs: Sequence[Run], solver: str, smallest: float) -> pd.DataFrame:
+def history(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, smallest: float) -> pd.DataFrame:
     """FOLLOWED, one row for each lane of a solver in each run, compared with the first run; RunError if that does not
-    have it. ``iterations`` is their sum over the common tasks, 0 if the solver does not count them."""
-    first = Measurements.of(runs[0])
+    have it. ``measured`` are the runs' measurements; ``iterations`` is their sum over the common tasks, 0 if the solver
+    does not count them."""
+    first = measured[0]
     if solver not in set(first.field.solver):
         raise RunError(f"{runs[0].path} has no solver {solver!r}")
     counted = first.field[(first.field.solver == solver) & (first.field.status == Status.OK)]
     found = []
-    for run in runs:
-        settings, measured = run.settings, first if run is runs[0] else Measurements.of(run)
-        comparison, rows = compare_runs(runs[0], run, smallest, (first, measured)), measured.field
+    for run, here in zip(runs, measured, strict=True):
+        settings, comparison, rows = run.settings, compare_runs(runs[0], run, smallest, (first, here)), here.field
         pairs = counted.merge(rows[rows.status == Status.OK], on="task", suffixes=("_a", ""))
         if not len(pairs):
             raise RunError(f"{run.path} has no task of {solver} in common with {runs[0].path}")

@@ -69,7 +69,9 @@ num N(prefilter_reference)(const Prefilter *p, Shape s, num y_ref)
 {
     PrefilterMemory *const m = p->memory;
     const num late = delayed(m->ring, s.ring, &m->reference_at, m->reference_lag, y_ref);
-    memmove(m->history + 1, m->history, (LANES - 1) * sizeof(num));
+    num before[LANES - 1];
+    memcpy(before, m->history, sizeof before);
+    memcpy(m->history + 1, before, sizeof before);
     m->behind = plus_times(late, m->decay, minus(m->behind, late));
     m->history[0] = m->behind;
     for (int i = s.modes; i < 2 * s.modes; ++i) {
