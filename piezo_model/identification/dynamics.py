@@ -132,8 +132,7 @@ def separate(
             choice.require(T)
         prepared = prepare(_through_inverse(recording, choice))
         trials = Trials.of(recording, prepared, solving)
-        known = trials.fit(Parameters(choice, T))
-        return Separated(trials.static(recording, known), prepared, choice)
+        return trials.separated(recording, prepared, trials.fit(Parameters(choice, T)))
     head = recording.head(SAMPLES)
     peak = Spectra(head).peak() if choice == "estimate" and Spectra.can_be_of(head) else None
     if peak is None or not _is_plausible(peak):
@@ -148,7 +147,7 @@ def separate(
     finding = trials.judge(none, best, peak.gain)
     if not finding.kept:
         return Separated(recording, prepare(recording), finding=finding)
-    return Separated(trials.static(recording, best), prepared, found(best).start, finding)
+    return replace(trials.separated(recording, prepared, best), finding=finding)
 
 
 def _is_plausible(peak: Peak) -> bool:
@@ -260,13 +259,17 @@ class Trials:
             squares += np.where(self.counted & ~inside, error**2, 0.0)
         return np.bincount(number, squares).astype(np.float64)
 
-    def static(self, recording: Recording, fitted: ForwardFit) -> Recording:
-        """The recording, of which the trials may be the head, with the output that the stage would have without
-        dynamics: y + (S[…] − G S[…]) of a fit."""
+    def separated(self, recording: Recording, prepared: Prepared, fitted: ForwardFit) -> Separated:
+        """The recording, of which the trials may be the head, with the output that the stage would have without the
+        dynamics of a fit, y + (S[…] − G S[…]), and the start with that output, in which the noise is that of y."""
         known = Parameters(found(fitted).start, recording.sample_time)
         whole = replace(self, recording=recording, counted=~recording.uncounted)
         s, fit = self.structure, whole.fit(known, fitted, steps=0)
-        return _with_output(recording, s.y_centre + s.y_scale * (fit.static + fit.error))
+        static = _with_output(recording, s.y_centre + s.y_scale * (fit.static + fit.error))
+        counted, before = counted_from(static, prepared.skip), prepared.fit
+        near = prepared.structure, before.states, before.v
+        settled = fit_forward(static, counted, *near, self.solving, searched=prepared.searched)
+        return Separated(static, replace(prepared, fit=settled), known.start)
 
 
 def found(fit: ForwardFit) -> Parameters:

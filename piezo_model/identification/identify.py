@@ -259,9 +259,9 @@ class Fitting:
             return None, fit
         ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
         ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
-        recording, static = self.separated.static, self.separated.parameters is None
+        recording = self.separated.static
         counted = counted_from(recording, prepared.skip)
-        selection = select(recording, counted, fit, determined, rates, self.solving, self.span, ns, ms, static)
+        selection = select(recording, counted, fit, determined, rates, self.solving, self.span, ns, ms)
         return selection if None in (options.n, options.m) else None, selection.chosen
 
     def final(self, near: Near) -> tuple[Final, Lag | None]:

@@ -74,8 +74,6 @@ class Selection:
     """All candidates, the best first."""
 
     candidates: tuple[Candidate, ...]
-    static: bool
-    """Whether the output is that of a static stage, and not one through the inverse of dynamics."""
 
     @property
     def chosen(self) -> Candidate:
@@ -88,10 +86,9 @@ class Selection:
         best = min(self.candidates, key=lambda candidate: candidate.error_percent)
         error, smallest = (f"{candidate.error_percent:.3g} %" for candidate in (self.chosen, best))
         beside = "" if smallest == error else f"; the smallest error is the {smallest} of {best}"
-        inverse = "" if self.static else " These are errors behind the inverse of the dynamics, which amplifies noise."
         return (
             f"Of {len(self.candidates)} pairs of orders, {self.chosen} has the smallest information criterion, with an "
-            f"RMS error of the output of about {error} of its range{beside}.{inverse}"
+            f"RMS error of the output of about {error} of its range{beside}."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -134,7 +131,6 @@ def select(
     span: float,
     ns: Sequence[int] = HYSTERESIS_ORDERS,
     ms: Sequence[int] = SUPERPOSITION_ORDERS,
-    static: bool = True,
 ) -> Selection:
     """Choose the orders among ``ns`` and ``ms``, for given creep rates, in the neighbourhood of a fit; ``span`` is the
     output's full range.
@@ -153,7 +149,7 @@ def select(
     noise = noise_floor(recording, counted, fit.error)
     independent = max(fit.independent, determined.independent, np.count_nonzero(counted) * fit.cost / noise)
     candidates = [_candidate(s, fit, union, gram, moved, determined, independent, solving, span) for s in orders]
-    return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)), static)
+    return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
 
 
 def _gram(
