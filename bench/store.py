@@ -1,6 +1,7 @@
 """The folder of a run; every finished task is saved in it before the next one starts.
 
-    results/<run>/run.json        settings, seed, versions, machine
+    results/<run>/run.json        settings, seed, solvers and their versions
+                  machines/       what made the rows: each machine with its versions and instruction set, JSON
                   problems/       the problems with their certificates, NPZ
                   models/         the models of raced recordings, JSON
                   tasks/          during the race: an NPZ for each finished task, and notes as JSON
@@ -38,6 +39,7 @@ from bench.messages.task import Row, Task
 from bench.problem_files import npz
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
+from bench.timing import machine
 from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName, decoded, packed, unpacked
@@ -61,7 +63,7 @@ class Schema:
     @property
     def arrow(self) -> pa.Schema:
         """Columns of the rows with their types."""
-        return columns.schema((*named("task"), *self.columns))
+        return columns.schema((*named("task", "machine"), *self.columns))
 
     def row(self, **known: Any) -> Row:
         """A row with the known values; other columns hold "", 0, False or NaN."""
@@ -129,7 +131,8 @@ class RunFile(TypedDict):
 
     race: NotRequired[str]
     settings: dict[str, Any]
-    machine: Machine
+    machine: NotRequired[Machine]
+    """Of an older run, which has one; others have the folder ``machines``."""
     version: NotRequired[int]
     problems: NotRequired[dict[FileName, list[FileName]]]
     there_are: NotRequired[dict[str, int]]
@@ -282,7 +285,13 @@ class Run:
         return zipfile.is_zipfile(self._task_file(task))
 
     def save(self, task: Task, rows: Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
-        """Save the rows of a finished task, and its raw times by name."""
+        """Save the rows of a finished task with the machine that this is, and its raw times by name."""
+        here = machine.describe()
+        described = self.path / "machines" / f"{machine.key(here)}.json"
+        if not described.exists():
+            described.parent.mkdir(exist_ok=True)
+            write_text(described, json.dumps(here, indent=1) + "\n")
+        rows = [{**row, "machine": described.stem} for row in rows]
         with replacing(self._task_file(task), durable=False) as temporary, temporary.open("wb") as file:
             np.savez(file, rows=np.array(json.dumps(packed(rows))), **times)
 
@@ -337,6 +346,28 @@ class Run:
             with replacing(self.path / file) as temporary:
                 parquet.write_table(content, temporary)
         shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))
+
+    @property
+    def machines(self) -> dict[str, Machine]:
+        """The machines that made rows, with their versions and instruction sets, by the column ``machine``."""
+        settings, folder = self.settings, self.path / "machines"
+        if "machine" in settings:
+            return {machine.name(settings["machine"]): settings["machine"]}
+        found = {path.stem: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
+        if not found:
+            raise RunError(f"{folder} has no machine, and each that made rows of a run is described there")
+        return found
+
+    @property
+    def machine_names(self) -> list[str]:
+        """Names of the machines that made rows, without their versions."""
+        return sorted({machine.name(each) for each in self.machines.values()})
+
+    def machine_of(self, rows: pd.DataFrame) -> Machine:
+        """The machine that made most of these rows."""
+        machines = self.machines
+        known = rows.machine[rows.machine.isin(machines)]
+        return machines[known.mode().iloc[0]] if len(known) else next(iter(machines.values()))
 
     def rows(self, schema: Schema) -> pd.DataFrame:
         """The table of a finished run."""

@@ -271,9 +271,8 @@ def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
             f"{turns.ratio:.2f}",
         )
         assert f"| {' | '.join(cells)} |" in README.read_text(encoding="utf-8")
-    assert f"on one core with {run.settings['machine']['core'].partition(',')[0]}:" in README.read_text(
-        encoding="utf-8"
-    )
+    core = run.machine_of(run.rows(ONESHOT))["core"].partition(",")[0]
+    assert f"on one core with {core}:" in README.read_text(encoding="utf-8")
 
 
 def test_the_answer_above_the_picture_is_that_of_the_reference_run() -> None:

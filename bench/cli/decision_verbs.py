@@ -86,7 +86,7 @@ def compare_verb(
             comparisons, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
         )
     files = ["", OURS_NOTE, f"Comparison: {page}"]
-    there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.settings["machine"])]
+    there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)]
     below = lines_of([*report.notes, *dict.fromkeys(there)])
     print_report(report, comparison_report.to_dict(comparisons), as_json, below, files)
     bad = sum(
@@ -185,7 +185,7 @@ def deploy_verb(
         decision = decide(opened, rule)
     made = decision.deployment(actuator)
     made.save(target)
-    elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.settings["machine"])
+    elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.machine_names)
     document = {
         "file": target,
         "solver": made.solver,

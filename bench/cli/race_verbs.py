@@ -425,7 +425,7 @@ def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
     absent, in_sets = settings.get("absent", {}), settings.get("there_are", {})
     raced = {name: len(problems) for name, problems in settings.get("problems", {}).items()}
     below = list(settings.get("conditions", {}).get("warnings", []))
-    below += machine.elsewhere(f"The run {run.path.name}", settings["machine"])
+    below += machine.elsewhere(f"The run {run.path.name}", run.machine_names)
     if absent:
         names = ", ".join(absent) if len(absent) <= MOST_NAMED else f"{len(absent)} solver lanes"
         below.insert(0, f"Absent, so not raced: {names} (run.json says why).")

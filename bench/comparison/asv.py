@@ -38,7 +38,7 @@ def asv_files(runs: Sequence[Run], measured: Sequence[Measurements], solver: str
     files: dict[str, dict[str, Any]] = {}
     described: dict[str, Any] = {}
     for run, found in zip(runs, measured, strict=True):
-        machine = run.settings["machine"]
+        machine = run.machine_of(found.rows)
         environment = machine.get("environment", {})
         commit = environment.get("commit", "").rstrip("+")
         if not commit:

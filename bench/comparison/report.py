@@ -16,7 +16,7 @@ from bench.report.console import plain_json
 from bench.report.report import ROW, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, joined, marked, solver_lanes, whole
 from bench.report.writing import write_report
-from bench.store import RunFile
+from bench.store import Run
 from piezo_model.atomic_file import write_text
 
 FORMAT, VERSION = "piezobench-comparison", 4
@@ -165,7 +165,7 @@ def notes(comparison: Comparison) -> list[str]:
 
 def warnings(comparison: Comparison) -> list[str]:
     """Differences between machines, settings and versions."""
-    pairs = zip(_conditions(comparison.a.settings).items(), _conditions(comparison.b.settings).values(), strict=True)
+    pairs = zip(_conditions(comparison.a).items(), _conditions(comparison.b).values(), strict=True)
     found = []
     for (what, first), second in pairs:
         differ = [
@@ -178,15 +178,21 @@ def warnings(comparison: Comparison) -> list[str]:
     return found
 
 
-def _conditions(settings: RunFile) -> dict[str, Mapping[str, Any]]:
-    """Machine, settings and versions of a run."""
-    machine, chosen = settings["machine"], settings["settings"]
+def _conditions(run: Run) -> dict[str, Mapping[str, Any]]:
+    """Machines, settings and versions of a run."""
+    settings, machines = run.settings, [*run.machines.values()]
+    chosen, packages = settings["settings"], {name for each in machines for name in each["versions"]}
     return {
-        "machines": {name: machine.get(name) for name in ("processor", "cores", "system", "python", "core")},
+        "machines": {
+            name: joined(sorted({str(each.get(name)) for each in machines}))
+            for name in ("processor", "cores", "system", "python", "core")
+        },
         "settings": {
             name: value for name, value in (chosen | (chosen.get("effort") or {})).items() if name not in IGNORED
         },
-        "packages": machine.get("versions", {}),
+        "packages": {
+            name: joined(sorted({each["versions"].get(name, "absent") for each in machines})) for name in packages
+        },
         "solvers": settings.get("field", {}),
     }
 

@@ -24,7 +24,6 @@ from bench.messages.task import Status, Tier
 from bench.report.report import Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number
 from bench.store import Run, RunError
-from bench.timing import machine
 
 LANES = ("box_active_set (direct)", "daqp (direct)")
 """Solver lanes over whose times, too, those of others are shown."""
@@ -113,7 +112,7 @@ def report(combination: Combination) -> Report:
     table = combination.table
     cells = table.assign(right=table.right.astype(str) + "/" + table.problems.astype(str))
     short = [column for column in SIDE_BY_SIDE if column.name not in ("worst_cost_gap", *LANES)]
-    machines = [(run.path.name, machine.name(run.settings["machine"])) for run in combination.runs]
+    machines = [(run.path.name, " and ".join(run.machine_names)) for run in combination.runs]
     missing = [
         f"Only in {name}, and not counted: {', '.join(problems)}." for name, problems in combination.unmatched.items()
     ]
@@ -191,7 +190,7 @@ def history(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, 
             found.append(
                 {
                     "run": run.path.name,
-                    "commit": settings["machine"].get("environment", {}).get("commit", "")[:12],
+                    "commit": run.machine_of(rows).get("environment", {}).get("commit", "")[:12],
                     "version": settings.get("field", {}).get(f"{solver} ({lane})", ""),
                     "lane": lane,
                     "iterations": after,

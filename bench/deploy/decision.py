@@ -17,7 +17,6 @@ from bench.deploy.candidates import QUANTILES, Candidate, Rule, of_oneshot, of_s
 from bench.races.stream.race import SET as STREAM_SET
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
-from bench.timing import machine
 from bench.timing.percentiles import Percentile
 from piezo_model.deployment import Deployment
 from piezo_model.learning.settings import EXACT_SOLVERS
@@ -44,7 +43,7 @@ class Decision:
     def sentences(self) -> list[str]:
         """The rule, the choice with its reasons, and the runners-up."""
         it, name = self.chosen, NAMES[self.by]
-        here = machine.name(self.run.settings["machine"])
+        here = " and ".join(self.run.machine_names)
         problems = "1 problem" if it.problems == 1 else f"{it.problems} problems"
         fewest, most = it.own_misses
         own = f"{most or 'none'} of them its own"
@@ -76,7 +75,7 @@ class Decision:
         return {
             "run": self.run.path.name,
             "race": self.run.race,
-            "machine": settings["machine"],
+            "machines": self.run.machines,
             "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
             "rule": self.rule.sentence,
             "why": self.sentences(),

@@ -80,7 +80,6 @@ ONESHOT = Schema(
         Column("mutates_input", FLAG, "any"),
         Column("message", TEXT, first_text),
         Column("digest", TEXT),
-        Column("machine", TEXT),
         Column("judged", COUNT),
         Column("timed_call", COUNT),
         *(Column(name, NUMBERS) for name in ("answer", "timed_answer", "timed_shares", "timed_factors")),

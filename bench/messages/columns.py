@@ -39,6 +39,7 @@ SHARED = {
             "basis",
             "what",
             "host",
+            "machine",
         ),
         TEXT,
     ),
@@ -97,9 +98,12 @@ def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame
     """The wanted columns of a Parquet file; ``key`` are those that identify a row. TableError if they do not fit."""
     try:
         with parquet.ParquetFile(path) as file:
-            if missing := [column for column in wanted.names if column not in file.schema_arrow.names]:
+            missing = [column for column in wanted.names if column not in file.schema_arrow.names]
+            if missing and missing != ["machine"]:
                 raise TableError(f"has no column {missing[0]!r}")
             table = file.read(wanted.names)
+            for column in missing:  # of an older run, whose machine is in its run.json
+                table = table.append_column(column, pa.array([""] * table.num_rows))
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise TableError(f"cannot be read ({error})") from None
     if key and not table.num_rows:

@@ -24,7 +24,7 @@ from bench.processes.engine import Workers
 from bench.processes.solver_child import SolverPool
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
-from bench.races.field import checked, field_of
+from bench.races.field import checked, described_by, field_of
 from bench.races.settings import RaceSettings
 from bench.store import Run, Schema
 from bench.timing import cores, machine
@@ -53,6 +53,7 @@ class Part(ABC):
         if run.has_notes(self.name):
             return
         pool.begin(self.repeat)
+        described_by(run, pool)
         if pool.core is None:
             self.work(run, pool, tell)
             return

@@ -1,5 +1,6 @@
 """The field of a race: the selected solvers, and those of them that run here."""
 
+import os
 import re
 from collections.abc import Callable, Iterable
 from typing import TypeVar
@@ -70,20 +71,29 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
     return chosen(settings, entries(), from_file, "solver", preload)
 
 
+def described_by(run: Run, pool: SolverPool) -> list[Described]:
+    """The solvers, described where they run. RaceError if one has another version than in the run: resumed, added to or
+    spread over machines, a run has one version of each solver lane."""
+    described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
+    field = run.settings.get("field", {})
+    for solver in described:
+        was = field.get(lane := f"{solver.name} ({solver.lane})", solver.version)
+        if not solver.absent and was.partition(",")[0] != solver.version.partition(",")[0]:
+            raise RaceError(
+                f"{run.path} raced {lane} in version {was}, and {os.uname().nodename} has {solver.version}; begin a "
+                "new run"
+            )
+    return described
+
+
 def field_of(run: Run, pool: SolverPool) -> list[Described]:
     """The solvers that run here, noted in the run; RaceError if no solver runs, one selected by name runs in no lane,
-    or one of a race that is resumed has another version now."""
-    described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
+    or one has another version than in the run."""
+    described, before = described_by(run, pool), run.settings
     field = [solver for solver in described if not solver.absent]
-    before = run.settings
     versions = {f"{solver.name} ({solver.lane})": solver.version for solver in field}
-    begun = {} if run.session else before.get("field", {})
-    for lane, version in begun.items():
-        was, now = (text.partition(",")[0] for text in (version, versions.get(lane, version)))
-        if was != now:
-            raise RaceError(f"{run.path} raced {lane} in version {was}, and this is {now}; begin a new run")
     absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
-    run.note(field=before.get("field", {}) | versions, absent=before.get("absent", {}) | absent)
+    run.note(field=versions | before.get("field", {}), absent=before.get("absent", {}) | absent)
     present = {solver.name for solver in field}
     for solver in described:
         if solver.name in run.settings_in_force["solvers"] and solver.name not in present:

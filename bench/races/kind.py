@@ -19,9 +19,9 @@ from bench.races.driver import Race, drive
 from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings, settings_of
 from bench.report.report import Report
+from bench.report.words import joined
 from bench.report.writing import write_report
 from bench.store import Anchor, Run, RunError, Schema
-from bench.timing import machine
 
 DEFAULT = "oneshot"
 
@@ -61,9 +61,7 @@ class Kind:
     def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
         """Create the folder of a run."""
         self.race.entries(settings)
-        return Run.create(
-            results, {"race": self.name, "settings": settings.to_dict(), "machine": machine.describe()}, name
-        )
+        return Run.create(results, {"race": self.name, "settings": settings.to_dict()}, name)
 
     def add(self, run: Run, settings: RaceSettings) -> None:
         """Begin to add solvers to a finished run; RaceError if that cannot be done."""
@@ -132,17 +130,18 @@ def open_run(path: Path) -> Run:
 def with_run(report: Report, run: Run, title: str) -> Report:
     """The report with title, machine, conditions and settings of the run."""
     settings = run.settings
-    machine, conditions = settings["machine"], settings.get("conditions", {})
+    machines, conditions = [*run.machines.values()], settings.get("conditions", {})
     drift = (
         [f"the machine's speed drifted by {100.0 * conditions['sentinel_drift']:.0f} %"]
         if "sentinel_drift" in conditions
         else []
     )
-    scope = [*([report.scope] if report.scope else []), f"{machine['processor']}, {machine['core']}", *drift]
+    where = joined(sorted({f"{each['processor']}, {each['core']}" for each in machines}))
+    scope = [*([report.scope] if report.scope else []), where, *drift]
     limits = [
         "One machine, one run: compare ratios, not microseconds.",
         *report.limits,
-        *machine["warnings"],
+        *dict.fromkeys(warning for each in machines for warning in each["warnings"]),
         *conditions.get("warnings", []),
     ]
     return replace(
@@ -156,8 +155,7 @@ def with_run(report: Report, run: Run, title: str) -> Report:
 
 def environment(run: Run) -> list[tuple[str, str]]:
     """Names and texts about machine, versions and settings."""
-    settings = run.settings
-    machine = settings["machine"]
+    settings, machines = run.settings, run.machines.values()
     field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
     absent = ", ".join(settings.get("absent", {}))
     chosen = ", ".join(
@@ -166,9 +164,15 @@ def environment(run: Run) -> list[tuple[str, str]]:
     return [
         (name, text)
         for name, text in (
-            ("machine", f"{machine['processor']}, {machine['cores']} cores, {machine['system']}"),
-            ("Python", f"{machine['python']}; " + ", ".join(f"{name} {v}" for name, v in machine["versions"].items())),
-            ("commit", machine.get("environment", {}).get("commit", "")),
+            *(
+                pair
+                for each in machines
+                for pair in (
+                    ("machine", f"{each['processor']}, {each['cores']} cores, {each['system']}"),
+                    ("Python", f"{each['python']}; {', '.join(map(' '.join, each['versions'].items()))}"),
+                    ("commit", each.get("environment", {}).get("commit", "")),
+                )
+            ),
             ("settings", chosen),
             ("solvers", field),
             ("absent", absent),

@@ -100,4 +100,7 @@ def settings_of(run: Run, kind: type[Settings]) -> Settings:
     try:
         return convert(run.settings_in_force, kind)
     except ValueError as error:
-        raise RunError(f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}") from None
+        raise RunError(
+            f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}; if an earlier version of "
+            "piezobench made the run, race again"
+        ) from None

@@ -4,13 +4,15 @@ Some disturbances are known beforehand (:func:`warnings`); others follow from :f
 of the race: time that a hypervisor gave to others, throttled cores, and load by other processes.
 """
 
+import hashlib
 import importlib.metadata
+import json
 import os
 import platform
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -26,8 +28,9 @@ CPU = Path("/sys/devices/system/cpu")
 PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 
+@cache
 def describe() -> dict[str, Any]:
-    """Machine and versions, for ``run.json``."""
+    """Machine, versions and instruction set, as they were when this process first asked."""
     return {
         "processor": processor(),
         "cores": os.cpu_count(),
@@ -39,6 +42,12 @@ def describe() -> dict[str, Any]:
         "load_at_start": list(os.getloadavg()),
         "warnings": warnings(),
     }
+
+
+def key(described: Mapping[str, Any]) -> str:
+    """What the rows that a machine made know it by: the same as long as machine, versions and instruction set are."""
+    lasting = {name: value for name, value in described.items() if name not in ("load_at_start", "warnings")}
+    return hashlib.sha256(json.dumps(lasting, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def environment() -> dict[str, str]:
@@ -91,11 +100,13 @@ def here() -> str:
     return name({"processor": processor(), "cores": os.cpu_count(), "core": core()})
 
 
-def elsewhere(what: str, described: Mapping[str, Any]) -> list[str]:
-    """A sentence if ``what`` was measured on another machine than this one."""
-    there = name(described)
-    sentence = f"{what} was measured on another machine, {there}. This one, {here()}, has other times: race on it, too."
-    return [] if here() == there else [sentence]
+def elsewhere(what: str, there: Collection[str]) -> list[str]:
+    """A sentence if ``what`` was measured on other machines than this one, which are named."""
+    sentence = (
+        f"{what} was measured on another machine, {' and '.join(there)}. This one, {here()}, has other times: race on "
+        "it, too."
+    )
+    return [] if here() in there else [sentence]
 
 
 def core() -> str:

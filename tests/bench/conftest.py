@@ -49,15 +49,42 @@ class Race:
     def copied(
         self, folder: Path, rows: Change = lambda rows: rows, times: Change = lambda times: times, **noted: object
     ) -> Run:
-        """A copy of the run with changed rows, their times, and notes in ``run.json``."""
+        """A copy of the run with changed rows, their times, and notes in ``run.json`` or on the ``machine``."""
         shutil.copytree(self.run.path, folder)
         changed_rows, changed_times = rows(self.rows.copy()), times(self.run.times())
         changed_rows.to_parquet(folder / "rows.parquet")
         changed_times[changed_times.task.isin(changed_rows.task)].to_parquet(folder / "times.parquet")
+        change_machine(folder, **noted.pop("machine", {}))
         settings = json.loads((folder / "run.json").read_text())
         merged = {name: {**settings[name], **new} if isinstance(new, Mapping) else new for name, new in noted.items()}
         (folder / "run.json").write_text(json.dumps({**settings, **merged}))
         return Run.open(folder)
+
+
+def change_machine(folder: Path, **changes: object) -> None:
+    """Change what a run says of its machine."""
+    (path,) = (folder / "machines").iterdir()
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def checkout(folder: Path) -> Path:
+    """A folder with a commit of its own, which is named as the folder."""
+    folder.mkdir()
+    as_somebody = ("-c", "user.name=A", "-c", "user.email=a@b.c")
+    for words in (("init", "-q"), (*as_somebody, "commit", "-q", "--allow-empty", "-m", folder.name)):
+        subprocess.run(["git", *words], cwd=folder, check=True)
+    return folder
+
+
+def commit_of(folder: Path) -> str:
+    """The commit of a checkout."""
+    return subprocess.check_output(["git", "rev-parse", "HEAD"], cwd=folder, text=True).strip()
+
+
+def commits(run: Run) -> pd.Series:
+    """The commit that made each row."""
+    machines = run.machines
+    return run.rows(ONESHOT).machine.map(lambda key: machines[key]["environment"]["commit"])
 
 
 SMALL = (
@@ -201,8 +228,8 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     )
     with (folder / "log").open("w") as log:
 
-        def start(*words: str) -> None:
-            processes.append(subprocess.Popen(words, cwd=folder, env=environment, stdout=log, stderr=log))
+        def start(*words: str, cwd: Path = folder) -> None:
+            processes.append(subprocess.Popen(words, cwd=cwd, env=environment, stdout=log, stderr=log))
 
         start(DASK, "scheduler", "--no-dashboard", "--port", "0", "--host", "127.0.0.1", "--scheduler-file", str(file))
         for number in range(2):
@@ -210,6 +237,7 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
                 *((*own_name, names[number]) if names else ()),
                 *(DASK, "worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"),
                 *("--local-directory", str(folder)),
+                cwd=checkout(folder / MACHINES[number]),
             )
         from distributed import Client
 

@@ -150,6 +150,8 @@ def make_hostile(run: Run, file: str, columns: Iterable[str], payload: str) -> N
         ]
         table = table.set_column(table.column_names.index(name), name, pa.array(texts))
     parquet.write_table(table, run.path / file)
-    machine = {**run.settings["machine"], "processor": payload, "core": payload, "warnings": [payload]}
+    (path,) = (run.path / "machines").iterdir()
+    hostile = {"processor": payload, "core": payload, "warnings": [payload]}
+    path.write_text(json.dumps(json.loads(path.read_text()) | hostile))
     left_out = {"paper": {payload.replace("/", ""): payload}}
-    run.note(machine=machine, field={payload: payload}, absent={payload: payload}, left_out=left_out)
+    run.note(field={payload: payload}, absent={payload: payload}, left_out=left_out)

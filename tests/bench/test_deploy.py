@@ -13,7 +13,7 @@ import pyarrow as pa
 import pytest
 import slowed_solver
 from command_line import CommandLine
-from conftest import Race, raced
+from conftest import Race, change_machine, raced
 from measured_rows import row
 from pyarrow import parquet
 
@@ -400,9 +400,7 @@ def test_times_of_another_machine_are_said_to_be_of_it_and_those_of_this_one_are
     this = machine.name(machine.describe())
     for there in (this, "Abacus 3000, 1 core, wood, hand 1.0"):
         if there != this:
-            run.note(
-                machine={**run.settings["machine"], "processor": "Abacus 3000", "cores": 1, "core": "wood, hand 1.0"}
-            )
+            change_machine(run.path, processor="Abacus 3000", cores=1, core="wood, hand 1.0")
         call = piezobench(*words[verb], folder=tmp_path)
         assert (call.status, call.stderr) == (0, "")
         output = " ".join(call.stdout.split())
@@ -442,7 +440,7 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
     assert setting_text(written["settings"]) in ladder_of(written["solver"], written["lane"])
     evidence = written["evidence"]
     assert evidence["run"] == wide_race.run.path.name
-    assert evidence["machine"] == wide_race.run.settings["machine"]
+    assert evidence["machines"] == wide_race.run.machines
     assert evidence["certificate"]["unique"]
     assert evidence["certificate"]["cost_gap"] < 1e-12
     assert evidence["figures"]["right"] == evidence["figures"]["problems"]

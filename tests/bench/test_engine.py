@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from command_line import CommandLine, kill_worker, wait_until_gone
-from conftest import MACHINES, SMALL, THIRD, TWO_CORES, Race
+from conftest import MACHINES, SMALL, THIRD, TWO_CORES, Race, checkout, commit_of, commits, saved
 from programs import library
 from test_store import of_first_answers
 
@@ -19,7 +19,7 @@ from bench.timing import cores
 
 
 def same_but_for_times_and_hosts(run: Run, race: Race) -> None:
-    here, there = (of_first_answers(rows).drop(columns="host") for rows in (run.rows(ONESHOT), race.rows))
+    here, there = (of_first_answers(rows).drop(columns=["host", "machine"]) for rows in (run.rows(ONESHOT), race.rows))
     pd.testing.assert_frame_equal(here, there)
 
 
@@ -52,14 +52,19 @@ def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(
 
 @pytest.mark.slow
 @TWO_CORES
-def test_a_race_whose_workers_were_killed_with_it_is_resumed_by_one(
+def test_a_race_whose_workers_were_killed_is_resumed_by_one_and_each_row_knows_the_commit_that_made_it(
     piezobench: CommandLine, tmp_path: Path, clean_race: Race
 ) -> None:
-    run = Run(tmp_path / "run")
-    call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
-    call.kill_once(lambda: len(list((run.path / "tasks").glob("*.npz"))) >= 3)
-    assert piezobench("resume", run.path).status == 0
+    run, (first, second) = Run(tmp_path / "run"), [checkout(tmp_path / name) for name in ("first", "second")]
+    words = ("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
+    piezobench.start(*words, folder=first).kill_once(lambda: len(saved(run, "rows")) >= 3)
+    kept = saved(run, "rows")
+    piezobench.run("resume", run.path, folder=second)
     same_but_for_times_and_hosts(run, clean_race)
+    rows = run.rows(ONESHOT)
+    keys = rows.task + "-" + rows.timed + "-0-" + rows.repeat.astype(str)
+    assert commits(run).tolist() == [commit_of(first if key in kept else second) for key in keys]
+    assert {commit_of(first), commit_of(second)} <= {*(run.path / "report.md").read_text().split()}
 
 
 @pytest.mark.slow
@@ -144,7 +149,9 @@ def test_a_dask_cluster_of_two_machines_gives_the_rows_of_a_local_race_repeatedl
         same_but_for_times_and_hosts(run, clean_race)
         hosts = [host for host, _ in hosts_and_cores(run)]
         assert sorted(hosts) in ([*MACHINES], 2 * [os.uname().nodename])
-        assert {*run.rows(ONESHOT).host} == {*hosts}
+        rows = run.rows(ONESHOT)
+        assert {*rows.host} == {*hosts}
+        assert len({*zip(rows.host, commits(run), strict=True)}) == commits(run).nunique() == 2
 
 
 @pytest.mark.slow

@@ -115,7 +115,7 @@ def test_runs_become_results_of_airspeed_velocity_one_for_each_commit(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
     def of_commit(commit: str) -> Path:
-        machine = clean_race.run.settings["machine"]
+        (machine,) = clean_race.run.machines.values()
         environment = {**machine["environment"], "commit": commit}
         return clean_race.copied(tmp_path / f"run{commit[-2:]}", machine={"environment": environment}).path
 

@@ -24,7 +24,6 @@ from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge, judge_timed
 from bench.races.oneshot.worker import Block, BlockOutcome, End, OneShot
-from bench.timing import machine
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
 from solvers.arrays import Matrix
@@ -145,7 +144,6 @@ def row_of(problem: RaceProblem, task: Task, measured: Measurement, fresh: Fresh
             **task.columns(outcome.settings),
             "task": task.subject,
             "digest": problem.digest,
-            "machine": machine.here(),
             "period_us": problem.period_us,
             **judgement,
             "timed_call": -1,

@@ -112,7 +112,7 @@ def report(run: Run) -> Report:
     }
     beside, versions, missed = like_with_like(measurements), settings.get("field", {}), misses(measurements)
     return Report(
-        verdict(measurements, settings["machine"]["core"], drift),
+        verdict(measurements, run.machine_of(measurements.rows)["core"], drift),
         short_table(table, note),
         summary,
         figures(measurements, summary),
