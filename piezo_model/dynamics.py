@@ -26,7 +26,7 @@ nanopositioning", IEEE Transactions on Control Systems Technology 15 (2007) 802�
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import reduce
 from itertools import pairwise
@@ -201,13 +201,22 @@ class Dynamics:
     def anticipated(self, y: ArrayLike, sample_time: float, bandwidth_Hz: float | None = None) -> Vector:
         """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth, by default twice the highest frequency; it
         anticipates y, which must be known."""
-        y = np.asarray(y, dtype=np.float64)
         if bandwidth_Hz is None:
             bandwidth_Hz = 2.0 * max(self.frequencies_Hz, default=0.05 / sample_time)
+        return self._known(y, sample_time, lambda f, G: np.exp2(-0.5 * (f / bandwidth_Hz) ** 2) / G)
+
+    def equalised(self, y: ArrayLike, sample_time: float) -> Vector:
+        """G⁻¹ y (N,) without lag where G amplifies; elsewhere with the phase of G⁻¹ alone, so that no noise is
+        amplified."""
+        return self._known(y, sample_time, lambda _, G: 1.0 / (G * np.maximum(1.0, 1.0 / np.abs(G))))
+
+    def _known(self, y: ArrayLike, sample_time: float, response: Callable[[Vector, Vector], Vector]) -> Vector:
+        """A known signal y (N,) through a response at frequencies (k,), given those and G there."""
+        y = np.asarray(y, dtype=np.float64)
         margin = min(y.size - 1, MARGIN)
         mirrored = np.concatenate([2.0 * y[0] - y[margin:0:-1], y, 2.0 * y[-1] - y[-2 : -margin - 2 : -1]])
         f = np.fft.rfftfreq(mirrored.size, sample_time).astype(np.float64)
-        spectrum = np.fft.rfft(mirrored) * np.exp2(-0.5 * (f / bandwidth_Hz) ** 2) / self.response(f, sample_time)
+        spectrum = np.fft.rfft(mirrored) * response(f, self.response(f, sample_time))
         return np.asarray(np.fft.irfft(spectrum, mirrored.size)[margin : margin + y.size])
 
     def to_dict(self) -> dict[str, Any]:

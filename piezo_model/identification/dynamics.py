@@ -5,6 +5,7 @@
     fit      forward fits with no mode, one, one with residual compliance, two with residual compliance; then with the
              lag of an amplifier                                                        `forward`
     judge    no mode against the best of the others, on held-out data
+    static   the output of a stage without the dynamics, where creep and orders are judged
 
 A richer model is taken for a clear gain in the error alone. The dynamics are kept if the scan gains GAIN of the
 whitened squares; the squared error on held-out blocks of three periods falls, by an F test with as many degrees of
@@ -261,11 +262,12 @@ class Trials:
 
     def separated(self, recording: Recording, prepared: Prepared, fitted: ForwardFit) -> Separated:
         """The recording, of which the trials may be the head, with the output that the stage would have without the
-        dynamics of a fit, y + (S[…] − G S[…]), and the start with that output, in which the noise is that of y."""
+        dynamics of a fit, that of the static part beside the equalised error, and the start with that output."""
         known = Parameters(found(fitted).start, recording.sample_time)
         whole = replace(self, recording=recording, counted=~recording.uncounted)
         s, fit = self.structure, whole.fit(known, fitted, steps=0)
-        static = _with_output(recording, s.y_centre + s.y_scale * (fit.static + fit.error))
+        errors = [known.start.equalised(fit.error[part], recording.sample_time) for part in spans(recording)]
+        static = _with_output(recording, s.y_centre + s.y_scale * (fit.static + np.concatenate(errors)))
         counted, before = counted_from(static, prepared.skip), prepared.fit
         near = prepared.structure, before.states, before.v
         settled = fit_forward(static, counted, *near, self.solving, searched=prepared.searched)

@@ -28,12 +28,12 @@ def intervals(fit: ForwardFit) -> dict[str, Any]:
     time, samples = autocorrelation_time(fit.errors), sum(error.size for error in fit.errors)
     variance = fit.cost * time / max(samples - np.count_nonzero(fit.free) * time, 1.0)
     C = variance * inverse_over(fit.P, fit.free)[: s.d, : s.d]
-    weights, deviations = fit.weights, np.sqrt(np.diag(T @ C @ T.T))
+    weights, deviations = fit.weights, np.sqrt(np.maximum(np.diag(T @ C @ T.T), 0.0))  # 0 where rounding is all of it
     ranges: list[list[float] | None] = []
     for i, (weight, deviation) in enumerate(zip(weights.tolist(), deviations.tolist(), strict=True)):
-        if fit.free[i] or deviation > 0.0:
+        if deviation > 0.0:
             ranges.append([weight - DEVIATIONS * deviation, weight + DEVIATIONS * deviation])
-        elif fit.P[i, i] > 0.0:
+        elif fit.P[i, i] > 0.0 and not fit.free[i]:
             released = fit.free.copy()
             released[i] = True
             own = DEVIATIONS * math.sqrt(variance * inverse_over(fit.P, released)[i, i])

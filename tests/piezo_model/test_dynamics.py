@@ -246,6 +246,17 @@ def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kin
     assert low < 500.0 < high
 
 
+@pytest.mark.parametrize("seed", [3, 15])
+def test_a_ringing_stage_has_the_creep_that_it_would_have_without_ringing(seed: int) -> None:
+    x = steps(SIZE, seed)
+    behind, plain = (
+        identify(Recording.from_arrays(x, recorded("relay_preisach", x, *ringing, 0.02, seed), T))
+        for ringing in ((MODE, DELAY_S), ([], 0.0))
+    )
+    assert behind.structure.creep_rates == plain.structure.creep_rates != ()
+    assert behind.report["creep"]["share"] == pytest.approx(plain.report["creep"]["share"], abs=0.05)
+
+
 @pytest.mark.sample(3)
 @pytest.mark.parametrize(
     ("kind", "modes_of_stage", "tolerances", "delay"),
