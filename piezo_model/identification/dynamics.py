@@ -30,10 +30,10 @@ from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.dynamics_parameters import Parameters
-from piezo_model.identification.error_model import IdentificationError, Solving, States, counted_from, spans
+from piezo_model.identification.error_model import IdentificationError, Solving, States, accumulate, counted_from, spans
 from piezo_model.identification.forward import EXACT, ForwardFit, fit_forward
 from piezo_model.identification.resonance import Peak, Spectra
-from piezo_model.identification.selection import state_on
+from piezo_model.identification.selection import state_on, with_orders
 from piezo_model.identification.start import Prepared
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -55,9 +55,11 @@ SAMPLES = 100_000
 """Samples from the start that decide."""
 DELAY, SHARE, LAG = 0.7, 0.05, 0.3
 """Where fits begin: the delay in samples, the share of residual compliance or a second mode, and the lag in samples."""
+ORDERS = 12, 3
+"""Orders n and m of the fits: what plays are too few for is taken for dynamics, and moves the frequency."""
 APART = 0.1
 """Smallest difference of the logarithms of two frequencies."""
-STEPS, FOLD_STEPS = 6, 2
+STEPS, FOLD_STEPS = 6, 1
 PERIODS, SHORTEST = 3.0, 20
 """Periods, and fewest samples, of a block."""
 NOTABLE = 0.1
@@ -131,16 +133,18 @@ def separate(
     if isinstance(choice, Dynamics):
         with checks.refusing(IdentificationError, f"{recording.name}: "):
             choice.require(T)
-        prepared = prepare(_through_inverse(recording, choice))
-        trials = Trials.of(recording, prepared, solving)
+        inverse = _through_inverse(recording, choice)
+        prepared = prepare(inverse)
+        trials = Trials.of(recording, inverse, prepared, solving)
         return trials.separated(recording, prepared, trials.fit(Parameters(choice, T)))
     head = recording.head(SAMPLES)
     peak = Spectra(head).peak() if choice == "estimate" and Spectra.can_be_of(head) else None
     if peak is None or not _is_plausible(peak):
         return Separated(recording, prepare(recording))
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), DELAY * T)
-    prepared = prepare(_through_inverse(recording, begin))
-    trials = Trials.of(head, prepared, solving)
+    inverse = _through_inverse(recording, begin)
+    prepared = prepare(inverse)
+    trials = Trials.of(head, inverse, prepared, solving)
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
     best = trials.best(none, Parameters(begin, T, free=True))
     if best is None:
@@ -180,15 +184,13 @@ class Trials:
     solving: Solving
 
     @classmethod
-    def of(cls, recording: Recording, prepared: Prepared, solving: Solving) -> Trials:
-        """From the start of a static stage, with creep of all rates unless it has some."""
-        own, v, states = prepared.structure, prepared.fit.v, prepared.fit.states
-        counted = counted_from(recording, prepared.skip)
-        if own.creep_rates:
-            return cls(recording, counted, own, states, v, solving)
-        s = replace(own, creep_rates=candidate_rates(recording.sample_time, recording.duration_s))
-        v = np.concatenate([v[: own.slices[1].stop], np.zeros(s.creep_weights), v[own.slices[1].stop :]])
-        return cls(recording, counted, s, [state_on(own, state, s) for state in states], v, solving)
+    def of(cls, recording: Recording, inverse: Recording, prepared: Prepared, solving: Solving) -> Trials:
+        """From the start of a static stage, that of the recording through an inverse, of which both may be longer."""
+        own, counted = prepared.structure, counted_from(recording, prepared.skip)
+        s = with_orders(own, *ORDERS, own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s))
+        states = [state_on(own, state, s) for state in prepared.fit.states]
+        began = accumulate(inverse.head(recording.length), counted, s, states, solving)
+        return cls(recording, counted, s, states, s.inverse_slope_map @ solving.optimum(began), solving)
 
     def fit(
         self,
