@@ -4,7 +4,7 @@
     start    the output through the inverse of that mode, as of a static stage         `start`
     fit      forward fits with no mode, one, one with residual compliance, two with residual compliance; then with the
              lag of an amplifier                                                        `forward`
-    judge    no mode against the best of the others, on held-out data
+    judge    no mode against the best of the others, on held-out data; whether the resonance moves      `moving`
     static   the output of a stage without the dynamics, where creep and orders are judged
 
 A richer model is taken for a clear gain in the error alone. The dynamics are kept if the scan gains GAIN of the
@@ -27,11 +27,12 @@ from scipy.stats import f as f_distribution
 
 from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
-from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
+from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import IdentificationError, Solving, States, accumulate, counted_from, spans
-from piezo_model.identification.forward import EXACT, ForwardFit, fit_forward
+from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
+from piezo_model.identification.moving import movement
 from piezo_model.identification.resonance import Peak, Spectra
 from piezo_model.identification.selection import state_on, with_orders
 from piezo_model.identification.start import Prepared
@@ -82,10 +83,25 @@ class DynamicsFinding:
     """Against dynamics that were not kept; "" for others."""
     gain: float
     """Share of the whitened squares that the mode explains in the scan."""
+    moves_Hz: tuple[tuple[float, float], ...]
+    """Lowest and highest frequency of each mode, which differ if it depends on amplitude or position."""
+
+    @property
+    def refusal(self) -> str | None:
+        """The reason against a linear model; None without one."""
+        for zeta, (low, high) in zip(self.damping, self.moves_Hz, strict=True):
+            if high - low > zeta * low:
+                return (
+                    f"the resonance moves from {low:.4g} to {high:.4g} Hz with the amplitude or the position, too far "
+                    f"for its damping of {100.0 * zeta:.2g} % to be one of a linear stage; record with the amplitude "
+                    "and at the position of use"
+                )
+        return None
 
     def sentences(self) -> Iterator[str]:
         """What a user should know."""
-        if not self.kept and (self.gain < NOTABLE or self.held_out_percent[1] > self.held_out_percent[0]):
+        faint = not self.kept and (self.gain < NOTABLE or self.held_out_percent[1] > self.held_out_percent[0])
+        if faint or self.refusal is not None:
             return
         if not self.kept:
             yield (
@@ -97,6 +113,9 @@ class DynamicsFinding:
             low, high = (f"{end:.5g}" for end in between)
             within = f" ({low} to {high} Hz)" if low != high else ""
             yield f"A resonance at {quantity(f, 'Hz', 5)}{within} with a damping of {100.0 * zeta:.3g} %."
+        for zeta, (lowest, highest) in zip(self.damping, self.moves_Hz, strict=True):
+            if highest - lowest > NOTABLE * zeta * lowest:
+                yield f"It moves from {lowest:.5g} to {highest:.5g} Hz with the amplitude or the position."
         without, behind = self.held_out_percent
         yield (
             f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; with "
@@ -198,11 +217,14 @@ class Trials:
         near: ForwardFit | None = None,
         counted: Mask | None = None,
         steps: int = STEPS,
+        further: Columns | None = None,
     ) -> ForwardFit:
         """Fit from the weights of another fit, to all counted samples or some of them."""
         counted, v = self.counted if counted is None else counted, self.v if near is None else near.v
         s, states, solving = self.structure, self.states[: len(self.recording.starts)], self.solving
-        return fit_forward(self.recording, counted, s, states, v, solving, steps=steps, parameters=parameters)
+        return fit_forward(
+            self.recording, counted, s, states, v, solving, steps=steps, further=further, parameters=parameters
+        )
 
     def best(self, none: ForwardFit, one: Parameters) -> ForwardFit | None:
         """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode;
@@ -249,9 +271,16 @@ class Trials:
             reason = "its frequency is uncertain"
         elif not falls:
             reason = "the error on held-out data does not fall"
+        moves = [(f, f) for f in g.frequencies_Hz]
+        if falls:
+            parameters = found(best)
+            moves = [
+                movement(best, mode, T, lambda further: self.fit(parameters, best, steps=1, further=further))
+                for mode in range(modes)
+            ]
         scale = 100.0 * abs(self.structure.y_scale) / float(np.ptp(self.recording.y[self.counted]))
         without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
-        return _finding(best, (without, behind), gain, reason)
+        return _finding(best, (without, behind), gain, reason, moves)
 
     def _held_out(self, fitted: ForwardFit, block: int) -> Vector:
         """Sum of squares on each block, for fits that have not used it and its like."""
@@ -284,12 +313,16 @@ def found(fit: ForwardFit) -> Parameters:
 
 def _deviations(fit: ForwardFit) -> Vector:
     """Standard errors of the parameters' vector, as of the intervals of the weights; 0 for those that are not free."""
-    samples, time = sum(error.size for error in fit.errors), autocorrelation_time(fit.errors)
-    C = fit.cost * time / samples * inverse_over(fit.P, fit.free)
-    return np.sqrt(np.diag(C))[fit.free.size - found(fit).vector.size :]
+    return np.sqrt(np.diag(fit.covariance))[fit.free.size - found(fit).vector.size :]
 
 
-def _finding(fit: ForwardFit, held_out_percent: tuple[float, float], gain: float, reason: str) -> DynamicsFinding:
+def _finding(
+    fit: ForwardFit,
+    held_out_percent: tuple[float, float],
+    gain: float,
+    reason: str,
+    moves_Hz: Sequence[tuple[float, float]],
+) -> DynamicsFinding:
     """What a fit says of its dynamics, with intervals at 95 %."""
     parameters, deviations = found(fit), DEVIATIONS * _deviations(fit)
     g, modes = parameters.start, len(parameters.start.frequencies_Hz)
@@ -313,4 +346,5 @@ def _finding(fit: ForwardFit, held_out_percent: tuple[float, float], gain: float
         held_out_percent,
         reason,
         gain,
+        tuple(moves_Hz),
     )

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.dynamics import Dynamics
+from piezo_model.identification.autocorrelation import autocorrelation_time, inverse_over
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import Solving, States, spans
 from piezo_model.identification_problem import IdentificationProblem
@@ -136,6 +137,12 @@ class ForwardFit(Trial):
     def independent(self) -> float:
         """Number of independent samples in the error."""
         return independent_samples(self.errors)
+
+    @property
+    def covariance(self) -> Matrix:
+        """That of (v, further, θ), as of the intervals of the weights; 0 for those that are not free."""
+        samples, time = sum(error.size for error in self.errors), autocorrelation_time(self.errors)
+        return self.cost * time / samples * inverse_over(self.P, self.free)
 
     def slopes(self) -> Vector:
         """Slope of S⁻¹ at every modelled output before the dynamics, shape (N,)."""

@@ -325,7 +325,12 @@ class Fitting:
         if final.drift is not None:
             recording = replace(recording, y=recording.y - s.y_scale * (final.drift.signals @ fit.further))
         ignored = self.options.dynamics == "ignore"
-        return check_adequacy(recording, fit, skip, self.solving, found, dynamics_ignored=ignored), found
+        verdict, dynamics = (
+            check_adequacy(recording, fit, skip, self.solving, found, dynamics_ignored=ignored),
+            self.separated.finding,
+        )
+        moving = None if dynamics is None else dynamics.refusal
+        return replace(verdict, refusal=moving or verdict.refusal), found
 
 
 def _reported(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
+from piezo_model.identification.autocorrelation import DEVIATIONS
 from piezo_model.identification.error_model import IdentificationError, Solving, counted_from, spans
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.start import first_motion
@@ -170,14 +170,8 @@ def estimate_lag(
     found = fitted(lag, found, search=False)
     scale = 100.0 * abs(fit.structure.y_scale) / span
     with_lag, without = (scale * math.sqrt(each.cost) for each in (lagging, found))
-    independent = lagging.independent
+    independent, at = lagging.independent, fit.structure.d
     chance = f_distribution.sf(lagging.cost / max(found.cost, EXACT), independent, independent)
-    is_significant = bool(lag > max(SMALLEST, DEVIATIONS * _deviation(searched)) and chance < CHANCE)
+    smallest = max(SMALLEST, DEVIATIONS * math.sqrt(searched.covariance[at, at]))
+    is_significant = bool(lag > smallest and chance < CHANCE)
     return Lag(lag, remove and lag > 0.0, with_lag, without, longest - lag <= RESOLUTION, is_significant)
-
-
-def _deviation(fit: ForwardFit) -> float:
-    """Standard error of the weight of the first further column."""
-    samples, time = sum(error.size for error in fit.errors), autocorrelation_time(fit.errors)
-    at = fit.structure.d
-    return math.sqrt(fit.cost * time / samples * float(inverse_over(fit.P, fit.free)[at, at]))

@@ -70,6 +70,23 @@ def through_modes(
     return RingingStage(None, modes, delay_s, sample_time, level).run(v)
 
 
+def on_a_spring(
+    v: Vector, f: float, zeta: float, hardening: float, *, with_position: bool, sample_time: float = T
+) -> Vector:
+    """Output of a mode for a held static output v (N,); the stiffness rises by the share ``hardening`` from the middle
+    of the range to its end, or with the square of the deflection, which is 1 at half the range."""
+    h, w, middle, half = sample_time / FINE, 2.0 * np.pi * f, 0.5 * (v.min() + v.max()), 0.5 * np.ptp(v)
+    y, speed, output = float(v[0]), 0.0, np.empty_like(v)
+    for i, target in enumerate(v.tolist()):
+        for _ in range(FINE):
+            deflection = target - y
+            harder = (y - middle) / half if with_position else (deflection / half) ** 2
+            speed += h * (w * w * (1.0 + hardening * harder) * deflection - 2.0 * zeta * w * speed)
+            y += h * speed
+        output[i] = y
+    return output
+
+
 def recorded(
     kind: str,
     x: Vector,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_models import a_drive, structure, true_model
-from ringing_stage import T, recorded, steps, through_modes
+from ringing_stage import T, on_a_spring, recorded, steps, through_modes
 
 from piezo_model import (
     Compensator,
@@ -298,6 +298,37 @@ def test_where_one_mode_gains_nothing_over_none_no_richer_dynamics_are_tried() -
     assert model.dynamics is None
     assert model.report["dynamics"] is None
     assert model.report["passes"] < 4 * ignored.report["passes"]
+
+
+def moving(hardening: float, kind: str = "maxwell_slip", *, with_position: bool = False) -> Recording:
+    x = steps(16_000, 8)
+    y = on_a_spring(plants.get(kind, sample_time=T).run(x), 500.0, 0.01, hardening, with_position=with_position)
+    return Recording.from_arrays(x, y + 0.02 * np.random.default_rng(9).standard_normal(y.size), T)
+
+
+@pytest.mark.parametrize("kind", ["maxwell_slip", "duhem"])
+@pytest.mark.parametrize(("hardening", "with_position"), [(0.05, False), (-0.05, False), (0.05, True)])
+def test_a_resonance_that_moves_with_amplitude_or_position_is_refused_with_its_frequencies(
+    kind: str, hardening: float, with_position: bool
+) -> None:
+    recording = moving(hardening, kind, with_position=with_position)
+    with pytest.raises(IdentificationError, match=r"the resonance moves from \d+\.?\d* to \d+\.?\d* Hz with the ampl"):
+        identify(recording, n=5, m=3)
+
+
+def test_a_model_that_is_forced_has_the_mean_resonance_and_a_warning_that_it_moves() -> None:
+    model = identify(moving(0.05), n=5, m=3, force=True)
+    assert model.warning.startswith("The model was forced although the resonance moves from ")
+    low, high = model.report["dynamics"]["moves_Hz"][0]
+    assert low < model.dynamics.frequencies_Hz[0] < high
+    assert not any("faint" in sentence for sentence in model.report["sentences"])
+
+
+def test_a_resonance_that_hardly_moves_is_kept_and_said_to_and_one_that_does_not_is_not() -> None:
+    hardly, still = (identify(moving(hardening), n=5, m=3) for hardening in (0.005, 0.0))
+    assert any("It moves from 50" in sentence for sentence in hardly.report["findings"])
+    assert not any("moves" in sentence for sentence in still.report["sentences"])
+    assert still.dynamics.frequencies_Hz[0] == pytest.approx(500.0, rel=1e-3)
 
 
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
