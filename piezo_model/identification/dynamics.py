@@ -226,17 +226,22 @@ class Trials:
             self.recording, counted, s, states, v, solving, steps=steps, further=further, parameters=parameters
         )
 
+    def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
+        """Fit, and once more from what was found if a bound holds a frequency or a damping."""
+        fit, modes = self.fit(parameters, near), len(parameters.start.frequencies_Hz)
+        return fit if np.all(fit.free[self.structure.d :][: 2 * modes]) else self.fit(found(fit), fit)
+
     def best(self, none: ForwardFit, one: Parameters) -> ForwardFit | None:
         """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode;
         None if one gains nothing over no mode."""
 
         def better(best: ForwardFit, parameters: Parameters) -> ForwardFit:
-            other = self.fit(parameters, best)
+            other = self.searched(parameters, best)
             inside = parameters.inside(found(other).start, other.free[self.structure.d :])
             unknowns = parameters.vector.size - found(best).vector.size
             return other if inside and best.improved_by(other, unknowns) else best
 
-        best = self.fit(one)
+        best = self.searched(one)
         g = found(best).start
         best = better(best, replace(one, start=replace(g, gains=(1.0 - SHARE,)), residual=True))
         if not none.improved_by(best, found(best).vector.size - found(none).vector.size):
