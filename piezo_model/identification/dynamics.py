@@ -45,9 +45,9 @@ DynamicsChoice = Literal["estimate", "ignore"]
 
 GAIN = 0.02
 """Smallest share of the whitened squares that a mode has to explain."""
-LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.25
-UNCERTAIN = 0.03
-"""Largest standard error of a frequency, as a share of it."""
+LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.9
+UNCERTAIN = 0.03, 0.1
+"""Largest standard error of a frequency, as a share of it, or of it and the damping ratio."""
 CHANCE = 1e-3
 """Largest probability of the gain on held-out data without a mode."""
 SIGNIFICANT = 4.0
@@ -105,8 +105,9 @@ class DynamicsFinding:
             return
         if not self.kept:
             yield (
-                f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} is not in the model, since "
-                f"{self.reason}; record steps of 20 ms to determine it."
+                f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} with a damping of "
+                f"{100.0 * self.damping[0]:.2g} % is not in the model, since {self.reason}; record steps of 20 ms to "
+                "determine it."
             )
             return
         for f, zeta, between in zip(self.frequencies_Hz, self.damping, self.intervals["frequencies_Hz"], strict=True):
@@ -271,8 +272,8 @@ class Trials:
         if not np.all(best.free[self.structure.d :][: 2 * modes]):
             reason = "its frequency or damping reaches the bounds of the search"
         elif not all(LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping) or g.frequencies_Hz[-1] * T > HIGHEST:
-            reason = "it is no lightly damped mode within the sampling rate"
-        elif np.max(_deviations(best)[:modes]) > UNCERTAIN:
+            reason = "it is no mode within the sampling rate"
+        elif np.any(_deviations(best)[:modes] > np.maximum(UNCERTAIN[0], UNCERTAIN[1] * np.array(g.damping))):
             reason = "its frequency is uncertain"
         elif not falls:
             reason = "the error on held-out data does not fall"

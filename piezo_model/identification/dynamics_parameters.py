@@ -2,9 +2,9 @@
 
     θ = (log f_i, log ζ_i; sum of the gains, share of the second; delay, lag in sampling periods)
 
-Frequencies stay within 2 % and damping ratios within a factor 1.5 of those that the spectra show, since the error of
-the output has minima between the harmonics of a drive. A single mode has
-the gain 1 unless there is residual compliance.
+Frequencies stay within 2 %, or 0.3 of the damping ratio if that is more, and damping ratios within a factor 1.5 of
+those that the spectra show, since the error of the output has minima between the harmonics of a drive. A single mode
+has the gain 1 unless there is residual compliance.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import numpy as np
 from piezo_model.dynamics import Dynamics
 from solvers.arrays import Mask, Vector
 
-FREQUENCY_RATIO, DAMPING_RATIO = 1.02, 1.5
+FREQUENCY_RATIO, OF_DAMPING, DAMPING_RATIO = 1.02, 0.3, 1.5
 LONGEST = 20.0
 """Longest delay and lag, in samples."""
 SHORTEST_LAG = 0.02
@@ -49,10 +49,11 @@ class Parameters:
     @property
     def bounds(self) -> tuple[Vector, Vector]:
         """Bounds (k,) of θ."""
-        theta, modes = self.vector, len(self.start.frequencies_Hz)
+        theta, modes = self.vector, len(self.start.frequencies_Hz) * self.free
         low, high = np.zeros(theta.size), np.full(theta.size, LONGEST)
-        for block, ratio in ((slice(modes), FREQUENCY_RATIO), (slice(modes, 2 * modes), DAMPING_RATIO)):
-            low[block], high[block] = theta[block] - np.log(ratio), theta[block] + np.log(ratio)
+        widths = OF_DAMPING * np.array(self.start.damping[:modes])
+        near = np.r_[np.maximum(np.log(FREQUENCY_RATIO), widths), np.full(modes, np.log(DAMPING_RATIO))]
+        low[: near.size], high[: near.size] = theta[: near.size] - near, theta[: near.size] + near
         if self.residual:
             gains = slice(2 * modes, 3 * modes)
             low[gains], high[gains] = SMALLEST_GAIN, 1.0

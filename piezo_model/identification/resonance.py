@@ -29,10 +29,10 @@ SEGMENT, SHORTEST = 8192, 1024
 """Samples of a segment, at most, and at least."""
 FIRST_BIN, LAST = 16, 0.42
 """Bin of the lowest frequency of the scan, and the highest frequency used as a share of the sampling rate."""
-RATIO, DAMPINGS = 1.012, (0.004, 0.015, 0.05)
+RATIO, DAMPINGS = 1.012, (0.004, 0.015, 0.05, 0.3)
 """Smallest ratio of consecutive frequencies of the scan, which grows with the width of the mode, and its damping
 ratios."""
-DAMPING_ENDS, MARGIN = (1e-4, 0.7), 1.1
+DAMPING_ENDS, MARGIN = (1e-4, 0.9), 1.1
 RIDGE, FLOOR = 1e-9, 1e-12
 MEDIANS = 120
 Mode = tuple[float, float]

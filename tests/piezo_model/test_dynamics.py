@@ -331,6 +331,15 @@ def test_a_resonance_that_hardly_moves_is_kept_and_said_to_and_one_that_does_not
     assert still.dynamics.frequencies_Hz[0] == pytest.approx(500.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("damping", [0.3, 0.7])
+@pytest.mark.parametrize("drive", ["steps", "sweep"])
+def test_a_strongly_damped_mode_is_in_the_model(drive: str, damping: float) -> None:
+    model = identify(made("maxwell_slip", drive, [(180.0, damping, 1.0)], size=SIZE // 2), n=5, m=3)
+    assert model.dynamics.frequencies_Hz[0] == pytest.approx(180.0, rel=0.03)
+    assert model.dynamics.damping[0] == pytest.approx(damping, rel=0.05)
+    assert model.report["fit"]["rms_percent"] < 0.3
+
+
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
     recording = made("relay_preisach", "triangle", [(400.0, 0.24, 1.0)], 0.05, size=SIZE // 2)
     model = identify(recording, force=True)
