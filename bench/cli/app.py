@@ -1,17 +1,15 @@
 """All verbs of ``piezobench``, and how a call is refused: one sentence on standard error, without a traceback.
 
 A verb is a function in one of the files of this folder. Only the file of the requested verb is imported, since a race's
-imports take seconds and ``piezobench --help`` needs none of them; of the other verbs only the docstring is read.
+imports take seconds and ``piezobench --help`` needs none of them; the other verbs are only listed.
 """
 
-import ast
 import gc
 import signal
 import sys
 from collections.abc import Callable, Collection
 from importlib import import_module
 from importlib.metadata import version as installed_version
-from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any
 
@@ -21,30 +19,31 @@ from bench.cli import INTERRUPTED, REFUSED
 from bench.cli.standard_streams import OutputError
 
 VERBS = {
-    "race": "race_verbs",
-    "resume": "race_verbs",
-    "report": "race_verbs",
-    "solvers": "race_verbs",
-    "problems": "problem_verbs",
-    "certify": "certify_verb",
-    "excite": "recording_verbs",
-    "inspect": "recording_verbs",
-    "identify": "stage_verbs",
-    "validate": "model_verbs",
-    "simulate": "model_verbs",
-    "compensate": "stage_verbs",
-    "verify": "run_verbs",
-    "combine": "run_verbs",
-    "history": "run_verbs",
-    "compare": "decision_verbs",
-    "deploy": "decision_verbs",
-    "experiment": "experiment_verbs",
-    "export-c": "export_verbs",
-    "export-fmu": "export_verbs",
-    "realtime": "export_verbs",
-    "live": "live_verb",
+    "race": ("race_verbs", "Race solvers and compare their accuracy and speed."),
+    "resume": ("race_verbs", "Continue an interrupted race."),
+    "report": ("race_verbs", "Write the report of a run again and show its verdict."),
+    "solvers": ("race_verbs", "List all solvers in all lanes, or why one is absent."),
+    "problems": ("problem_verbs", "List the problem sets, or the problems of one set."),
+    "certify": ("certify_verb", "Prove the optimum of a program, or judge answers to it."),
+    "excite": ("recording_verbs", "Write a drive to record, for identification."),
+    "inspect": ("recording_verbs", "Show how a recording is read."),
+    "identify": ("stage_verbs", "Identify a model of hysteresis and creep from a recording."),
+    "validate": ("model_verbs", "Check a model against another recording."),
+    "simulate": ("model_verbs", "Compute the output of a model for a drive."),
+    "compensate": ("stage_verbs", "Compute the drive with which a stage follows a reference."),
+    "verify": ("run_verbs", "Judge every stored answer of a run again."),
+    "combine": ("run_verbs", "Put runs of several machines or versions side by side."),
+    "history": ("run_verbs", "Follow a solver from run to run."),
+    "compare": ("decision_verbs", "Compare the times and accuracies of runs."),
+    "deploy": ("decision_verbs", "Choose the solver for a controller, and say why."),
+    "experiment": ("live_verbs", "Let a simulated stage learn while it moves."),
+    "export-c": ("export_verbs", "Write the compensator as C99 for a controller."),
+    "export-fmu": ("export_verbs", "Write the compensator as an FMU for Co-Simulation."),
+    "realtime": ("export_verbs", "Run the exported C in real time and count missed deadlines."),
+    "live": ("live_verbs", "Run a compensator on a stage, and watch it learn."),
 }
-"""Verbs in the order of ``--help``, with the file of each; ``export-c`` is the function ``export_c_verb``."""
+"""Verbs in the order of ``--help``, with their files and descriptions; ``export-c`` is the function
+``export_c_verb``."""
 PACKAGES = ("bench", "piezo_model", "solvers")
 AGAIN_S = 3.0
 """Seconds after which a KeyboardInterrupt without effect is raised again."""
@@ -61,8 +60,8 @@ def command_line(imported: Collection[str] = tuple(VERBS)) -> typer.Typer:
         help="Race quadratic-program solvers on piezo identification, and compensate piezo actuators.",
     )
     app.callback()(_options)
-    for verb in VERBS:
-        app.command(verb)(load(verb)) if verb in imported else app.command(verb, help=_docstring(verb))(_listed)
+    for verb, (file, description) in VERBS.items():
+        app.command(verb, short_help=description)(load(verb, file) if verb in imported else lambda: None)
     return app
 
 
@@ -80,9 +79,9 @@ def _options(
     """Options before the verb."""
 
 
-def load(verb: str) -> Callable[..., Any]:
+def load(verb: str, file: str) -> Callable[..., Any]:
     """Import the function of a verb."""
-    return getattr(import_module(f"bench.cli.{VERBS[verb]}"), _function(verb))
+    return getattr(import_module(f"bench.cli.{file}"), f"{verb.replace('-', '_')}_verb")
 
 
 def run(words: list[str]) -> int:
@@ -91,7 +90,7 @@ def run(words: list[str]) -> int:
     SIGINT, SIGTERM and SIGHUP end it by an exception, so that its child processes and temporary files are removed.
     Those that are ignored at the start stay so: SIGHUP under nohup, SIGINT in a background job.
     """
-    verb = next((f" {name}" for name in words[:1] if not name.startswith("-")), "")
+    verb = next((f" {name}" for name in words[:1] if name in VERBS), "")
     if other := [word for word in words if not word.isascii() and word != word.encode("utf-8", "replace").decode()]:
         return _refuse(verb, f"{other[0]} is not text in UTF-8, in which names of files are stored")
     status = _do(words, verb)
@@ -113,14 +112,17 @@ def _do(words: list[str], verb: str) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except typer.TyperException as error:  # a wrong verb, option or argument
-        verb = verb if verb.strip() in VERBS else ""
         sentence = error.format_message().rstrip(".").replace("Value error, ", "")  # Pydantic's own words
         return _refuse(verb, f"{sentence}; see piezobench{verb} --help")
     except OSError as error:
         reason = error.strerror or str(error)
         return _refuse(verb, f"{error.filename}: {reason}" if error.filename else reason)
     except Exception as error:
-        if _is_mistake(error):
+        from solvers import Unsupported
+
+        # a user's mistake, as all of our own exceptions are that are a ValueError; its message is one sentence
+        ours = type(error).__module__.partition(".")[0] in PACKAGES
+        if ours and isinstance(error, ValueError | Unsupported | OutputError):
             return _refuse(verb, str(error))
         raise
 
@@ -149,33 +151,6 @@ def _is_handled() -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error is not None
-
-
-def _function(verb: str) -> str:
-    return f"{verb.replace('-', '_')}_verb"
-
-
-def _docstring(verb: str) -> str:
-    """Docstring of a verb's function, without importing its file."""
-    source = Path(__file__).with_name(f"{VERBS[verb]}.py").read_text(encoding="utf-8")
-    return next(
-        ast.get_docstring(node) or ""
-        for node in ast.parse(source).body
-        if isinstance(node, ast.FunctionDef) and node.name == _function(verb)
-    )
-
-
-def _listed() -> None:
-    """Placeholder of a verb that is only listed."""
-
-
-def _is_mistake(error: Exception) -> bool:
-    """Whether an exception stands for a user's mistake, as all of our own do that are a ValueError; its message is one
-    sentence."""
-    from solvers import Unsupported
-
-    package = type(error).__module__.partition(".")[0]
-    return package in PACKAGES and isinstance(error, ValueError | Unsupported | OutputError)
 
 
 def _refuse(verb: str, sentence: str) -> int:

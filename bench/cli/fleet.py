@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import PARALLEL, refuse
+from bench.cli.options import WORKERS, refuse
 from bench.fleet.fleet import items_of, products_of_others, run_all, write_pages
 from bench.fleet.jobs import Job
 from bench.fleet.report import DISTANT, report, table_of, write
@@ -31,36 +31,38 @@ MOST_REFUSED = 12
 """Most lines about refused recordings on the first screen."""
 
 
-def out_dir_of(recordings: Sequence[str], out_dir: str | None, page: Path | None = None) -> str:
-    """The folder for the results of many recordings; refuses the call if it is not given."""
+def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> None:
+    """Refuse several recordings in a call without --out-dir, and options for many."""
+    if out_dir is not None or len(recordings) > 1:
+        raise typer.BadParameter("is for one recording, and --out-dir for many", param_hint="--out")
+    refuse(context, WORKERS, "is for many recordings, with --out-dir")
+
+
+def process(
+    job: Job,
+    recordings: Sequence[str],
+    out_dir: str | None,
+    workers: Workers,
+    title: str,
+    what: str,
+    as_json: bool,
+    page: Path | None = None,
+) -> None:
+    """Do the job on all recordings, write table and page, and show them; then RecordingError if any was refused."""
     if out_dir is None:
         raise typer.TyperException(
             "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for many recordings"
         )
     if page is not None:
         raise typer.BadParameter("is for one recording; --out-dir has pages of its own", param_hint="--page")
-    return out_dir
-
-
-def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> None:
-    """Refuse several recordings in a call without --out-dir, and options for many."""
-    if out_dir is not None or len(recordings) > 1:
-        raise typer.BadParameter("is for one recording, and --out-dir for many", param_hint="--out")
-    refuse(context, PARALLEL, "is for many recordings, with --out-dir")
-
-
-def process(
-    job: Job, recordings: Sequence[str], out: str, workers: Workers, title: str, what: str, as_json: bool
-) -> None:
-    """Do the job on all recordings, write table and page, and show them; then RecordingError if any was refused."""
     workers.check()
-    items = items_of(job, matching(recordings), out)
-    with folder_here(out):  # fails before the work if the folder cannot be written
+    items = items_of(job, matching(recordings), out_dir)
+    with folder_here(out_dir):  # fails before the work if the folder cannot be written
         pass
     try:
         with progress_bar() as progress:
             rows = run_all(items, workers, progress)
-            table, others = table_of(rows), products_of_others(job, rows, out)
+            table, others = table_of(rows), products_of_others(job, rows, out_dir)
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
             pages = dict(write_pages([item for item in items if item.name in outliers], workers, progress))
             found = report(
@@ -70,7 +72,7 @@ def process(
                 {name: {"file": job.product.format(name), "page": pages.get(name, "")} for name in table.name},
                 others,
             )
-            write(out, table, found)
+            write(out_dir, table, found)
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {AGAIN}.", soft_wrap=True)
         raise
@@ -80,11 +82,16 @@ def process(
     reasons = lines_of(refused.refused)
     if len(reasons) > MOST_REFUSED:
         reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
-    below = [*(["Refused:", *reasons] if reasons else []), f"Table: {out}/fleet.csv", f"Page: {out}/fleet.html"]
-    document = {"out_dir": out, "sentences": found.verdict, "rows": table.to_dict("records"), "not_of_this_run": others}
+    below = [*(["Refused:", *reasons] if reasons else []), f"Table: {out_dir}/fleet.csv", f"Page: {out_dir}/fleet.html"]
+    document = {
+        "out_dir": out_dir,
+        "sentences": found.verdict,
+        "rows": table.to_dict("records"),
+        "not_of_this_run": others,
+    }
     print_report(report(title, table, what, others=others), document, as_json, below)
     if len(refused):
         are = "is" if len(refused) == 1 else "are"
         raise RecordingError(
-            f"{len(refused)} of {len(table)} recordings {are} refused; the table {out}/fleet.csv says why"
+            f"{len(refused)} of {len(table)} recordings {are} refused; the table {out_dir}/fleet.csv says why"
         )

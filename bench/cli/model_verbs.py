@@ -6,23 +6,21 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from bench.cli.fleet import OutDir, only, out_dir_of, process
+from bench.cli.fleet import OutDir, only, process
 from bench.cli.options import (
+    READING,
     STARTS,
-    Input,
-    Output,
-    Scheduler,
     Start,
-    Time,
-    WorkerBackend,
-    WorkerCount,
     files_of,
+    grouped,
+    on_workers,
+    opening,
     reads_a_recording,
     recording_of,
 )
 from bench.fleet.jobs import Validating
 from bench.fleet.storage import absolute
-from bench.processes.engine import Backend, Workers
+from bench.processes.engine import Workers
 from bench.report.console import AsJson, check_writable, print_result
 from piezo_model import checks
 from piezo_model.deployment import open_model
@@ -31,6 +29,7 @@ from piezo_model.recordings import read_reference, write_table
 from piezo_model.units import quantity
 
 
+@on_workers
 @reads_a_recording
 def validate_verb(
     context: typer.Context,
@@ -38,18 +37,13 @@ def validate_verb(
         str, typer.Argument(help="Model from identify; for many recordings also the folder of their models.")
     ],
     reading: dict[str, Any],
+    workers: Workers,
     recording: Annotated[
         list[str] | None,
         typer.Argument(help="A recording in any known format; or many, as paths or URLs, with --out-dir."),
     ] = None,
     out_dir: OutDir = None,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
     page: Annotated[Path | None, typer.Option(help="HTML file for a page with plots.")] = None,
-    workers: WorkerCount = 1,
-    backend: WorkerBackend = Backend.LOCAL,
-    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
     """Check a model against another recording than that of its identification, or against many.
@@ -57,23 +51,14 @@ def validate_verb(
     The initial states are estimated as in identify; a constant shift of the output between the two sessions is removed
     and reported. A sentence says if the model was fitted to the recording itself.
     """
-    file = recording_of(next(iter(recording or ()), None), input, output)
-    opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    job = Validating(absolute(model), opening)
+    file = recording_of(recording, reading)
+    job = Validating(absolute(model), reading)
     if out_dir is not None or len(recording or ()) > 1:
-        process(
-            job,
-            recording or (),
-            out_dir_of(recording or (), out_dir, page),
-            Workers(workers, backend, scheduler),
-            "Validation of a fleet",
-            "were judged",
-            as_json,
-        )
+        process(job, recording or (), out_dir, workers, "Validation of a fleet", "were judged", as_json, page)
         return
     only(context, recording or (), out_dir)
     if page is not None:
-        check_writable(page, "--page", [*files_of(file, input, output), model])
+        check_writable(page, "--page", [*files_of(file, reading), model])
     opened, loaded, result = job.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
@@ -84,21 +69,27 @@ def validate_verb(
     print_result({"model": model, "page": page, **result.to_dict()}, lines, as_json)
 
 
-@reads_a_recording
+@grouped(
+    "reading",
+    {
+        "time": READING["time"],
+        "column": Annotated[str | None, typer.Option("--input", help="Input column, such as voltage_V.")],
+        **READING,
+    },
+    opening,
+)
 def simulate_verb(
     model: Annotated[Path, typer.Argument(help="Model from identify.")],
     drive: Annotated[Path, typer.Argument(help="File with a drive column, in any format of recordings.")],
     out: Annotated[Path, typer.Option(help="CSV or Parquet file for drive and output.")],
     reading: dict[str, Any],
-    time: Time = None,
-    input: Input = None,
     start: Start | None = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute the output of the model for a drive."""
     check_writable(out, others=[drive, model])
     loaded, _ = open_model(model)
-    read = read_reference(drive, time=time, column=input, role="input", **reading)
+    read = read_reference(drive, role="input", **reading)
     given = read.suited(loaded.structure.input_unit, "input")
     with checks.refusing(ModelError, f"{model} with {drive}: "):
         loaded = loaded.at(read.sample_time)

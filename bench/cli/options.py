@@ -3,13 +3,14 @@
 import functools
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping
+import os
+from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from bench.processes.engine import Backend
+from bench.processes.engine import Backend, Workers
 from piezo_model.model import StartChoice
 from solvers import find
 from solvers.exact.linear_algebra import WORK
@@ -17,22 +18,22 @@ from solvers.exact.linear_algebra import WORK
 Verb = Callable[..., None]
 
 
-def grouped(group: str, options: Mapping[str, Any]) -> Callable[[Verb], Verb]:
-    """Add options, given as annotations by name, to a verb, which receives their values as a dictionary in its
-    parameter ``group``."""
+def grouped(group: str, options: Mapping[str, Any], make: Callable[..., Any] = dict) -> Callable[[Verb], Verb]:
+    """Add options, given as annotations by name, to a verb, which receives in its parameter ``group`` what ``make``
+    makes of their values; a settings class gives its defaults."""
 
     def decorate(verb: Verb) -> Verb:
         signature = inspect.signature(verb, eval_str=True)
         added = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=getattr(make, name, None), annotation=kind)
             for name, kind in options.items()
         ]
         parameters = [*(parameter for name, parameter in signature.parameters.items() if name != group), *added]
 
         @functools.wraps(verb)
         def wrapped(**given: Any) -> None:
-            values = {name: given.pop(name) for name in options}
-            verb(**given, **{group: values})
+            made = make(**{name: given.pop(name) for name in options})
+            verb(**given, **{group: made})
 
         wrapped.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -41,19 +42,13 @@ def grouped(group: str, options: Mapping[str, Any]) -> Callable[[Verb], Verb]:
     return decorate
 
 
-def is_given(context: typer.Context, option: str) -> bool:
-    """Whether this parameter of the verb is on the command line, even if with its default value."""
-    source = context.get_parameter_source(option)
-    return source is not None and source.name == "COMMANDLINE"
-
-
-def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
-    """Refuse the call if one of these parameters of the verb is on the command line; ``why`` follows its name."""
-    for option in options:
-        if is_given(context, option):
-            raise typer.BadParameter(
-                why, param_hint=next(each.opts[0] for each in context.command.params if each.name == option)
-            )
+def refuse(context: typer.Context, options: Container[str], why: str) -> None:
+    """Refuse the call if one of these parameters of the verb is on the command line, even with its default value;
+    ``why`` follows its name."""
+    for each in context.command.params:
+        source = context.get_parameter_source(str(each.name))
+        if each.name in options and source is not None and source.name == "COMMANDLINE":
+            raise typer.BadParameter(why, param_hint=each.opts[0])
 
 
 def installed(name: str) -> str:
@@ -81,40 +76,25 @@ RateLimit = Annotated[
     typer.Option("--rate-limit", callback=positive, help="Largest change of the drive, input units per second."),
 ]
 
-PARALLEL = ("workers", "backend", "scheduler")
-"""Names of the following three parameters in a verb."""
-WorkerCount = Annotated[int, typer.Option("--workers", min=1, help="Number of worker processes, each on its own core.")]
-WorkerBackend = Annotated[Backend, typer.Option("--backend", help="Where the workers run.")]
-Scheduler = Annotated[
-    str,
-    typer.Option("--scheduler", help="Address of a Dask scheduler whose workers see the same folder under this path."),
-]
+WORKERS: dict[str, Any] = {
+    "count": Annotated[int, typer.Option("--workers", min=1, help="Number of worker processes, each on its own core.")],
+    "backend": Annotated[Backend, typer.Option(help="Where the workers run.")],
+    "scheduler": Annotated[
+        str, typer.Option(help="Address of a Dask scheduler whose workers see the same folder under this path.")
+    ],
+}
+on_workers = grouped("workers", WORKERS, Workers)
+"""A verb that receives `bench.processes.engine.Workers`."""
 
-ProofWork = Annotated[
-    float | None,
-    typer.Option(
-        "--work",
-        min=1.0,
-        help=f"For the sets foreign and test_set: most bit operations of a proof; {WORK:.0e} by default.",
-    ),
-]
 FILE = "A recording in any known format; 'piezobench inspect' shows how it is read."
-Time = Annotated[
-    str | None,
-    typer.Option(
-        help="Time column: its name, a path such as group/channel, or its number counted from 1; 'none' if there is no "
-        "clock. Guessed by default."
-    ),
-]
-Input = Annotated[
-    str | None,
-    typer.Option(help="Input column, such as voltage_V; without a recording FILE or FILE:COLUMN, one file a channel."),
-]
-Output = Annotated[
-    str | None,
-    typer.Option(help="Output column, such as displacement_um; without a recording FILE or FILE:COLUMN."),
-]
-READING_OPTIONS: dict[str, Any] = {
+READING: dict[str, Any] = {
+    "time": Annotated[
+        str | None,
+        typer.Option(
+            help="Time column: its name, a path such as group/channel, or its number counted from 1; 'none' if there "
+            "is no clock. Guessed by default."
+        ),
+    ],
     "sample_time": Annotated[float | None, typer.Option(help="Sampling period in s, for a file without times.")],
     "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, instead of --sample-time.")],
     "header_row": Annotated[
@@ -139,7 +119,39 @@ READING_OPTIONS: dict[str, Any] = {
     "decimate": Annotated[int | None, typer.Option(min=1, help="Read the first of so many rows.")],
     "strict": Annotated[bool | None, typer.Option("--strict", help="Refuse a recording that needs repairs.")],
 }
-"""Options of `piezo_model.recordings.options.ReadOptions`, for every verb that opens a recording."""
+"""Options of ``read_reference``, for every verb that opens a file of signals."""
+RECORDING = {
+    "time": READING["time"],
+    "input": Annotated[
+        str | None,
+        typer.Option(
+            help="Input column, such as voltage_V; without a recording FILE or FILE:COLUMN, one file a channel."
+        ),
+    ],
+    "output": Annotated[
+        str | None,
+        typer.Option(help="Output column, such as displacement_um; without a recording FILE or FILE:COLUMN."),
+    ],
+    **READING,
+}
+"""Options of ``Recording.open``."""
+SET_OPTIONS = {
+    "recording": Annotated[Path | None, typer.Option(help=f"For the set recorded. {FILE}")],
+    "folder": Annotated[
+        Path | None, typer.Option(help="For the set foreign: folder of NPZ, MAT, QPS, MPS and SIF files.")
+    ],
+    "test_set": Annotated[
+        Path | None, typer.Option(help="For the set test_set: Python file with a test set of qpbenchmark.")
+    ],
+    "work": Annotated[
+        float | None,
+        typer.Option(
+            min=1.0, help=f"For the sets foreign and test_set: most bit operations of a proof; {WORK:.0e} by default."
+        ),
+    ],
+    **RECORDING,
+}
+"""Options of problem sets."""
 
 
 Start = Annotated[
@@ -174,39 +186,40 @@ NoDynamics = Annotated[
 ]
 
 
-def as_text(**values: Any) -> dict[str, str]:
-    """The given values as texts, the form in which a problem set takes its options."""
-    return {name: str(value) for name, value in values.items() if value is not None}
+def opening(**values: Any) -> dict[str, Any]:
+    """The options that are given as keywords of ``Recording.open``, which takes no ``sample_rate``."""
+    given = {name: value for name, value in values.items() if value is not None}
+    rate = given.pop("sample_rate", None)
+    if rate is not None:
+        if "sample_time" in given or not rate > 0.0:
+            raise typer.BadParameter("give either a positive rate or --sample-time", param_hint="--sample-rate")
+        given["sample_time"] = 1.0 / rate
+    return given
 
 
-def recording_of(recording: str | Path | None, input: str | None, output: str | None) -> Path | None:
-    """The recording of a call; None for one in two files, which ``input`` and ``output`` name."""
-    if recording is None and (input is None or output is None):
+def set_options(**values: Any) -> dict[str, str]:
+    """The options that are given as texts, the form in which a problem set takes them."""
+    given = opening(**values)
+    if "recording" not in given and {"input", "output"} <= given.keys():
+        from bench.problems.recorded import TWO_FILES
+
+        given |= {"recording": TWO_FILES, **{name: os.path.abspath(given[name]) for name in ("input", "output")}}
+    return {name: str(value.resolve() if isinstance(value, Path) else value) for name, value in given.items()}
+
+
+reads_a_recording = grouped("reading", RECORDING, opening)
+"""A verb that receives the keywords of ``Recording.open``."""
+
+
+def recording_of(recordings: Sequence[str | Path] | None, reading: Mapping[str, Any]) -> Path | None:
+    """The first recording of a call; None for one in two files, which ``input`` and ``output`` name."""
+    if not recordings and not {"input", "output"} <= reading.keys():
         raise typer.TyperException("Missing argument 'recording', or --input FILE and --output FILE")
-    return None if recording is None else Path(recording)
+    return Path(recordings[0]) if recordings else None
 
 
-def files_of(recording: Path | None, input: str | None, output: str | None) -> list[Path]:
+def files_of(recording: Path | None, reading: Mapping[str, Any]) -> list[Path]:
     """The file of a recording, or the two that ``input`` and ``output`` name."""
     from piezo_model.recordings.joining import split_name
 
-    return [split_name(name)[0] for name in (input, output) if name] if recording is None else [recording]
-
-
-def reads_a_recording(verb: Verb) -> Verb:
-    """Add READING_OPTIONS to a verb, which receives those that are given as a dictionary in its parameter ``reading``,
-    without ``sample_rate``; a verb with a --from of its own has no part of a recording."""
-    own = {"from_s", "to_s"} if "source" in inspect.signature(verb).parameters else set()
-
-    @grouped("reading", {name: option for name, option in READING_OPTIONS.items() if name not in own})
-    @functools.wraps(verb)
-    def wrapped(*, reading: dict[str, Any], **given: Any) -> None:
-        reading = {name: value for name, value in reading.items() if value is not None}
-        rate = reading.pop("sample_rate", None)
-        if rate is not None:
-            if "sample_time" in reading or not rate > 0.0:
-                raise typer.BadParameter("give either a positive rate or --sample-time", param_hint="--sample-rate")
-            reading["sample_time"] = 1.0 / rate
-        verb(reading=reading, **given)
-
-    return wrapped
+    return [split_name(reading[name])[0] for name in ("input", "output")] if recording is None else [recording]

@@ -4,23 +4,12 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
-from bench.cli.options import (
-    FILE,
-    READING_OPTIONS,
-    Input,
-    Output,
-    ProofWork,
-    Seed,
-    Time,
-    as_text,
-    reads_a_recording,
-    refuse,
-)
+from bench.cli.options import SET_OPTIONS, Seed, grouped, refuse, set_options
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.report.console import AsJson, print_result, progress_bar, show_table
@@ -28,12 +17,14 @@ from bench.report.words import by_heading
 from solvers.certificate import Certificate
 
 HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
+OPTIONS = {name: option for name, option in SET_OPTIONS.items() if name not in ("from_s", "to_s")}
+"""Options of the sets; ``--from`` is another one here."""
 
 
-@reads_a_recording
+@grouped("options", OPTIONS, set_options)
 def problems_verb(
     context: typer.Context,
-    reading: dict[str, Any],
+    options: dict[str, str],
     problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Check every proof again in exact arithmetic.")] = False,
     source: Annotated[
@@ -44,45 +35,23 @@ def problems_verb(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Number of problems; all by default.")] = None,
     seed: Seed = 0,
-    recording: Annotated[Path | None, typer.Option(help=f"For the set recorded. {FILE}")] = None,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    folder: Annotated[
-        Path | None, typer.Option(help="For the set foreign: folder of NPZ, MAT, QPS, MPS and SIF files.")
-    ] = None,
-    test_set: Annotated[
-        Path | None, typer.Option(help="For the set test_set: Python file with a test set of qpbenchmark.")
-    ] = None,
-    work: ProofWork = None,
     as_json: AsJson = False,
 ) -> None:
     """List the problem sets, or the problems of one set.
 
     It can also check every proof again and write the problems to files.
     """
-    of_sets = ("recording", "time", "input", "output", "folder", "test_set", "work", *READING_OPTIONS)
     if problem_set is None and source is None:
-        needs_problems = ("verify", "export", "limit", "seed", *of_sets)
+        needs_problems = ("verify", "export", "limit", "seed", *OPTIONS)
         refuse(context, needs_problems, "needs problems; name a --set, or a folder with --from")
         sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
         show_table(("set", "problems", "what it is for"), sets, 3, as_json)
         return
-    set_options = as_text(
-        recording=recording,
-        folder=folder,
-        test_set=test_set,
-        time=time,
-        input=input,
-        output=output,
-        work=work,
-        **reading,
-    )
     if source is not None:
-        refuse(context, ("seed", *of_sets), "is for making problems, and those in the folder --from are made")
+        refuse(context, ("seed", *OPTIONS), "is for making problems, and those in the folder --from are made")
     elif problem_set is not None:
-        check_options([problem_set], set_options)
-    problems, left_out, total = _problems(problem_set, source, seed, set_options)
+        check_options([problem_set], options)
+    problems, left_out, total = _problems(problem_set, source, seed, options)
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)
     rows, failures, exported = list[tuple[str, ...]](), list[str](), defaultdict[str, list[bool]](list)

@@ -1,35 +1,19 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
-import os
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from bench.cli.options import (
-    FILE,
-    READING_OPTIONS,
-    Input,
-    Output,
-    ProofWork,
-    Scheduler,
-    Seed,
-    Time,
-    WorkerBackend,
-    WorkerCount,
-    as_text,
-    grouped,
-    reads_a_recording,
-    refuse,
-)
+from bench.cli.options import SET_OPTIONS, WORKERS, Seed, grouped, on_workers, refuse, set_options
 from bench.messages.race_error import RaceError
 from bench.messages.task import Tier
 from bench.problems import ProblemSetError
-from bench.processes.engine import Backend, Workers
+from bench.processes.engine import Workers
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild
 from bench.races.kind import DEFAULT, Kind, kind_of, kinds, open_run
@@ -59,34 +43,10 @@ FEW = 3
 FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """Option with the files of a problem set; the option alone selects the set."""
 
-SETTING_OF = {
-    "problem_set": "problem_sets",
-    "problem": "problems",
-    "scaling": "scalings",
-    "tier": "tiers",
-    "settings": "settings_run or given",
-    "limit": "limit",
-    "budget": "effort",
-    "repeats": "repeats",
-    **dict.fromkeys(
-        ("recording", "time", "input", "output", "folder", "test_set", "work", *READING_OPTIONS), "set_options"
-    ),
-}
-"""Setting, or settings, of a race that an option sets, for options that only some kinds of race use; an option that a
-kind declares itself has the name of its setting."""
-
-
-class Scale(StrEnum):
-    """Scalings; typer takes a list of an enumeration but not of a ``Literal``."""
-
-    scaled = "scaled"
-    raw = "raw"
-
-
-if TYPE_CHECKING:
-    KindName = str
-else:
-    KindName = Literal[*kinds()]
+SETTING_OF = {"settings": "settings_run or given", "budget": "effort", **dict.fromkeys(SET_OPTIONS, "set_options")}
+"""Setting, or settings, of a race that an option sets; any other option of a race has the name of its setting."""
+Scale = StrEnum("Scale", ["scaled", "raw"])
+"""Scalings; typer takes a list of an enumeration but not of a ``Literal``."""
 
 
 def own_options() -> dict[str, Any]:
@@ -114,22 +74,27 @@ def race_help() -> str:
 
 def refuse_unused(context: typer.Context, kind: str) -> None:
     """Refuse an option for a setting that this kind of race does not have, or has fixed."""
-    adjustable = {name: {field.name for field in fields(each.settings) if field.init} for name, each in kinds().items()}
-    for option, setting in {**SETTING_OF, **{name: name for name in own_options()}}.items():
-        wanted = {*setting.split(" or ")}
-        if not wanted & adjustable[kind]:
-            users = [name for name, settings in adjustable.items() if wanted & settings]
+    settings = {name: {field.name: field.init for field in fields(each.settings)} for name, each in kinds().items()}
+    for option in context.params:
+        names = SETTING_OF.get(option, option).split(" or ")
+        users = [name for name, has in settings.items() if any(map(has.get, names))]
+        if users and kind not in users:
             refuse(context, [option], f"is for the race {' or '.join(users)}; the race {kind} does not use it")
 
 
-@reads_a_recording
+@on_workers
+@grouped("options", SET_OPTIONS, set_options)
 @grouped("own", own_options())
 def race_verb(
     context: typer.Context,
-    reading: dict[str, Any],
+    options: dict[str, str],
     own: dict[str, int | None],
-    kind: Annotated[KindName, typer.Option("--race", help=race_help())] = DEFAULT,
-    problem_set: Annotated[
+    workers: Workers,
+    kind: Annotated[
+        Literal[*kinds()],  # type: ignore[valid-type]
+        typer.Option("--race", help=race_help()),
+    ] = DEFAULT,
+    problem_sets: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
@@ -137,27 +102,29 @@ def race_verb(
             "problems.",
         ),
     ] = None,
-    problem: Annotated[
+    problems: Annotated[
         list[str] | None,
-        typer.Option(help="Problem by name, repeatable; piezobench problems --set SET lists them."),
+        typer.Option("--problem", help="Problem by name, repeatable; piezobench problems --set SET lists them."),
     ] = None,
-    solver: Annotated[
+    solvers: Annotated[
         list[str] | None,
-        typer.Option(help="Solver by name, or a file.py with your own, repeatable; all by default."),
+        typer.Option("--solver", help="Solver by name, or a file.py with your own, repeatable; all by default."),
     ] = None,
-    lane: Annotated[
+    lanes: Annotated[
         list[Lane] | None,
         typer.Option(
+            "--lane",
             help="How solvers are called, repeatable: from compiled code, by their own Python object, through "
-            "qpsolvers or cvxpy, as generated C. All but codegen by default."
+            "qpsolvers or cvxpy, as generated C. All but codegen by default.",
         ),
     ] = None,
-    tier: Annotated[
+    tiers: Annotated[
         list[Tier] | None,
         typer.Option(
+            "--tier",
             help="Accuracy that the solvers of a stream or a loop are set to, repeatable: a cost gap of 1e-3 (low), "
             "1e-6 (mid), 1e-9 (high, the default) or 1e-12 (exact), no measurable effect on the stage (stage), or the "
-            "library's defaults (default)."
+            "library's defaults (default).",
         ),
     ] = None,
     settings: Annotated[
@@ -168,11 +135,12 @@ def race_verb(
             "solver to measure beside its defaults, in place of its ladder."
         ),
     ] = None,
-    scaling: Annotated[
+    scalings: Annotated[
         list[Scale] | None,
         typer.Option(
+            "--scaling",
             help="Scaling of the problems, repeatable: scaled to a unit diagonal of P, or raw in volts and "
-            "micrometres; both by default."
+            "micrometres; both by default.",
         ),
     ] = None,
     limit: Annotated[
@@ -183,23 +151,14 @@ def race_verb(
             "named.",
         ),
     ] = None,
-    recording: Annotated[
-        Path | None, typer.Option(help=f"Race on the set recorded, made from this file. {FILE}")
-    ] = None,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    folder: Annotated[
-        Path | None, typer.Option(help="Race on the set foreign: a folder of NPZ, MAT, QPS, MPS and SIF files.")
-    ] = None,
-    test_set: Annotated[
-        Path | None, typer.Option(help="Race on a test set of qpbenchmark, given as a Python file.")
-    ] = None,
-    work: ProofWork = None,
     seed: Seed = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Timed seconds of a task.")] = 0.005,
-    time_limit: Annotated[float, typer.Option(min=0.1, help="Longest duration of a task in s.")] = 20.0,
-    memory: Annotated[int, typer.Option(min=16, help="Most memory that a solver may allocate, MB.")] = 2048,
+    time_limit_s: Annotated[
+        float, typer.Option("--time-limit", min=0.1, help="Longest duration of a task in s.")
+    ] = 20.0,
+    memory_mb: Annotated[
+        int, typer.Option("--memory", min=16, help="Most memory that a solver may allocate, MB.")
+    ] = 2048,
     repeats: Annotated[
         int | None,
         typer.Option(
@@ -208,9 +167,6 @@ def race_verb(
             "batch, in one process.",
         ),
     ] = None,
-    workers: WorkerCount = 1,
-    backend: WorkerBackend = Backend.LOCAL,
-    scheduler: Scheduler = "",
     out: Annotated[Path, typer.Option(help="Folder that holds the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(help="Name of the run; date and time by default.")] = None,
     into: Annotated[
@@ -225,53 +181,37 @@ def race_verb(
     """
     race = kinds()[kind]
     refuse_unused(context, kind)
-    files = {"recording": recording, "folder": folder, "test_set": test_set}
-    set_options = as_text(
-        **{name: path and path.resolve() for name, path in files.items()},
-        time=time,
-        input=input,
-        output=output,
-        work=work,
-        **reading,
-    )
-    if recording is None and input is not None and output is not None:
-        from bench.problems.recorded import TWO_FILES
-
-        set_options |= {"recording": TWO_FILES, "input": os.path.abspath(input), "output": os.path.abspath(output)}
-    sets = problem_set or [name for name, option in FILE_OF.items() if option in set_options]
-    lists: dict[str, Any] = {
-        "solvers": [text for text in solver or () if not text.endswith(".py")],
-        "solver_files": [str(Path(text).resolve()) for text in solver or () if text.endswith(".py")],
+    sets = problem_sets or [name for name, option in FILE_OF.items() if option in options]
+    given: dict[str, Any] = {
         "problem_sets": sets,
-        "problems": problem,
-        "lanes": lane,
-        "tiers": tier,
-        "scalings": [choice.value for choice in scaling or ()],
-    }
-    values: dict[str, Any] = {
+        "problems": problems,
+        "solvers": [text for text in solvers or () if not text.endswith(".py")],
+        "solver_files": [str(Path(text).resolve()) for text in solvers or () if text.endswith(".py")],
+        "lanes": lanes,
+        "tiers": tiers,
+        "scalings": [scale.value for scale in scalings or ()],
         "limit": FEW if limit is None and race.schema is kinds()[DEFAULT].schema and not sets else limit,
         "seed": seed,
-        "time_limit_s": time_limit,
-        "memory_mb": memory,
-        **_settings(settings or [], race),
         "effort": replace(race.settings().effort, budget_s=budget),
+        "time_limit_s": time_limit_s,
+        "memory_mb": memory_mb,
         "repeats": repeats,
-        "set_options": set_options,
-        **{name: tuple(items) for name, items in lists.items() if items},
+        "set_options": options,
+        **_settings(settings or [], race),
         **own,
     }
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in given.items()
+        if value not in (None, [])
+    }
     made = race.settings(
-        **{
-            field.name: values[field.name]
-            for field in fields(race.settings)
-            if field.init and values.get(field.name) is not None
-        }
+        **{field.name: values[field.name] for field in fields(race.settings) if field.init and field.name in values}
     )
-    pool = Workers(workers, backend, scheduler)
-    race.check(pool)
+    race.check(workers)
     run = race.start(out, made, name) if into is None else _reopened(context, into, values)
     try:
-        _finish(run, pool, as_json)
+        _finish(run, workers, as_json)
     except (RaceError, ProblemSetError):
         run.discard()
         raise
@@ -295,8 +235,7 @@ def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
 
 def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> Run:
     """A finished run, to which the solvers of this call are added on the same problems."""
-    given = [parameter.name for parameter in context.command.params if parameter.name and parameter.name not in ADDING]
-    refuse(context, given, "is for a new race; --into adds solvers to one on the same problems")
+    refuse(context, {*context.params} - ADDING, "is for a new race; --into adds solvers to one on the same problems")
     if not values.get("solvers") and not values.get("solver_files"):
         raise typer.BadParameter("needs --solver: the solvers to add", param_hint="--into")
     run = open_run(path)
@@ -311,23 +250,16 @@ def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> 
 
 
 ADDING = {
-    "into",
-    "solver",
-    "lane",
-    "problem",
-    "settings",
-    "budget",
-    "time_limit",
-    "repeats",
-    "workers",
-    "backend",
-    "as_json",
+    *("into", "solvers", "lanes", "problems", "settings", "budget", "time_limit_s", "repeats", "as_json"),
+    *WORKERS,
 }
 """Options that go with --into."""
 
 
+@on_workers
 def resume_verb(
     run: Annotated[Path, typer.Argument(help="Folder of the run.")],
+    workers: Workers,
     code: Annotated[
         list[Path] | None,
         typer.Option(
@@ -337,9 +269,6 @@ def resume_verb(
             "choose the code that runs.",
         ),
     ] = None,
-    workers: WorkerCount = 1,
-    backend: WorkerBackend = Backend.LOCAL,
-    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
     """Continue an interrupted race; finished tasks are kept."""
@@ -349,8 +278,7 @@ def resume_verb(
             console.print(f"{run} is finished already.")
         report_verb(run, as_json)
     else:
-        pool = Workers(workers, backend, scheduler)
-        kind_of(opened).check(pool)
+        kind_of(opened).check(workers)
         used = settings_of(opened, kind_of(opened).settings).code
         for file in sorted(used ^ {str(path.resolve()) for path in code or ()}):
             raise RunError(
@@ -359,7 +287,7 @@ def resume_verb(
                 if file in used
                 else f"{run}: the race did not use {file}"
             )
-        _finish(opened, pool, as_json)
+        _finish(opened, workers, as_json)
 
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from bench.cli.options import Input, Output, Time, positive, reads_a_recording, recording_of
+from bench.cli.options import positive, reads_a_recording, recording_of
 from bench.report.console import AsJson, check_writable, console, print_json, print_result, print_table
 from piezo_model import checks
 from piezo_model.recordings import Recording, RecordingError, write_table
@@ -71,17 +71,19 @@ def _limits(text: str) -> tuple[float, float]:
 def inspect_verb(
     reading: dict[str, Any],
     recording: Annotated[Path | None, typer.Argument(help="A recording in any known format.")] = None,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
     as_json: AsJson = False,
 ) -> None:
     """Show how a recording is read: columns, units, sampling and ranges, and which columns are guessed."""
-    recording, options = recording_of(recording, input, output), ReadOptions(**reading)
-    table = joined(input or "", output or "", time, options)[0] if recording is None else open_table(recording, options)
+    recording = recording_of([recording] if recording else [], reading)
+    options = ReadOptions(**{name: value for name, value in reading.items() if name not in ("time", "input", "output")})
+    table = (
+        joined(reading["input"], reading["output"], reading.get("time"), options)[0]
+        if recording is None
+        else open_table(recording, options)
+    )
     refused, opened = None, None
     try:
-        opened = Recording.open(recording, time=time, input=input, output=output, **reading)
+        opened = Recording.open(recording, **reading)
     except RecordingError as error:
         refused = error
     columns = _columns(table, opened)

@@ -5,28 +5,26 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.cli.fleet import OutDir, only, out_dir_of, process
+from bench.cli.fleet import OutDir, only, process
 from bench.cli.options import (
     FILE,
+    READING,
     STARTS,
-    Input,
-    Output,
     RateLimit,
-    Scheduler,
     SolverName,
     Start,
-    Time,
-    WorkerBackend,
-    WorkerCount,
     XStart,
     files_of,
+    grouped,
+    on_workers,
+    opening,
     reads_a_recording,
     recording_of,
     refuse,
 )
 from bench.fleet.jobs import FOLLOWED, Compensating, Identifying
 from bench.fleet.storage import absolute
-from bench.processes.engine import Backend, Workers
+from bench.processes.engine import Workers
 from bench.report.console import AsJson, check_writable, console, print_result, print_table, progress_bar
 from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.fit_review import review
@@ -39,18 +37,17 @@ SHOWN = 8
 """Rows of the table of candidates; the page has all."""
 
 
+@on_workers
 @reads_a_recording
 def identify_verb(
     context: typer.Context,
     reading: dict[str, Any],
+    workers: Workers,
     recording: Annotated[
         list[str] | None, typer.Argument(help=f"{FILE} Or many, as paths or URLs, with --out-dir.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="JSON file for the model of one recording.")] = None,
     out_dir: OutDir = None,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
     n: Annotated[
         int | None,
         typer.Option(min=0, max=MOST, help="Order of hysteresis and creep; by an information criterion by default."),
@@ -85,31 +82,19 @@ def identify_verb(
         bool, typer.Option("--force", help="Write the model even if it does not describe the data.")
     ] = False,
     page: Annotated[Path | None, typer.Option(help="HTML file for a page with plots and advice.")] = None,
-    workers: WorkerCount = 1,
-    backend: WorkerBackend = Backend.LOCAL,
-    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
     """Identify a model of hysteresis and creep from a recording, or one from each of many.
 
     It reports how well the model fits and what the recording lacks; --page draws it.
     """
-    file = recording_of(next(iter(recording or ()), None), input, output)
-    opening: dict[str, Any] = {"time": time, "input": input, "output": output, **reading}
-    job = Identifying(opening, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
+    file = recording_of(recording, reading)
+    job = Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
     if out is None:
-        process(
-            job,
-            recording or (),
-            out_dir_of(recording or (), out_dir, page),
-            Workers(workers, backend, scheduler),
-            "Identification of a fleet",
-            "gave a model",
-            as_json,
-        )
+        process(job, recording or (), out_dir, workers, "Identification of a fleet", "gave a model", as_json, page)
         return
     only(context, recording or (), out_dir)
-    files = files_of(file, input, output)
+    files = files_of(file, reading)
     check_writable(out, others=files)
     opened = job.opened(file)
     if page is not None:
@@ -155,7 +140,16 @@ def identify_verb(
     print_result({"model": out, "page": page, "report": dict(model.report)}, lines, as_json)
 
 
-@reads_a_recording
+@on_workers
+@grouped(
+    "reading",
+    {
+        "time": READING["time"],
+        "column": Annotated[str | None, typer.Option("--reference", help="Reference column.")],
+        **READING,
+    },
+    opening,
+)
 def compensate_verb(
     context: typer.Context,
     model: Annotated[
@@ -168,10 +162,9 @@ def compensate_verb(
         ),
     ],
     reading: dict[str, Any],
+    workers: Workers,
     out: Annotated[Path | None, typer.Option(help="CSV or Parquet file for the drive of one reference.")] = None,
     out_dir: OutDir = None,
-    time: Time = None,
-    column: Annotated[str | None, typer.Option("--reference", help="Reference column.")] = None,
     low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
     high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
     rate_limit: RateLimit = None,
@@ -184,9 +177,6 @@ def compensate_verb(
     preview: Annotated[
         bool, typer.Option("--preview", help="Invert the dynamics without lag: the drive anticipates the reference.")
     ] = False,
-    workers: WorkerCount = 1,
-    backend: WorkerBackend = Backend.LOCAL,
-    scheduler: Scheduler = "",
     as_json: AsJson = False,
 ) -> None:
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
@@ -194,27 +184,9 @@ def compensate_verb(
         refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
     if preview and not dynamics:
         raise typer.BadParameter("inverts the dynamics, which --no-dynamics leaves out", param_hint="--preview")
-    job = Compensating(
-        absolute(model),
-        {"time": time, "column": column, **reading},
-        low,
-        high,
-        rate_limit,
-        start,
-        x_start,
-        dynamics,
-        preview,
-    )
+    job = Compensating(absolute(model), reading, low, high, rate_limit, start, x_start, dynamics, preview)
     if out is None:
-        process(
-            job,
-            reference,
-            out_dir_of(reference, out_dir),
-            Workers(workers, backend, scheduler),
-            "Compensation of a fleet",
-            "gave a drive",
-            as_json,
-        )
+        process(job, reference, out_dir, workers, "Compensation of a fleet", "gave a drive", as_json)
         return
     only(context, reference, out_dir)
     file = Path(reference[0])

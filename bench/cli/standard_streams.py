@@ -35,11 +35,12 @@ def prepare() -> None:
     The next file that is opened would take the number of a descriptor that the caller closed, and printed text would
     end up in it. A character that the terminal's encoding lacks is printed as an escape sequence.
     """
-    is_open = [_is_open(number) for number in range(3)]
-    for _ in range(is_open.count(False)):
-        os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    closed = []
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:  # the lowest free number
+        closed.append(number)
+    os.close(number)
     sys.stderr = _stream(2, sys.stderr, lines=True)
-    if not is_open[1]:
+    if 1 in closed:
         raise OutputError("standard output is closed; send it to a file, or to /dev/null")
     sys.stdout = _stream(1, sys.stdout, lines=sys.stdout.isatty())
 
@@ -48,11 +49,3 @@ def _stream(number: int, before: TextIO | None, lines: bool) -> TextIO:
     raw = _Stream(number, "w", closefd=False)
     encoding = before.encoding if before else "utf-8"
     return io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=lines)
-
-
-def _is_open(number: int) -> bool:
-    try:
-        os.fstat(number)
-    except OSError:
-        return False
-    return True

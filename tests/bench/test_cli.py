@@ -220,7 +220,7 @@ def test_every_option_of_a_race_is_in_the_table_of_a_kind() -> None:
     assert known == set(VALUES)
     settings = {name.replace("_", "-") for name in own_options()}
     assert settings <= known
-    assert {option.replace("_", "-").replace("problem-set", "set") for option in SETTING_OF} - {
+    assert {option.replace("_", "-") for option in SETTING_OF} - {
         "input",
         "output",
         "input-unit",

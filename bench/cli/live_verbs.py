@@ -1,22 +1,25 @@
-"""The verb ``live``: runs a compensator on a stage, with a page in the browser."""
+"""Verbs that move a stage: ``live`` runs a compensator on one, with a page in the browser; ``experiment`` is the
+paper's Fig. 4 on a simulated one."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bench.cli.options import NoDynamics
+from bench.cli.options import NoDynamics, Seed, SolverName
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.recorder import check
 from bench.live.reference import ReferenceError, constant, of_file, sine, staircase
 from bench.live.session import run
 from bench.live.settings import Learn, LiveSettings, first_model
-from bench.report.console import check_writable, console
+from bench.report.console import AsJson, check_writable, console, lines_of, print_report, progress_bar
+from bench.stage.setup import StageSetup
 from piezo_model.units import quantity
 
 SHARE = 0.6
 """Peak-to-peak height of the default sine of a simulated stage, as a share of the output's range."""
 FASTEST_HZ = 20_000.0
+EXPERIMENT = Path("results/experiment")
 
 
 def live_verb(
@@ -119,3 +122,30 @@ def live_verb(
         console.print(sentence)
     if status:
         raise typer.Exit(status)
+
+
+def experiment_verb(
+    out: Annotated[Path, typer.Option(help="Folder for the report, the figures and their data.")] = EXPERIMENT,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Shorten the phases to seconds, with less exact results.")
+    ] = False,
+    seed: Seed = 0,
+    solver: SolverName = "projected_difference",
+    as_json: AsJson = False,
+) -> None:
+    """Let a simulated stage learn while it moves, and draw the result."""
+    from bench.experiment.experiment import run  # the plot library is slow to load
+
+    if out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"{out} is not a folder", param_hint="--out")
+    setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)
+    with progress_bar() as progress:
+        report, written = run(out, setup, progress)
+    page = written.with_suffix(".html")
+    print_report(
+        report,
+        {"report": written, "page": page, **report.document},
+        as_json,
+        ["", *lines_of(report.notes)],
+        [f"Page: {page}", f"Report: {written}"],
+    )
