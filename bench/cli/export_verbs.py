@@ -7,10 +7,10 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from bench.cli.options import NoDynamics, Rate, RateLimit, XStart
+from bench.cli.options import AsJson, NoDynamics, Rate, RateLimit, XStart, check_writable, require
 from bench.export.realtime import real_time
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
-from bench.report.console import AsJson, check_writable, console, errors, plain_json, print_json, print_table
+from bench.report.console import console, errors, plain_json, print_result
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
 from piezo_model import HysteresisCreepModel
 from piezo_model.atomic_file import write_text
@@ -117,14 +117,15 @@ def export_fmu_verb(
 
     drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
     loaded, settings = _opened(model, low, high, rate, "compensator", None, None, no_dynamics, **drive)
-    if out.suffix != ".fmu":
-        raise typer.BadParameter(f"{out} does not end in .fmu", param_hint="out")
+    require(out.suffix == ".fmu", "out", f"{out} does not end in .fmu")
     if out.exists():
         raise ExportError(f"{out} already exists; name a new file")
     check_writable(out, "out")
     write_fmu(loaded, settings, out, fmi)
-    console.print(f"FMU: {out}, FMI {fmi}.0 Co-Simulation with a fixed step of {loaded.structure.sample_time:g} s.")
-    console.print("It compensates and does not learn; export-c writes the self-learning loop of a file from deploy.")
+    console.print(
+        f"FMU: {out}, FMI {fmi}.0 Co-Simulation with a fixed step of {loaded.structure.sample_time:g} s.\n"
+        "It compensates and does not learn; export-c writes the self-learning loop of a file from deploy."
+    )
 
 
 def realtime_verb(
@@ -144,38 +145,37 @@ def realtime_verb(
     as_json: AsJson = False,
 ) -> None:
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
-    if out is not None:
-        check_writable(out, others=[model])
+    check_writable(out, others=[model])
     loaded, settings = _opened(model, None, None, None, part, solver, mode, no_dynamics, precision=precision)
     result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
-    if as_json:
-        print_json(result.to_dict())
-        return
-    step, null = result.step, result.null
-    for what, capability in (("memory", "locking memory"), ("core", "pinning to a core"), ("fifo", "SCHED_FIFO")):
-        if step.allowed.get(what) != "yes":
-            console.print(f"Without {capability}: {step.allowed.get(what, 'not asked for')}.")
-    print_table(
-        ("µs", *(Percentile(q).name for q in QUANTILES), "max"),
-        [(name, *tail_cells(us, digits=2)) for name, us in result.times_us.items()],
-    )
-    counts = result.histograms
+    step, counts = result.step, result.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
-    print_table(
-        ("up to, µs", *counts),
-        [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values())) for bound in bounds],
-    )
-    console.print(
+    times = [(name, *tail_cells(us, digits=2)) for name, us in result.times_us.items()]
+    octaves = [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values())) for bound in bounds]
+    asked = {"memory": "locking memory", "core": "pinning to a core", "fifo": "SCHED_FIFO"}
+    lines = [
         f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed; of a step that "
-        f"does nothing, {null.missed}."
+        f"does nothing, {result.null.missed}.",
+        f"New weights came late {step.allowed['late']} times, and {step.allowed['dropped']} blocks of samples were "
+        "left out."
+        if settings.learning
+        else "",
+        *(
+            f"Without {asked[what]}: {step.allowed.get(what, 'not asked for')}."
+            for what in asked
+            if step.allowed.get(what) != "yes"
+        ),
+        f"Figures: {out}" if out else "",
+    ]
+    print_result(
+        result.to_dict(),
+        lines,
+        as_json,
+        (("µs", *(Percentile(q).name for q in QUANTILES), "max"), times, 1),
+        (("up to, µs", *counts), octaves, 1),
     )
-    if settings.learning:
-        late, dropped = (step.allowed[name] for name in ("late", "dropped"))
-        console.print(f"New weights came late {late} times, and {dropped} blocks of samples were left out.")
-    if out is not None:
-        console.print(f"Figures: {out}")
 
 
 def _opened(
@@ -194,10 +194,11 @@ def _opened(
     model, deployed = open_model(path)
     model = model.static if no_dynamics else model
     part = part or ("learning" if deployed else "compensator")
-    if part != "learning" and (solver or mode):
-        raise typer.BadParameter(
-            "is for --part learning; a compensator alone does not learn", param_hint="--solver" if solver else "--mode"
-        )
+    require(
+        part == "learning" or not (solver or mode),
+        "--solver" if solver else "--mode",
+        "is for --part learning; a compensator alone does not learn",
+    )
     mode = mode or (deployed.mode if deployed else "continuous")
     if solver is None:
         solver = EXACT_SOLVER if mode == "continuous" else cast(LoopSolver, deployed.solver) if deployed else SOLVERS[0]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import WORKERS, refuse
+from bench.cli.options import WORKERS, refuse, require
 from bench.fleet.fleet import items_of, products_of_others, run_all, write_pages
 from bench.fleet.jobs import Job
 from bench.fleet.report import DISTANT, report, table_of, write
@@ -33,8 +33,7 @@ MOST_REFUSED = 12
 
 def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> None:
     """Refuse several recordings in a call without --out-dir, and options for many."""
-    if out_dir is not None or len(recordings) > 1:
-        raise typer.BadParameter("is for one recording, and --out-dir for many", param_hint="--out")
+    require(out_dir is None and len(recordings) < 2, "--out", "is for one recording, and --out-dir for many")
     refuse(context, WORKERS, "is for many recordings, with --out-dir")
 
 
@@ -53,8 +52,7 @@ def process(
         raise typer.TyperException(
             "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for many recordings"
         )
-    if page is not None:
-        raise typer.BadParameter("is for one recording; --out-dir has pages of its own", param_hint="--page")
+    require(page is None, "--page", "is for one recording; --out-dir has pages of its own")
     workers.check()
     items = items_of(job, matching(recordings), out_dir)
     with folder_here(out_dir):  # fails before the work if the folder cannot be written

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import NoDynamics, Seed, SolverName
+from bench.cli.options import AsJson, NoDynamics, Seed, SolverName, check_writable, require
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.recorder import check
 from bench.live.reference import ReferenceError, constant, of_file, sine, staircase
 from bench.live.session import run
 from bench.live.settings import Learn, LiveSettings, first_model
-from bench.report.console import AsJson, check_writable, console, lines_of, print_report, progress_bar
+from bench.report.console import console, lines_of, print_report, progress_bar
 from bench.stage.setup import StageSetup
 from piezo_model.units import quantity
 
@@ -74,26 +74,25 @@ def live_verb(
 
     At the end, after an error too, the drive ramps to rest at the stage's rate limit.
     """
-    if (simulate is None) == (device is None):
-        raise typer.BadParameter(
-            "give either a simulated actuator or the file of a stage", param_hint="--simulate KIND | --device STAGE.py"
-        )
+    require(
+        (simulate is None) != (device is None),
+        "--simulate KIND | --device STAGE.py",
+        "give either a simulated actuator or the file of a stage",
+    )
     shapes = {"--reference": reference, "--sine": sine_words, "--staircase": staircase_words, "--set-point": set_point}
-    if len(given := [name for name, value in shapes.items() if value is not None]) > 1:
-        raise typer.BadParameter(
-            f"{given[0]} and {given[1]} are two references, and one can be followed", param_hint=given[1]
-        )
+    given = [name for name, value in shapes.items() if value is not None]
+    require(
+        len(given) < 2, "".join(given[1:2]), f"{' and '.join(given[:2])} are two references, and one can be followed"
+    )
     if record is not None:
-        if record.suffix != ".parquet":
-            raise typer.BadParameter(
-                f"{record} is written as Parquet, so its name must end in .parquet", param_hint="--record"
-            )
-        check_writable(record, "--record", filter(None, [reference, model]))
-        check(record)
-    if not integral_gain <= rate:
-        raise typer.BadParameter(
-            f"must be at most the rate, {rate:g} 1/s, not {integral_gain:g}", param_hint="--integral-gain"
+        require(
+            record.suffix == ".parquet",
+            "--record",
+            f"{record} is written as Parquet, so its name must end in .parquet",
         )
+        check_writable(record, "--record", [reference, model])
+        check(record)
+    require(integral_gain <= rate, "--integral-gain", f"must be at most the rate, {rate:g} 1/s, not {integral_gain:g}")
     stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
     declared = Declared.of(stage.make(), str(stage))
     first = first_model(model, declared, 1.0 / rate, dynamics=not no_dynamics)
@@ -120,8 +119,7 @@ def live_verb(
     sentences, status = run(settings, record, (host, port) if page else None)
     for sentence in sentences:
         console.print(sentence)
-    if status:
-        raise typer.Exit(status)
+    raise typer.Exit(status)
 
 
 def experiment_verb(
@@ -136,8 +134,7 @@ def experiment_verb(
     """Let a simulated stage learn while it moves, and draw the result."""
     from bench.experiment.experiment import run  # the plot library is slow to load
 
-    if out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"{out} is not a folder", param_hint="--out")
+    require(out.is_dir() or not out.exists(), "--out", f"{out} is not a folder")
     setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)
     with progress_bar() as progress:
         report, written = run(out, setup, progress)

@@ -1,4 +1,5 @@
-"""Verbs for an identified model: ``validate`` it on another recording, ``simulate`` a drive with it."""
+"""Verbs for models: ``identify`` one from a recording, ``validate`` it on another, ``simulate`` a drive with it,
+``compensate`` a reference with it."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,25 +9,155 @@ import typer
 
 from bench.cli.fleet import OutDir, only, process
 from bench.cli.options import (
+    FILE,
     READING,
     STARTS,
+    AsJson,
+    RateLimit,
+    SolverName,
     Start,
+    XStart,
+    check_writable,
     files_of,
     grouped,
     on_workers,
     opening,
     reads_a_recording,
     recording_of,
+    refuse,
+    require,
 )
-from bench.fleet.jobs import Validating
+from bench.fleet.jobs import FOLLOWED, Compensating, Identifying, Validating
 from bench.fleet.storage import absolute
 from bench.processes.engine import Workers
-from bench.report.console import AsJson, check_writable, print_result
+from bench.report.console import console, print_result, progress_bar
 from piezo_model import checks
 from piezo_model.deployment import open_model
+from piezo_model.identification.dynamics import DynamicsChoice
+from piezo_model.identification.fit_review import review
+from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.model import ModelError
 from piezo_model.recordings import read_reference, write_table
 from piezo_model.units import quantity
+
+MOST = 200
+"""Largest order: more operators take minutes, and describe no stage better."""
+CANDIDATES = ("n", "m", "creep rates, 1/s", "unknowns", "error of the output, % of range", "criterion", "")
+SHOWN = 8
+"""Rows of the table of candidates; the page has all."""
+
+
+@on_workers
+@reads_a_recording
+def identify_verb(
+    context: typer.Context,
+    reading: dict[str, Any],
+    workers: Workers,
+    recording: Annotated[
+        list[str] | None, typer.Argument(help=f"{FILE} Or many, as paths or URLs, with --out-dir.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="JSON file for the model of one recording.")] = None,
+    out_dir: OutDir = None,
+    n: Annotated[
+        int | None,
+        typer.Option(min=0, max=MOST, help="Order of hysteresis and creep; by an information criterion by default."),
+    ] = None,
+    m: Annotated[
+        int | None,
+        typer.Option(min=0, max=MOST, help="Order of the superposition on each side, likewise."),
+    ] = None,
+    creep_rates: Annotated[
+        str | None,
+        typer.Option(
+            "--rates",
+            "--creep-rates",
+            help="Creep rates in 1/s, separated by commas, or 'none'; where the data determine creep by default.",
+        ),
+    ] = None,
+    skip: Annotated[
+        int | None, typer.Option(min=0, help="Samples at the start to leave out; those of a transient by default.")
+    ] = None,
+    lag: Annotated[
+        LagChoice, typer.Option(help="Whether to estimate a lag of the sensor, to remove it too, or to ignore it.")
+    ] = "estimate",
+    dynamics: Annotated[
+        DynamicsChoice,
+        typer.Option(help="Whether a resonance and its delay are taken in where the data determine them, or ignored."),
+    ] = "estimate",
+    estimator: Annotated[
+        Estimator, typer.Option(help="Whether to minimise the error of the output, or the paper's error model alone.")
+    ] = "forward",
+    solver: SolverName = "box_active_set",
+    force: Annotated[
+        bool, typer.Option("--force", help="Write the model even if it does not describe the data.")
+    ] = False,
+    page: Annotated[Path | None, typer.Option(help="HTML file for a page with plots and advice.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Identify a model of hysteresis and creep from a recording, or one from each of many.
+
+    It reports how well the model fits and what the recording lacks; --page draws it.
+    """
+    file = recording_of(recording, reading)
+    job = Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
+    if out is None:
+        process(job, recording or (), out_dir, workers, "Identification of a fleet", "gave a model", as_json, page)
+        return
+    only(context, recording or (), out_dir)
+    files = files_of(file, reading)
+    check_writable(out, others=files)
+    check_writable(page, "--page", [*files, out])
+    opened = job.opened(file)
+    if not as_json:
+        console.print(opened.describe())
+    with progress_bar() as progress:
+        model = job.of(opened, progress)
+    model.save(out)
+    if page is not None:
+        with progress_bar() as progress:
+            progress("writing the page", 0, 1)
+            from bench.report import recording_page  # plots take a second to import
+
+            recording_page.write(page, Path(opened.name).name, review(opened, model))
+    selection = model.report.get("selection")
+    candidates = [
+        (
+            str(c["n"]),
+            str(c["m"]),
+            ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]),
+            str(c["d"]),
+            f"{c['error_percent']:.3g}",
+            f"{c['bic']:.1f}",
+            c["standing"],
+        )
+        for c in (selection["table"][:SHOWN] if selection else [])
+    ]
+    lines = [
+        selection["sentence"] if selection else "",
+        model.report["headline"],
+        model.report["drive"]["sentence"],
+        *model.report["findings"],
+        *model.report["advice"],
+        f"Model: {out}",
+        f"Page: {page}" if page else "",
+    ]
+    document = {"model": out, "page": page, "report": dict(model.report)}
+    print_result(document, lines, as_json, *([(CANDIDATES, candidates, 0)] if selection else []))
+
+
+def _rates(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    if text.strip().lower() in ("", "none"):
+        return ()
+    try:
+        rates = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} is not a list of numbers separated by commas", param_hint="--rates"
+        ) from None
+    require(all(rate > 0.0 for rate in rates), "--rates", f"{text!r} has a rate that is not positive")
+    return rates
 
 
 @on_workers
@@ -57,12 +188,10 @@ def validate_verb(
         process(job, recording or (), out_dir, workers, "Validation of a fleet", "were judged", as_json, page)
         return
     only(context, recording or (), out_dir)
-    if page is not None:
-        check_writable(page, "--page", [*files_of(file, reading), model])
+    check_writable(page, "--page", [*files_of(file, reading), model])
     opened, loaded, result = job.judged(file, Path(model))
     if page is not None:
         from bench.report import recording_page  # plots take a second to import
-        from piezo_model.identification.fit_review import review
 
         recording_page.write(page, Path(opened.name).name, review(opened, loaded, result))
     lines = [opened.describe(), *result.sentences(), f"Page: {page}" if page else ""]
@@ -118,3 +247,79 @@ def simulate_verb(
         f"Output: {out}",
     ]
     print_result(document, lines, as_json)
+
+
+@on_workers
+@grouped(
+    "reading",
+    {
+        "time": READING["time"],
+        "column": Annotated[str | None, typer.Option("--reference", help="Reference column.")],
+        **READING,
+    },
+    opening,
+)
+def compensate_verb(
+    context: typer.Context,
+    model: Annotated[
+        str, typer.Argument(help="Model from identify; for many references also the folder of their models.")
+    ],
+    reference: Annotated[
+        list[str],
+        typer.Argument(
+            help="File with a reference column, in any format of recordings; or many, as paths or URLs, with --out-dir."
+        ),
+    ],
+    reading: dict[str, Any],
+    workers: Workers,
+    out: Annotated[Path | None, typer.Option(help="CSV or Parquet file for the drive of one reference.")] = None,
+    out_dir: OutDir = None,
+    low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
+    high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
+    rate_limit: RateLimit = None,
+    start: Start = "rest",
+    x_start: XStart = None,
+    dynamics: Annotated[
+        bool,
+        typer.Option("--dynamics/--no-dynamics", help="Whether to invert the model's dynamics, which costs a lag."),
+    ] = True,
+    preview: Annotated[
+        bool, typer.Option("--preview", help="Invert the dynamics without lag: the drive anticipates the reference.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compute the drive that makes the actuator follow a reference, or one for each of many."""
+    if start == "recording":
+        refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
+    require(dynamics or not preview, "--preview", "inverts the dynamics, which --no-dynamics leaves out")
+    job = Compensating(absolute(model), reading, low, high, rate_limit, start, x_start, dynamics, preview)
+    if out is None:
+        process(job, reference, out_dir, workers, "Compensation of a fleet", "gave a drive", as_json)
+        return
+    only(context, reference, out_dir)
+    file = Path(reference[0])
+    check_writable(out, others=[file, model])
+    result = job.do(file, [Path(model)], out)
+    follows = f"to {100.0 * FOLLOWED:g} % of its range"
+    misses = quantity(result["largest_error"], result["output_unit"], 3)
+    lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))
+    lines = [
+        f"The model follows {100.0 * result['share_followed']:.3g} % of the reference, {follows}; elsewhere it misses "
+        f"by up to {misses}."
+        if result["share_followed"] < 1.0
+        else f"The model follows all of the reference, {follows}.",
+        f"The output lags the reference by {quantity(result['lag_s'], 's', 3)}, after which these errors count."
+        if result["lag_s"]
+        else "",
+        STARTS[result["start"]].format(quantity(result["x_start"], result["unit"])),
+        result["units"],
+        result["forced"],
+        f"{result['samples']} samples of drive from {lowest} to {highest}; "
+        + (
+            f"{100 * result['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
+            if result["share_at_limits"]
+            else "the limits are never reached."
+        ),
+        f"Drive: {out}",
+    ]
+    print_result({"drive": out, **result}, lines, as_json)

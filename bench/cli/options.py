@@ -4,7 +4,7 @@ import functools
 import inspect
 import math
 import os
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,6 +51,31 @@ def refuse(context: typer.Context, options: Container[str], why: str) -> None:
             raise typer.BadParameter(why, param_hint=each.opts[0])
 
 
+def require(condition: bool, option: str, why: str) -> None:
+    """Refuse a call that does not meet a condition; ``why`` follows the name of the option."""
+    if not condition:
+        raise typer.BadParameter(why, param_hint=option)
+
+
+def check_writable(out: Path | None, option: str = "--out", others: Iterable[str | Path | None] = ()) -> None:
+    """Refuse an output file, if one is given, that cannot be written, or that is one of the call's other files, before
+    the work starts."""
+    if out is None:
+        return
+    require(
+        os.path.realpath(out) not in {os.path.realpath(each) for each in others if each is not None},
+        option,
+        f"{out} is another file of this command; name a new one",
+    )
+    require(out.parent.is_dir(), option, f"the folder {out.parent} does not exist")
+    require(  # writing would replace it, even /dev/null
+        out.is_file() or not out.exists(),
+        option,
+        f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}",
+    )
+    require(os.access(out.parent, os.W_OK), option, f"nothing may be written into the folder {out.parent}")
+
+
 def installed(name: str) -> str:
     """Callback of an option: the name of a registered solver whose library is installed."""
     try:
@@ -69,6 +94,7 @@ def positive(value: float | None) -> float | None:
     return value
 
 
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables and sentences.")]
 SolverName = Annotated[str, typer.Option("--solver", callback=installed, help="Name of a registered solver.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
 RateLimit = Annotated[
@@ -191,8 +217,9 @@ def opening(**values: Any) -> dict[str, Any]:
     given = {name: value for name, value in values.items() if value is not None}
     rate = given.pop("sample_rate", None)
     if rate is not None:
-        if "sample_time" in given or not rate > 0.0:
-            raise typer.BadParameter("give either a positive rate or --sample-time", param_hint="--sample-rate")
+        require(
+            "sample_time" not in given and rate > 0.0, "--sample-rate", "give either a positive rate or --sample-time"
+        )
         given["sample_time"] = 1.0 / rate
     return given
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from bench.cli.options import SET_OPTIONS, WORKERS, Seed, grouped, on_workers, refuse, set_options
+from bench.cli.options import SET_OPTIONS, WORKERS, AsJson, Seed, grouped, on_workers, refuse, require, set_options
 from bench.messages.race_error import RaceError
 from bench.messages.task import Tier
 from bench.problems import ProblemSetError
@@ -19,16 +19,9 @@ from bench.processes.solver_child import SolverChild
 from bench.races.kind import DEFAULT, Kind, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
 from bench.races.settings import settings_of
-from bench.report.console import (
-    AsJson,
-    console,
-    errors,
-    lines_of,
-    print_report,
-    progress_bar,
-    show_table,
-)
+from bench.report.console import console, errors, lines_of, print_report, print_result, progress_bar
 from bench.report.report import Report
+from bench.report.words import by_heading
 from bench.store import Run, RunError
 from bench.timing import machine
 from piezo_model.json_file import decoded
@@ -220,8 +213,7 @@ def race_verb(
 def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
     """The run that ``--settings`` names, or the settings that it gives by solver."""
     if "given" not in {field.name for field in fields(race.settings)}:
-        if len(texts) > 1:
-            raise typer.BadParameter("names one run", param_hint="--settings")
+        require(len(texts) < 2, "--settings", "names one run")
         return {"settings_run": str(Path(texts[0]).resolve()) if texts else None}
     given = dict(text.partition("=")[::2] for text in texts)
     for solver, text in given.items():
@@ -236,15 +228,11 @@ def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
 def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> Run:
     """A finished run, to which the solvers of this call are added on the same problems."""
     refuse(context, {*context.params} - ADDING, "is for a new race; --into adds solvers to one on the same problems")
-    if not values.get("solvers") and not values.get("solver_files"):
-        raise typer.BadParameter("needs --solver: the solvers to add", param_hint="--into")
+    require("solvers" in values or "solver_files" in values, "--into", "needs --solver: the solvers to add")
     run = open_run(path)
-    kind, names = (
-        kind_of(run),
-        ("solvers", "solver_files", "lanes", "problems", "effort", "repeats", "time_limit_s", "given"),
-    )
-    changed: Any = {"solvers": (), "solver_files": (), "limit": 0, "given": {}, "named_only": True}
-    changed |= {name: values[name] for name in names if values.get(name)}
+    kind = kind_of(run)
+    kept = {name: value for name, value in values.items() if value and name in KEPT}
+    changed: Any = {"solvers": (), "solver_files": (), "limit": 0, "given": {}, "named_only": True, **kept}
     kind.add(run, replace(settings_of(run, kind.settings), **changed))
     return run
 
@@ -254,6 +242,8 @@ ADDING = {
     *WORKERS,
 }
 """Options that go with --into."""
+KEPT = ("solvers", "solver_files", "lanes", "problems", "effort", "repeats", "time_limit_s", "given")
+"""Settings of the call that replace those of the race."""
 
 
 @on_workers
@@ -323,11 +313,8 @@ def solvers_verb(as_json: AsJson = False) -> None:
                 else (info.name, str(info.lane), f"absent: {info.absent}", "", "", "")
             )
     headings = ("solver", "lane", "algorithm", "version", "licence", "warm start")
-    show_table(headings, rows, 6, as_json)
-    if not as_json:
-        console.print(
-            f"Ours, written for this project: {', '.join(sorted(OURS.intersection(row[0] for row in rows)))}."
-        )
+    ours = f"Ours, written for this project: {', '.join(sorted(OURS.intersection(row[0] for row in rows)))}."
+    print_result(by_heading(headings, rows), [ours], as_json, (headings, rows, 6))
 
 
 def _finish(run: Run, workers: Workers, as_json: bool) -> None:

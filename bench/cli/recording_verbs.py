@@ -7,8 +7,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from bench.cli.options import positive, reads_a_recording, recording_of
-from bench.report.console import AsJson, check_writable, console, print_json, print_result, print_table
+from bench.cli.options import AsJson, check_writable, positive, reads_a_recording, recording_of
+from bench.report.console import console, print_json, print_result, print_table
 from piezo_model import checks
 from piezo_model.recordings import Recording, RecordingError, write_table
 from piezo_model.recordings.evidence import profiles
@@ -31,8 +31,7 @@ def excite_verb(
 ) -> None:
     """Write a drive to record: a model identified from it has hysteresis, creep, drift and dynamics determined."""
     check_writable(out)
-    if page is not None:
-        check_writable(page, "--page", [out])
+    check_writable(page, "--page", [out])
     low, high = _limits(span)
     try:
         drive = excitation(duration_s=seconds, sample_time=1.0 / rate, low=low, high=high)

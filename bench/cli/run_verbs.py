@@ -1,24 +1,41 @@
 """Verbs for finished runs: ``verify`` judges the stored answers of one again, ``combine`` puts several side by side,
-``history`` follows a solver through them."""
+``history`` follows a solver through them, ``compare`` tells what changed between them, ``deploy`` chooses the solver
+for a controller."""
 
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from bench.cli import FAILED
+from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
+from bench.comparison import report as comparison_report
 from bench.comparison.asv import write_asv
-from bench.comparison.compare import SMALLEST
+from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.comparison.several_runs import FOLLOWED, Combination, history, regressions, report
+from bench.comparison.versions import compare_versions
+from bench.deploy.actuator_model import model_for
+from bench.deploy.candidates import Rule
+from bench.deploy.decision import decide
 from bench.derived.measurements import Measurements
+from bench.problems import make
 from bench.races.kind import open_run
-from bench.report.console import AsJson, plain_json, print_report, print_result, progress_bar
+from bench.report.console import lines_of, plain_json, print_report, print_result, progress_bar
 from bench.report.report import Table
+from bench.report.words import OURS_NOTE
 from bench.report.writing import write_report
 from bench.store import RunError
+from bench.timing import machine
 from bench.verification import verify_run
+from piezo_model import HysteresisCreepModel
+from solvers import Lane
+
+CANNOT_TELL = 4
+"""Exit status of a comparison that could not have found a change that --fail-on names."""
+MOST_REFUSED = 5
+"""Most solvers for which the reason is printed why they do not qualify."""
 
 
 def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
@@ -48,10 +65,8 @@ def combine_verb(
     Runs have the same problems if they are of the same sets and seed, or if one raced those of another by
     'race --folder RUN/problems'.
     """
-    if len(runs) < 2:
-        raise typer.BadParameter("two runs or more are combined", param_hint="RUN_A RUN_B")
-    if out.exists():
-        raise typer.BadParameter(f"{out} already exists; name a new folder", param_hint="--out")
+    require(len(runs) >= 2, "RUN_A RUN_B", "two runs or more are combined")
+    require(not out.exists(), "--out", f"{out} already exists; name a new folder")
     found = report(Combination.of([open_run(path) for path in runs]))
     out.mkdir(parents=True)
     page = write_report(found, out, "combined").with_suffix(".html")
@@ -77,8 +92,7 @@ def history_verb(
     --json prints the newest run as a list of names, units and values, smaller being better, as actions for continuous
     benchmarking read.
     """
-    if len(runs) < 2:
-        raise typer.BadParameter("a history has two runs or more", param_hint="RUN_A RUN_B")
+    require(len(runs) >= 2, "RUN_A RUN_B", "a history has two runs or more")
     read = [open_run(path) for path in runs]
     measured = [Measurements.of(run) for run in read]
     table = history(read, measured, solver, SMALLEST)
@@ -99,3 +113,181 @@ def history_verb(
     print_result(newest, worse, as_json, (shown.headings, shown.rows, 4))
     if worse:
         raise typer.Exit(FAILED)
+
+
+def compare_verb(
+    context: typer.Context,
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; each is compared with the first."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the comparison; compare-A-B beside the last run by default.")
+    ] = None,
+    fail_on: Annotated[
+        Literal["nothing", "regression", "difference"],
+        typer.Option(
+            help=f"Exit with status {FAILED} on such a change, and with {CANNOT_TELL} if none is found but the "
+            "runs are too noisy to tell."
+        ),
+    ] = "nothing",
+    smallest: Annotated[float, typer.Option(help="Smallest ratio of times, above 1, that matters.")] = SMALLEST,
+    versions: Annotated[
+        bool,
+        typer.Option("--versions", help="Compare two Python files with a version of a solver each, timed interleaved."),
+    ] = False,
+    problem_set: Annotated[str, typer.Option("--set", help="With --versions: the problem set.")] = "measured",
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Compare runs: which solvers became faster, slower, more or less accurate; or two versions of one solver.
+
+    Times of a solver lane differ only if the change exceeds the noise between the runs. Where a change that matters
+    could have gone unseen, the comparison says so.
+    """
+    require(smallest > 1.0, "--smallest", f"a change of times is a ratio above 1, and not {smallest:g}")
+    if versions:
+        refuse(context, ("out",), "is for runs; a comparison of versions prints its result")
+        raise typer.Exit(_compare_versions(runs, problem_set, seed, smallest, fail_on, as_json))
+    refuse(context, ("problem_set", "seed"), "needs --versions")
+    require(len(runs) >= 2, "RUN_A RUN_B", "a comparison needs two runs or more")
+    opened = [open_run(path) for path in runs]
+    with progress_bar() as progress:
+        comparisons = []
+        for done, other in enumerate(opened[1:]):
+            progress(f"{other.path.name} against {opened[0].path.name}", done, len(opened) - 1)
+            comparisons.append(compare_runs(opened[0], other, smallest))
+        progress("writing the page", len(comparisons), len(comparisons))
+        names = "-".join(run.path.resolve().name for run in opened)
+        report = comparison_report.report(comparisons)
+        page = comparison_report.write(
+            comparisons, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
+        )
+    files = ["", OURS_NOTE, f"Comparison: {page}"]
+    there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)]
+    below = lines_of([*report.notes, *dict.fromkeys(there)])
+    print_report(report, comparison_report.to_dict(comparisons), as_json, below, files)
+    bad = sum(
+        comparison.differences if fail_on == "difference" else comparison.regressions for comparison in comparisons
+    )
+    if fail_on != "nothing" and (bad or any(comparison.cannot_tell for comparison in comparisons)):
+        raise typer.Exit(FAILED if bad else CANNOT_TELL)
+
+
+def _compare_versions(
+    files: list[Path], problem_set: str, seed: int, smallest: float, fail_on: str, as_json: bool
+) -> int:
+    """Print the comparison of two versions; returns the exit status."""
+    require(len(files) == 2, "RUN_A RUN_B", "two versions are compared, A.py and B.py")
+    with progress_bar() as progress:
+        found = compare_versions(files, list(make(problem_set, seed).problems()), smallest, seed, progress)
+    a, b = files
+    verdicts = {
+        FASTER: f"{b} is faster than {a}",
+        SLOWER: f"{b} is slower than {a}",
+        SAME: f"{b} takes as long as {a}, within a ratio of {smallest:g}",
+    }
+    lines = [
+        f"{verdicts.get(found.finding, 'The times vary too much to tell')}: the ratio of their times is "
+        f"{found.ratio:.3f}, 95 % interval {found.low:.3f} to {found.high:.3f} ({found.us[1]:.3g} and "
+        f"{found.us[0]:.3g} µs).",
+        f"Largest error of a first answer: {b} {found.gap[1]:.1e}, {a} {found.gap[0]:.1e}.",
+    ]
+    print_result(asdict(found), lines, as_json)
+    if found.finding == SLOWER or (fail_on == "difference" and found.finding == FASTER):
+        return FAILED if fail_on != "nothing" else 0
+    return CANNOT_TELL if fail_on != "nothing" and found.finding not in verdicts else 0
+
+
+def deploy_verb(
+    context: typer.Context,
+    run: Annotated[Path, typer.Argument(help="Folder of a one-shot race or of a stream.")],
+    out: Annotated[
+        Path | None, typer.Option(help="File for the compensator; compensator.json in the run by default.")
+    ] = None,
+    accuracy: Annotated[
+        float, typer.Option(min=0.0, help="Largest relative cost gap and constraint violation on any problem.")
+    ] = 1e-9,
+    deadline: Annotated[
+        float | None, typer.Option(min=0.0, help="Deadline in µs; the model's sampling period by default.")
+    ] = None,
+    misses: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Missed deadlines allowed beyond those that a solver that does nothing misses in the run."
+        ),
+    ] = 0,
+    lane: Annotated[
+        list[Lane] | None,
+        typer.Option(help="Lane that the controller can use, repeatable; kernel and direct by default."),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Model of your actuator from identify; not needed if the race used your recording."),
+    ] = None,
+    problem: Annotated[
+        str | None,
+        typer.Option(
+            help="Use the model of this problem of the run, set/name; by default that of your recording, if the race "
+            "used one."
+        ),
+    ] = None,
+    simulated: Annotated[bool, typer.Option("--simulated", help="Allow the model of a simulated actuator.")] = False,
+    no_dynamics: NoDynamics = False,
+    as_json: AsJson = False,
+) -> None:
+    """Choose the solver for a controller, and say why.
+
+    The solver is accurate enough on every problem, misses no deadline beyond those that the machine itself misses, and
+    has the smallest p99.9 (99.9 % of its answers take at most this time). The model comes from --model, or from
+    identifying the recording of the race. SelfLearningCompensator.load starts from the written file.
+    """
+    given = None
+    if model is None:
+        refuse(context, ("no_dynamics",), "is for a model that --model gives; those of a run are static")
+    else:
+        refuse(context, ("problem", "simulated"), "selects a model of the run, and --model gives another")
+        given = HysteresisCreepModel.load(model)
+        given = given.static if no_dynamics else given
+    opened = open_run(run)
+    target = run / "compensator.json" if out is None else out
+    check_writable(target, others=[model])
+    with progress_bar() as progress:
+        progress("judging the model", 0, 2)
+        actuator = model_for(opened, given, problem, simulated, source=str(model))
+        progress("weighing the solvers", 1, 2)
+        period_us = 1e6 * actuator.model.structure.sample_time
+        lanes = tuple(lane or (Lane.KERNEL, Lane.DIRECT))
+        rule = Rule(accuracy, period_us if deadline is None else deadline, lanes, misses)
+        decision = decide(opened, rule)
+    made = decision.deployment(actuator)
+    made.save(target)
+    elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.machine_names)
+    document = {
+        "file": target,
+        "solver": made.solver,
+        "lane": made.lane,
+        "tier": made.tier,
+        "settings": dict(made.settings),
+        "mode": made.mode,
+        "model_from": actuator.source,
+        "forced": actuator.model.warning,
+        "error_percent": actuator.error_percent,
+        "last_fifth": actuator.last_fifth,
+        "rule": rule.sentence,
+        "why": decision.sentences(),
+        "elsewhere": elsewhere,
+        "figures": decision.chosen.metrics(),
+        "runners_up": [each.metrics() for each in decision.runners_up],
+        "refused": [{**each.metrics(), "why": why} for each, why in decision.refused],
+    }
+    lines = [
+        *decision.sentences(),
+        *elsewhere,
+        *(f"Not qualified: {each.name} {why}." for each, why in decision.refused[:MOST_REFUSED]),
+        actuator.model.warning,
+        f"Model: from {actuator.source}.{actuator.sentence and f' {actuator.sentence}'}",
+        OURS_NOTE,
+        f"Compensator: {target}",
+    ]
+    print_result(document, lines, as_json)

@@ -21,6 +21,7 @@ from bench.problem_files.program import (
     QP_FIELDS,
     ProblemFileError,
     ReadProgram,
+    about,
     checked,
     compressed_columns,
     constant_term,
@@ -29,6 +30,7 @@ from bench.problem_files.program import (
     vector,
     with_infinities,
 )
+from solvers.arrays import Vector
 
 PARTS = ("data", "indices", "indptr", "shape")
 DAMAGED = (
@@ -117,6 +119,19 @@ def read_npz(path: Path) -> ReadProgram:
     fields |= {name: vector(name, fields[name]) for name in ("q", "h", "b", "lb", "ub") if fields[name] is not None}
     fields |= {name: with_infinities(fields[name]) for name in ("h", "lb", "ub") if fields[name] is not None}
     return ReadProgram(checked(Problem(**fields)), constant)
+
+
+def read_answer(path: Path, size: int) -> Vector:
+    """The answer (size,) in an NPY file; ProblemFileError for anything else."""
+    with about(path):
+        try:
+            x = np.load(path, allow_pickle=False)
+        except (ValueError, EOFError) as error:
+            raise ValueError(f"cannot be read as NPY: {error}") from None
+        require(isinstance(x, np.ndarray) and x.dtype.kind in "iuf", "holds no array of real numbers")
+        require(x.shape == (size,), f"is of shape {x.shape} and not ({size},), one number for each variable")
+        require(np.isfinite(x).all(), "has an element that is not a finite number")
+        return np.asarray(x, dtype=np.float64)
 
 
 def _field(path: Path, arrays: Any, name: str) -> Any:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -19,7 +16,6 @@ from rich.text import Text
 
 from bench.messages import progress
 from bench.rendering import terminal
-from bench.report.words import by_heading
 
 if TYPE_CHECKING:
     from bench.report.report import Report
@@ -43,7 +39,6 @@ COLUMNS, LINES = 100, 40
 """Size of the first screen."""
 AROUND, FEWEST_ROWS = 5, 10
 """Lines of the first screen around the table, and smallest number of rows of the table."""
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables and sentences.")]
 
 
 @contextmanager
@@ -58,19 +53,6 @@ def progress_bar() -> Iterator[progress.Progress]:
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
         shown = bar.add_task("", total=None)
         yield lambda what, done, total: bar.update(shown, description=terminal(what), completed=done, total=total)
-
-
-def check_writable(out: Path, option: str = "--out", others: Iterable[str | Path] = ()) -> None:
-    """Refuse an output file that cannot be written, or that is one of the call's other files, before the work
-    starts."""
-    if os.path.realpath(out) in map(os.path.realpath, others):
-        raise typer.BadParameter(f"{out} is another file of this command; name a new one", param_hint=option)
-    if not out.parent.is_dir():
-        raise typer.BadParameter(f"the folder {out.parent} does not exist", param_hint=option)
-    if out.exists() and not out.is_file():  # writing would replace it, even /dev/null
-        raise typer.BadParameter(f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}", param_hint=option)
-    if not os.access(out.parent, os.W_OK):
-        raise typer.BadParameter(f"nothing may be written into the folder {out.parent}", param_hint=option)
 
 
 def lines_of(texts: Iterable[str]) -> list[str]:
@@ -92,26 +74,18 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: in
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
 
 
-def show_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int, as_json: bool) -> None:
-    """Print a table, or its rows by their headings as JSON."""
-    if as_json:
-        print_json(by_heading(headings, rows))
-    else:
-        print_table(headings, rows, left)
-
-
 def print_result(
     document: Any,
     lines: Iterable[str],
     as_json: bool,
-    table: tuple[Sequence[str], Sequence[Sequence[str]], int] | None = None,
+    *tables: tuple[Sequence[str], Sequence[Sequence[str]], int],
 ) -> None:
-    """Print the result of a verb: a JSON document, or a table, as of :func:`print_table`, and the lines that are not
+    """Print the result of a verb: a JSON document, or tables, as of :func:`print_table`, and the lines that are not
     empty."""
     if as_json:
         print_json(document)
         return
-    if table is not None:
+    for table in tables:
         print_table(*table)
     for line in filter(None, lines):
         console.print(line)
