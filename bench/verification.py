@@ -39,24 +39,20 @@ class Verified:
 def verify_run(run: Run, progress: Progress = silent) -> Verified:
     """Judge every stored answer of a one-shot or anytime race again; RunError for another run or a missing problem."""
     rows = rows_of(run)
-    problems: dict[tuple[str, str], RaceProblem] = {}
-    wrong: list[str] = []
-    first = timed = proofs = 0
-    for done, row in enumerate(rows.to_dict("records")):
-        name = (str(row["problem_set"]), str(row["problem"]))
-        if name not in problems:
-            progress(f"{name[0]}/{name[1]}", done, len(rows))
-            problems[name] = run.problem(*name)
-            proofs += len(problems[name].forms)
-            wrong += [f"{'/'.join(name)}, {scaling}: {why}" for scaling, why in problems[name].wrong_proofs().items()]
-        first += len(row["answer"]) > 0
-        timed += row["timed_call"] >= 0
+    by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
+    for done, ((problem_set, name), part) in enumerate(by_problem):
+        progress(f"{problem_set}/{name}", done, len(by_problem))
+        problem = run.problem(str(problem_set), str(name))
+        proofs += len(problem.forms)
+        wrong += [f"{problem_set}/{name}, {scaling}: {why}" for scaling, why in problem.wrong_proofs().items()]
         wrong += [
-            f"{row['solver']} ({row['lane']}), {settings_label(row['setting']) or 'defaults'}, on {name[0]}/{name[1]}, "
-            f"{row['scaling']}, {row['timed']}: {why}"
-            for why in _wrong(problems[name], row)
+            f"{row['solver']} ({row['lane']}), {settings_label(row['setting']) or 'defaults'}, on {problem_set}/"
+            f"{name}, {row['scaling']}, {row['timed']}: {why}"
+            for row in part.to_dict("records")
+            for why in _wrong(problem, row)
         ]
-    return Verified(len(rows), first, timed, proofs, tuple(wrong))
+    first, timed = sum(rows.answer.map(len) > 0), sum(rows.timed_call >= 0)
+    return Verified(len(rows), int(first), int(timed), proofs, tuple(wrong))
 
 
 def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:

@@ -43,11 +43,9 @@ def main() -> None:
     try:
         standard_streams.prepare()
         from bench.cli.app import run
-    except standard_streams.OutputError as error:
-        print(f"piezobench: {error}", file=sys.stderr)
-        status = REFUSED
-    except ModuleNotFoundError as error:
-        print(f"piezobench: the command needs the package {error.name}: install piezobench[bench]", file=sys.stderr)
+    except (standard_streams.OutputError, ModuleNotFoundError) as error:
+        absent = f"the command needs the package {getattr(error, 'name', '')}: install piezobench[bench]"
+        print(f"piezobench: {absent if isinstance(error, ImportError) else error}", file=sys.stderr)
         status = REFUSED
     else:
         status = run(sys.argv[1:])

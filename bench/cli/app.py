@@ -7,11 +7,11 @@ imports take seconds and ``piezobench --help`` needs none of them; the other ver
 import gc
 import signal
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from importlib import import_module
 from importlib.metadata import version as installed_version
 from types import FrameType
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -61,7 +61,9 @@ def command_line(imported: Collection[str] = tuple(VERBS)) -> typer.Typer:
     )
     app.callback()(_options)
     for verb, (file, description) in VERBS.items():
-        app.command(verb, short_help=description)(load(verb, file) if verb in imported else lambda: None)
+        name = f"{verb.replace('-', '_')}_verb"
+        function = getattr(import_module(f"bench.cli.{file}"), name) if verb in imported else lambda: None
+        app.command(verb, short_help=description)(function)
     return app
 
 
@@ -77,11 +79,6 @@ def _options(
     ] = False,
 ) -> None:
     """Options before the verb."""
-
-
-def load(verb: str, file: str) -> Callable[..., Any]:
-    """Import the function of a verb."""
-    return getattr(import_module(f"bench.cli.{file}"), f"{verb.replace('-', '_')}_verb")
 
 
 def run(words: list[str]) -> int:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from bench.cli.options import AsJson, NoDynamics, Rate, RateLimit, XStart, check_writable, require
+from bench.cli.options import AsJson, NoDynamics, RateLimit, XStart, check_writable, grouped, positive, require
 from bench.export.realtime import real_time
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
 from bench.report.console import console, errors, plain_json, print_result
@@ -18,56 +18,63 @@ from piezo_model.deployment import open_model
 from piezo_model.learning.settings import Mode
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
-PartChoice = Annotated[
-    Exported | None,
-    typer.Option(
-        "--part",
-        help="Compensation alone, or the complete self-learning loop; by default the loop of a file from deploy, and "
-        "the compensation of a model.",
-    ),
-]
-ModeChoice = Annotated[
-    Mode | None,
-    typer.Option("--mode", help="Mode of the self-learning loop: by default that of the file, for a model continuous."),
-]
-SolverChoice = Annotated[
-    LoopSolver | None,
-    typer.Option(
-        "--solver",
-        help="Solver of the self-learning loop: box_active_set finds the exact optimum; the others are for --mode "
-        "cyclic.",
-    ),
-]
-PrecisionChoice = Annotated[Precision, typer.Option("--precision", help="Number format of signals, states and model.")]
-Low = Annotated[
-    float | None,
-    typer.Option("--low", help="Lowest drive; by default that of the compensator or the model's range."),
-]
-High = Annotated[
-    float | None,
-    typer.Option("--high", help="Highest drive; by default that of the compensator or the model's range."),
-]
-IntegralGain = Annotated[
-    float,
-    typer.Option(
-        "--integral-gain", help="Gain of the integral action on the sensor in 1/s, its bandwidth in rad/s; 0 for none."
-    ),
-]
+DRIVE: dict[str, Any] = {
+    "low": Annotated[
+        float | None,
+        typer.Option(metavar="X", help="Lowest drive; by default that of the compensator or the model's range."),
+    ],
+    "high": Annotated[
+        float | None,
+        typer.Option(metavar="X", help="Highest drive; by default that of the compensator or the model's range."),
+    ],
+    "rate_limit": RateLimit,
+    "x_start": XStart,
+    "rate": Annotated[
+        float | None,
+        typer.Option(
+            metavar="HZ", callback=positive, help="Samples per second of the controller; the model's by default."
+        ),
+    ],
+    "integral_gain": Annotated[
+        float | None,
+        typer.Option(
+            metavar="GAIN",
+            help="Gain of the integral action on the sensor in 1/s, its bandwidth in rad/s; none by default.",
+        ),
+    ],
+}
+LOOP: dict[str, Any] = {
+    "precision": Annotated[
+        Precision | None, typer.Option(help="Number format of signals, states and model; double by default.")
+    ],
+    "part": Annotated[
+        Exported | None,
+        typer.Option(
+            help="Compensation alone, or the complete self-learning loop; by default the loop of a file from deploy, "
+            "and the compensation of a model."
+        ),
+    ],
+    "solver": Annotated[
+        LoopSolver | None,
+        typer.Option(
+            help="Solver of the self-learning loop: box_active_set finds the exact optimum; the others are for --mode "
+            "cyclic."
+        ),
+    ],
+    "mode": Annotated[
+        Mode | None,
+        typer.Option(help="Mode of the self-learning loop: by default that of the file, for a model continuous."),
+    ],
+}
 
 
+@grouped("drive", DRIVE)
+@grouped("loop", LOOP)
 def export_c_verb(
     model: ModelArgument,
     folder: Annotated[Path, typer.Argument(help="New or empty folder for the source.")],
-    precision: PrecisionChoice = "double",
-    part: PartChoice = None,
-    solver: SolverChoice = None,
-    mode: ModeChoice = None,
-    low: Low = None,
-    high: High = None,
-    rate_limit: RateLimit = None,
-    x_start: XStart = None,
-    rate: Rate = None,
-    integral_gain: IntegralGain = 0.0,
+    drive: dict[str, Any],
+    loop: dict[str, Any],
     no_dynamics: NoDynamics = False,
     name: Annotated[str, typer.Option(help="Prefix of the names of files, functions and types.")] = "piezo",
 ) -> None:
@@ -75,48 +82,29 @@ def export_c_verb(
     from bench.export.building import write_folder
     from bench.export.c_source import export
 
-    loaded, settings = _opened(
-        model,
-        low,
-        high,
-        rate,
-        part,
-        solver,
-        mode,
-        no_dynamics,
-        precision=precision,
-        name=name,
-        rate_limit=rate_limit,
-        x_start=x_start,
-        integral_gain=integral_gain,
-    )
+    loaded, settings = _opened(model, no_dynamics, name=name, **drive, **loop)
     files = export(loaded, settings, f"Compensator of {model.name}")
     write_folder(folder, files)
-    loop = f"the self-learning loop ({settings.mode}, {settings.solver})"
-    what = loop if settings.learning else "the compensator, without learning"
+    learning = f"the self-learning loop ({settings.mode}, {settings.solver})"
+    what = learning if settings.learning else "the compensator, without learning"
     console.print(
         f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, "
         f"the calls and the memory.\nSource: {folder}; make -C {folder} run builds and runs the example."
     )
 
 
+@grouped("drive", DRIVE)
 def export_fmu_verb(
     model: ModelArgument,
     out: Annotated[Path, typer.Argument(help="File of the FMU to write.")],
+    drive: dict[str, Any],
     fmi: Annotated[int, typer.Option(min=2, max=3, help="Major version of FMI.")] = 3,
-    low: Low = None,
-    high: High = None,
-    rate_limit: RateLimit = None,
-    x_start: XStart = None,
-    rate: Rate = None,
-    integral_gain: IntegralGain = 0.0,
     no_dynamics: NoDynamics = False,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
     from bench.export.fmu import write_fmu
 
-    drive = {"rate_limit": rate_limit, "x_start": x_start, "integral_gain": integral_gain}
-    loaded, settings = _opened(model, low, high, rate, "compensator", None, None, no_dynamics, **drive)
+    loaded, settings = _opened(model, no_dynamics, part="compensator", **drive)
     require(out.suffix == ".fmu", "out", f"{out} does not end in .fmu")
     if out.exists():
         raise ExportError(f"{out} already exists; name a new file")
@@ -128,14 +116,12 @@ def export_fmu_verb(
     )
 
 
+@grouped("loop", LOOP)
 def realtime_verb(
     model: ModelArgument,
+    loop: dict[str, Any],
     rate: Annotated[float, typer.Option(min=1.0, max=1e6, help="Samples per second.")] = 8000.0,
     seconds: Annotated[float, typer.Option(min=0.01, help="Duration of the run in s.")] = 60.0,
-    part: PartChoice = None,
-    solver: SolverChoice = None,
-    mode: ModeChoice = None,
-    precision: PrecisionChoice = "double",
     priority: Annotated[
         int, typer.Option(min=0, max=99, help="Priority under SCHED_FIFO; 0 for the default scheduler.")
     ] = 80,
@@ -146,7 +132,7 @@ def realtime_verb(
 ) -> None:
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
     check_writable(out, others=[model])
-    loaded, settings = _opened(model, None, None, None, part, solver, mode, no_dynamics, precision=precision)
+    loaded, settings = _opened(model, no_dynamics, **loop)
     result = real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
@@ -180,13 +166,13 @@ def realtime_verb(
 
 def _opened(
     path: Path,
-    low: float | None,
-    high: float | None,
-    rate: float | None,
-    part: Exported | None,
-    solver: LoopSolver | None,
-    mode: Mode | None,
     no_dynamics: bool = False,
+    part: Exported | None = None,
+    solver: LoopSolver | None = None,
+    mode: Mode | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    rate: float | None = None,
     **options: Any,
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and export settings from a file of identify, by default of the compensator alone, or of deploy, by default
@@ -207,4 +193,5 @@ def _opened(
     model = model if rate is None else model.at(1.0 / rate)
     lowest, highest = deployed.x_limits if deployed else model.structure.x_range
     limits = (lowest if low is None else low, highest if high is None else high)
-    return model, ExportSettings(part=part, solver=solver, mode=mode, x_limits=limits, **options)
+    given = {name: value for name, value in options.items() if value is not None}
+    return model, ExportSettings(part=part, solver=solver, mode=mode, x_limits=limits, **given)

@@ -19,6 +19,7 @@ OutDir = Annotated[
     str | None,
     typer.Option(
         "--out-dir",
+        metavar="FOLDER",
         help="For many recordings: folder or URL for the result of each and for a table and a page of all. Results "
         "that already exist, of the same content and settings, are kept; others of the same name are replaced, and "
         "nothing is deleted.",

@@ -26,7 +26,7 @@ def live_verb(
     model: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[COMPENSATOR_OR_MODEL]",
+            metavar="COMPENSATOR_OR_MODEL",
             help="Model from identify or compensator from deploy; by default it starts from a straight line.",
         ),
     ] = None,
@@ -39,7 +39,9 @@ def live_verb(
     device: Annotated[
         Path | None, typer.Option(metavar="STAGE.py", help="Python file with the class of your stage.")
     ] = None,
-    reference: Annotated[Path | None, typer.Option(help="File with a reference column, repeated without end.")] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File with a reference column, repeated without end.")
+    ] = None,
     sine_words: Annotated[
         str | None,
         typer.Option("--sine", metavar="5Hz:10um", help="Sine reference: frequency and amplitude, optionally :centre."),
@@ -52,23 +54,29 @@ def live_verb(
             help="Staircase reference: hold time, step height and number of levels.",
         ),
     ] = None,
-    set_point: Annotated[float | None, typer.Option(help="Constant reference in the output's unit.")] = None,
-    rate: Annotated[float, typer.Option(min=1.0, max=FASTEST_HZ, help="Samples per second.")] = 1000.0,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Duration in s; 0 until it is stopped.")] = 0.0,
+    set_point: Annotated[
+        float | None, typer.Option(metavar="Y", help="Constant reference in the output's unit.")
+    ] = None,
+    rate: Annotated[float, typer.Option(metavar="HZ", min=1.0, max=FASTEST_HZ, help="Samples per second.")] = 1000.0,
+    seconds: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0.0, help="Duration in s; 0 until it is stopped.")
+    ] = 0.0,
     learn: Annotated[Learn, typer.Option(help="Mode of learning.")] = "continuous",
     integral_gain: Annotated[
-        float, typer.Option(min=0.0, help="Gain of the integral action beside the compensation, 1/s.")
+        float, typer.Option(metavar="GAIN", min=0.0, help="Gain of the integral action beside the compensation, 1/s.")
     ] = 0.0,
     no_dynamics: NoDynamics = False,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE.parquet", help="File for the recording, which identify can read.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated sensor's noise.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the simulated sensor's noise.")] = 0,
     page: Annotated[
         bool, typer.Option("--page/--no-page", help="Whether to serve a page that shows and steers the run.")
     ] = True,
-    host: Annotated[str, typer.Option(help="Address of the page; by default this machine only.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 5006,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Address of the page; by default this machine only.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(metavar="PORT", min=1, max=65535, help="Port of the page.")] = 5006,
 ) -> None:
     """Run a compensator on a simulated stage or your own, and watch it learn.
 

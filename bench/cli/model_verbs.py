@@ -56,33 +56,41 @@ def identify_verb(
     recording: Annotated[
         list[str] | None, typer.Argument(help=f"{FILE} Or many, as paths or URLs, with --out-dir.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="JSON file for the model of one recording.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="JSON file for the model of one recording.")
+    ] = None,
     out_dir: OutDir = None,
     n: Annotated[
         int | None,
-        typer.Option(min=0, max=MOST, help="Order of hysteresis and creep; by an information criterion by default."),
+        typer.Option(
+            metavar="N", min=0, max=MOST, help="Order of hysteresis and creep; by an information criterion by default."
+        ),
     ] = None,
     m: Annotated[
         int | None,
-        typer.Option(min=0, max=MOST, help="Order of the superposition on each side, likewise."),
+        typer.Option(metavar="M", min=0, max=MOST, help="Order of the superposition on each side; likewise."),
     ] = None,
     creep_rates: Annotated[
         str | None,
         typer.Option(
             "--rates",
             "--creep-rates",
+            metavar="RATES",
             help="Creep rates in 1/s, separated by commas, or 'none'; where the data determine creep by default.",
         ),
     ] = None,
     skip: Annotated[
-        int | None, typer.Option(min=0, help="Samples at the start to leave out; those of a transient by default.")
+        int | None,
+        typer.Option(metavar="N", min=0, help="Samples at the start to leave out; those of a transient by default."),
     ] = None,
     lag: Annotated[
         LagChoice, typer.Option(help="Whether to estimate a lag of the sensor, to remove it too, or to ignore it.")
     ] = "estimate",
     dynamics: Annotated[
         DynamicsChoice,
-        typer.Option(help="Whether a resonance and its delay are taken in where the data determine them, or ignored."),
+        typer.Option(
+            help="Whether to estimate a resonance and its delay where the data determine them, or to ignore them."
+        ),
     ] = "estimate",
     estimator: Annotated[
         Estimator, typer.Option(help="Whether to minimise the error of the output, or the paper's error model alone.")
@@ -91,7 +99,9 @@ def identify_verb(
     force: Annotated[
         bool, typer.Option("--force", help="Write the model even if it does not describe the data.")
     ] = False,
-    page: Annotated[Path | None, typer.Option(help="HTML file for a page with plots and advice.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="HTML file for a page with plots and advice.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Identify a model of hysteresis and creep from a recording, or one from each of many.
@@ -202,7 +212,9 @@ def validate_verb(
     "reading",
     {
         "time": READING["time"],
-        "column": Annotated[str | None, typer.Option("--input", help="Input column, such as voltage_V.")],
+        "column": Annotated[
+            str | None, typer.Option("--input", metavar="COLUMN", help="Input column, such as voltage_V.")
+        ],
         **READING,
     },
     opening,
@@ -254,7 +266,7 @@ def simulate_verb(
     "reading",
     {
         "time": READING["time"],
-        "column": Annotated[str | None, typer.Option("--reference", help="Reference column.")],
+        "column": Annotated[str | None, typer.Option("--reference", metavar="COLUMN", help="Reference column.")],
         **READING,
     },
     opening,
@@ -272,10 +284,16 @@ def compensate_verb(
     ],
     reading: dict[str, Any],
     workers: Workers,
-    out: Annotated[Path | None, typer.Option(help="CSV or Parquet file for the drive of one reference.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="CSV or Parquet file for the drive of one reference.")
+    ] = None,
     out_dir: OutDir = None,
-    low: Annotated[float | None, typer.Option(help="Lowest drive; the model's range by default.")] = None,
-    high: Annotated[float | None, typer.Option(help="Highest drive; the model's range by default.")] = None,
+    low: Annotated[
+        float | None, typer.Option(metavar="X", help="Lowest drive; by default that of the model's range.")
+    ] = None,
+    high: Annotated[
+        float | None, typer.Option(metavar="X", help="Highest drive; by default that of the model's range.")
+    ] = None,
     rate_limit: RateLimit = None,
     start: Start = "rest",
     x_start: XStart = None,

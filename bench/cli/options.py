@@ -95,18 +95,27 @@ def positive(value: float | None) -> float | None:
 
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables and sentences.")]
-SolverName = Annotated[str, typer.Option("--solver", callback=installed, help="Name of a registered solver.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
+SolverName = Annotated[
+    str, typer.Option("--solver", metavar="NAME", callback=installed, help="Name of a registered solver.")
+]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of all random numbers.")]
 RateLimit = Annotated[
     float | None,
-    typer.Option("--rate-limit", callback=positive, help="Largest change of the drive, input units per second."),
+    typer.Option(
+        "--rate-limit", metavar="RATE", callback=positive, help="Largest change of the drive, input units per second."
+    ),
 ]
 
 WORKERS: dict[str, Any] = {
-    "count": Annotated[int, typer.Option("--workers", min=1, help="Number of worker processes, each on its own core.")],
+    "count": Annotated[
+        int, typer.Option("--workers", metavar="N", min=1, help="Number of worker processes, each on its own core.")
+    ],
     "backend": Annotated[Backend, typer.Option(help="Where the workers run.")],
     "scheduler": Annotated[
-        str, typer.Option(help="Address of a Dask scheduler whose workers see the same folder under this path.")
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Address of a Dask scheduler whose workers see the same folder under this path."
+        ),
     ],
 }
 on_workers = grouped("workers", WORKERS, Workers)
@@ -117,32 +126,49 @@ READING: dict[str, Any] = {
     "time": Annotated[
         str | None,
         typer.Option(
+            metavar="COLUMN",
             help="Time column: its name, a path such as group/channel, or its number counted from 1; 'none' if there "
-            "is no clock. Guessed by default."
+            "is no clock. Guessed by default.",
         ),
     ],
-    "sample_time": Annotated[float | None, typer.Option(help="Sampling period in s, for a file without times.")],
-    "sample_rate": Annotated[float | None, typer.Option(help="Sampling rate in Hz, instead of --sample-time.")],
-    "header_row": Annotated[
-        int | None, typer.Option(help="Row with the column names, counted from 1; 0 for no header.")
+    "sample_time": Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Sampling period in s, for a file without times.")
     ],
-    "decimal": Annotated[str | None, typer.Option(help="Decimal mark of a text, '.' or ','; detected by default.")],
-    "sheet": Annotated[str | None, typer.Option(help="Sheet of a workbook; the largest table by default.")],
+    "sample_rate": Annotated[
+        float | None, typer.Option(metavar="HZ", help="Sampling rate in Hz, instead of --sample-time.")
+    ],
+    "header_row": Annotated[
+        int | None, typer.Option(metavar="ROW", help="Row with the column names, counted from 1; 0 for no header.")
+    ],
+    "decimal": Annotated[
+        str | None, typer.Option(metavar="MARK", help="Decimal mark of a text, '.' or ','; detected by default.")
+    ],
+    "sheet": Annotated[
+        str | None, typer.Option(metavar="NAME", help="Sheet of a workbook; the largest table by default.")
+    ],
     "resample": Annotated[
-        float | None, typer.Option(help="Sampling period in s to interpolate to, if the times are not equidistant.")
+        float | None,
+        typer.Option(
+            metavar="SECONDS", help="Sampling period in s to interpolate to, if the times are not equidistant."
+        ),
     ],
     "input_unit": Annotated[
-        str | None, typer.Option(help="Unit of the input, such as V, if the file does not state it.")
+        str | None, typer.Option(metavar="UNIT", help="Unit of the input, such as V, if the file does not state it.")
     ],
     "output_unit": Annotated[
-        str | None, typer.Option(help="Unit of the output, such as um, if the file does not state it.")
+        str | None, typer.Option(metavar="UNIT", help="Unit of the output, such as um, if the file does not state it.")
     ],
     "time_unit": Annotated[
-        str | None, typer.Option(help="Unit of the times, such as ms, if the file does not state it.")
+        str | None, typer.Option(metavar="UNIT", help="Unit of the times, such as ms, if the file does not state it.")
     ],
-    "from_s": Annotated[float | None, typer.Option("--from", help="Seconds after the first time to read from.")],
-    "to_s": Annotated[float | None, typer.Option("--to", help="Seconds after the first time to read to.")],
-    "decimate": Annotated[int | None, typer.Option(min=1, help="Read the first of so many rows.")],
+    "from_s": Annotated[
+        float | None,
+        typer.Option("--from", metavar="SECONDS", help="Start reading so many seconds after the first time."),
+    ],
+    "to_s": Annotated[
+        float | None, typer.Option("--to", metavar="SECONDS", help="Stop reading so many seconds after the first time.")
+    ],
+    "decimate": Annotated[int | None, typer.Option(metavar="N", min=1, help="Read the first of every so many rows.")],
     "strict": Annotated[bool | None, typer.Option("--strict", help="Refuse a recording that needs repairs.")],
 }
 """Options of ``read_reference``, for every verb that opens a file of signals."""
@@ -151,28 +177,43 @@ RECORDING = {
     "input": Annotated[
         str | None,
         typer.Option(
-            help="Input column, such as voltage_V; without a recording FILE or FILE:COLUMN, one file a channel."
+            metavar="COLUMN",
+            help="Input column, such as voltage_V; of a recording in two files that of the input, as FILE "
+            "or FILE:COLUMN.",
         ),
     ],
     "output": Annotated[
         str | None,
-        typer.Option(help="Output column, such as displacement_um; without a recording FILE or FILE:COLUMN."),
+        typer.Option(
+            metavar="COLUMN",
+            help="Output column, such as displacement_um; of a recording in two files that of the output.",
+        ),
     ],
     **READING,
 }
 """Options of ``Recording.open``."""
 SET_OPTIONS = {
-    "recording": Annotated[Path | None, typer.Option(help=f"For the set recorded. {FILE}")],
+    "recording": Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Recording for the set recorded, in any known format; 'piezobench inspect' shows how it is read.",
+        ),
+    ],
     "folder": Annotated[
-        Path | None, typer.Option(help="For the set foreign: folder of NPZ, MAT, QPS, MPS and SIF files.")
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Folder of NPZ, MAT, QPS, MPS and SIF files, for the set foreign."),
     ],
     "test_set": Annotated[
-        Path | None, typer.Option(help="For the set test_set: Python file with a test set of qpbenchmark.")
+        Path | None,
+        typer.Option(metavar="FILE.py", help="Python file with a test set of qpbenchmark, for the set test_set."),
     ],
     "work": Annotated[
         float | None,
         typer.Option(
-            min=1.0, help=f"For the sets foreign and test_set: most bit operations of a proof; {WORK:.0e} by default."
+            metavar="OPERATIONS",
+            min=1.0,
+            help=f"Most bit operations of a proof, for the sets foreign and test_set; {WORK:.0e} by default.",
         ),
     ],
     **RECORDING,
@@ -184,22 +225,19 @@ Start = Annotated[
     StartChoice,
     typer.Option(
         "--start",
-        help="States before the first sample: of a stage that has settled at rest, or those that identify found before "
-        "its recording.",
+        help="States before the first sample: of a stage that has settled (rest), or those that "
+        "identify found before its recording (recording).",
     ),
 ]
 STARTS = {
     "recording": "Begins with the states that identify found before its recording.",
     "rest": "Begins settled at {}.",
 }
-Rate = Annotated[
-    float | None,
-    typer.Option("--rate", callback=positive, help="Samples per second of the controller; the model's by default."),
-]
 XStart = Annotated[
     float | None,
     typer.Option(
         "--x-start",
+        metavar="X",
         help="Where the stage is before the first drive, in the input's unit; by default at rest, which is 0 or the "
         "limit next to it.",
     ),

@@ -160,18 +160,26 @@ def _point(certificate: Certificate) -> str:
 def certify_verb(
     context: typer.Context,
     problem: Annotated[Path | None, typer.Argument(help="Program in NPZ, MAT, QPS, MPS or SIF.")] = None,
-    answer: Annotated[Path | None, typer.Option(help="NPY file with an answer to judge.")] = None,
-    out: Annotated[Path | None, typer.Option(help="JSON file for the certificate.")] = None,
+    answer: Annotated[Path | None, typer.Option(metavar="FILE.npy", help="NPY file with an answer to judge.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="JSON file for the certificate.")] = None,
     problem_set: Annotated[
-        str | None, typer.Option("--set", help="Judge the answers of solvers to this problem set, such as boxes.")
+        str | None,
+        typer.Option("--set", metavar="SET", help="Judge the answers of solvers to this problem set, such as boxes."),
     ] = None,
     solver: Annotated[
-        list[str] | None, typer.Option(help="With --set: a solver's name, or your own Python file; repeatable.")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="With --set: a solver's name, or your own Python file; repeatable."),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(callback=positive, help="With --set: largest relative error of a right answer.")
+        float,
+        typer.Option(metavar="ERROR", callback=positive, help="With --set: largest relative error of a right answer."),
     ] = LEVELS[0],
-    work: Annotated[float, typer.Option(callback=positive, help="Most bit operations of a proof.")] = WORK,
+    work: Annotated[
+        float,
+        typer.Option(
+            metavar="OPERATIONS", show_default=f"{WORK:.0e}", callback=positive, help="Most bit operations of a proof."
+        ),
+    ] = WORK,
     as_json: AsJson = False,
 ) -> None:
     """Prove the optimum of a program in exact arithmetic, and judge an answer; or judge solvers on a problem set.

@@ -42,20 +42,20 @@ Scale = StrEnum("Scale", ["scaled", "raw"])
 """Scalings; typer takes a list of an enumeration but not of a ``Literal``."""
 
 
-def own_options() -> dict[str, Any]:
-    """Options that the kinds of race declare in their settings, by name."""
-    declared = {
-        field.name: field for kind in kinds().values() for field in fields(kind.settings) if "help" in field.metadata
-    }
-    return {
-        name: Annotated[
-            type(field.default) | None,
-            typer.Option(
-                min=field.metadata["least"], help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default."
-            ),
-        ]
-        for name, field in declared.items()
-    }
+KIND_OPTIONS: dict[str, Any] = {
+    field.name: Annotated[
+        type(field.default) | None,
+        typer.Option(
+            metavar="N",
+            min=field.metadata["least"],
+            help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.",
+        ),
+    ]
+    for kind in kinds().values()
+    for field in fields(kind.settings)
+    if "help" in field.metadata
+}
+"""Options that the kinds of race declare in their settings."""
 
 
 def race_help() -> str:
@@ -77,7 +77,7 @@ def refuse_unused(context: typer.Context, kind: str) -> None:
 
 @on_workers
 @grouped("options", SET_OPTIONS, set_options)
-@grouped("own", own_options())
+@grouped("own", KIND_OPTIONS)
 def race_verb(
     context: typer.Context,
     options: dict[str, str],
@@ -91,30 +91,39 @@ def race_verb(
         list[str] | None,
         typer.Option(
             "--set",
-            help="Problem set, repeatable; paper and measured by default. A stream, a loop and a batch have their own "
+            metavar="SET",
+            help="Problem set, repeatable; by default paper and measured, or those of a given "
+            "--recording, --folder or --test-set. A stream, a loop and a batch have their own "
             "problems.",
         ),
     ] = None,
     problems: Annotated[
         list[str] | None,
-        typer.Option("--problem", help="Problem by name, repeatable; piezobench problems --set SET lists them."),
+        typer.Option(
+            "--problem", metavar="NAME", help="Problem by name, repeatable; piezobench problems --set SET lists them."
+        ),
     ] = None,
     solvers: Annotated[
         list[str] | None,
-        typer.Option("--solver", help="Solver by name, or a file.py with your own, repeatable; all by default."),
+        typer.Option(
+            "--solver", metavar="NAME", help="Solver by name, or a file.py with your own, repeatable; all by default."
+        ),
     ] = None,
     lanes: Annotated[
         list[Lane] | None,
         typer.Option(
             "--lane",
-            help="How solvers are called, repeatable: from compiled code, by their own Python object, through "
-            "qpsolvers or cvxpy, as generated C. All but codegen by default.",
+            metavar="|".join(Lane),
+            help="How solvers are called, repeatable: from compiled code (kernel), by their own Python "
+            "object (direct), through qpsolvers or cvxpy, or as generated C (codegen). All but "
+            "codegen by default.",
         ),
     ] = None,
     tiers: Annotated[
         list[Tier] | None,
         typer.Option(
             "--tier",
+            metavar="|".join(Tier),
             help="Accuracy that the solvers of a stream or a loop are set to, repeatable: a cost gap of 1e-3 (low), "
             "1e-6 (mid), 1e-9 (high, the default) or 1e-12 (exact), no measurable effect on the stage (stage), or the "
             "library's defaults (default).",
@@ -123,15 +132,17 @@ def race_verb(
     settings: Annotated[
         list[str] | None,
         typer.Option(
+            metavar="RUN|SOLVER={...}",
             help="For a stream or a loop: the run of a one-shot race from which the solvers' settings are taken; the "
             "reference run by default. For a one-shot race SOLVER='{\"eps_abs\": 1e-6}', repeatable: settings of a "
-            "solver to measure beside its defaults, in place of its ladder."
+            "solver to measure beside its defaults, in place of its ladder.",
         ),
     ] = None,
     scalings: Annotated[
         list[Scale] | None,
         typer.Option(
             "--scaling",
+            metavar="scaled|raw",
             help="Scaling of the problems, repeatable: scaled to a unit diagonal of P, or raw in volts and "
             "micrometres; both by default.",
         ),
@@ -139,32 +150,39 @@ def race_verb(
     limit: Annotated[
         int | None,
         typer.Option(
+            metavar="N",
             min=0,
             help="Problems of each set, evenly spread over it, 0 for all; 3 by default, and all if sets or files are "
             "named.",
         ),
     ] = None,
     seed: Seed = 0,
-    budget: Annotated[float, typer.Option(min=0.0, help="Timed seconds of a task.")] = 0.005,
+    budget: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0.0, help="Duration of the timed calls of a task.")
+    ] = 0.005,
     time_limit_s: Annotated[
-        float, typer.Option("--time-limit", min=0.1, help="Longest duration of a task in s.")
+        float, typer.Option("--time-limit", metavar="SECONDS", min=0.1, help="Longest duration of a task.")
     ] = 20.0,
     memory_mb: Annotated[
-        int, typer.Option("--memory", min=16, help="Most memory that a solver may allocate, MB.")
+        int, typer.Option("--memory", metavar="MB", min=16, help="Most memory that a solver may allocate.")
     ] = 2048,
     repeats: Annotated[
         int | None,
         typer.Option(
+            metavar="N",
             min=1,
             help="Number of times that each solver is measured, each in a fresh process; 1 by default, and 3 for a "
             "batch, in one process.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder that holds the runs.")] = RESULTS,
-    name: Annotated[str | None, typer.Option(help="Name of the run; date and time by default.")] = None,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder that holds the runs.")] = RESULTS,
+    name: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the run; date and time by default.")] = None,
     into: Annotated[
         Path | None,
-        typer.Option(help="Folder of a finished one-shot race, to which the solvers are added on the same problems."),
+        typer.Option(
+            metavar="RUN",
+            help="Folder of a finished one-shot race, to which the solvers are added on the same problems.",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -49,9 +49,9 @@ def excite_verb(
         f"Page: {page}" if page else "",
     ]
     if page is not None:
-        from bench.report.drive_page import write  # plots take a second to import
+        from bench.report import recording_page  # plots take a second to import
 
-        write(page, times, drive, unit, lines[:2])
+        recording_page.write_drive(page, times, drive, unit, lines[:2])
     print_result({"drive": out, "page": page, "samples": drive.size, "steepest_per_s": fastest}, lines, as_json)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.experiment import cycles, figures
+from bench.experiment import figures
 from bench.experiment.figures import HINDSIGHT, LEARNED, STRAIGHT
 from bench.messages.progress import Progress, silent
 from bench.report.report import Report, Table
@@ -27,7 +27,7 @@ def run(folder: Path, setup: StageSetup, progress: Progress = silent) -> tuple[R
         progress(name, done, 5)
         runs[name] = made(setup)
     progress("a drifting stage", 3, 5)
-    found = report(setup, runs, cycles.errors(runs))
+    found = report(setup, runs, figures.errors(runs))
     progress("figures", 4, 5)
     return found, write_report(found, folder, "experiment", pictures=len(found.figures))
 
@@ -41,11 +41,11 @@ def report(setup: StageSetup, runs: Mapping[str, Trial], by_cycle: pd.DataFrame)
     return Report(
         [verdict(runs)],
         Table("RMS error in the last cycle, % of range", ("axis", STRAIGHT, HINDSIGHT, LEARNED), rows),
-        figures=[*(figures.staircase(i, runs) for i in indices), figures.loops(runs), cycles.figure(by_cycle)],
+        figures=[*(figures.staircase(i, runs) for i in indices), figures.loops(runs), figures.cycles(by_cycle)],
         notes=[
             *(figures.staircase_sentence(i, runs) for i in indices),
             *figures.loop_sentences(runs),
-            *cycles.sentences(by_cycle),
+            *figures.cycle_sentences(by_cycle),
         ],
         definitions=[
             "A straight line is the one through the corners of the ranges. Errors are those of the measured "

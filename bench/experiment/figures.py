@@ -1,7 +1,13 @@
-"""The figures of the last cycle: the paper's Fig. 4, a staircase of each axis without and with compensation, and the
-hysteresis loops before and after."""
+"""The figures of the experiment. Of the last cycle: the paper's Fig. 4, a staircase of each axis without and with
+compensation, and the hysteresis loops before and after. Of all: error against cycle number, on a steady stage and on a
+drifting one.
+
+The paper learns while running because a compensator that is designed once, before start-up, ignores temperature and
+ageing. On the drifting stage, such a compensator learns for two cycles and then keeps its model.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -9,7 +15,7 @@ import pandas as pd
 
 from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot, Where
 from bench.stage.setup import AMPLITUDE_UM, AXES, RANGE_UM, StageSetup, percent
-from bench.stage.trial import Trial
+from bench.stage.trial import Trial, learned
 from solvers.arrays import Vector
 
 REFERENCE, STRAIGHT, HINDSIGHT, LEARNED, ONCE = (
@@ -21,6 +27,11 @@ REFERENCE, STRAIGHT, HINDSIGHT, LEARNED, ONCE = (
 )
 BLUE, RED, GREEN, PURPLE = PALETTE[:4]
 COLOURS = {REFERENCE: INK, STRAIGHT: RED, HINDSIGHT: GREEN, LEARNED: BLUE, ONCE: PURPLE}
+DRIFT_PER_CYCLE = 5e-3
+"""Change of the actuators' gain in one cycle."""
+FIXED_AFTER = 2
+"""Cycles after which the fixed compensator stops learning."""
+STEADY, DRIFTING = "steady", "drifting"
 THINNING = 16
 """Ratio of samples to drawn points, which gives 500 Hz."""
 BINS = 64
@@ -150,3 +161,66 @@ def loop_sentences(runs: Mapping[str, Trial]) -> Iterator[str]:
             f"Axis {axis}: the loops open by {wide:.1f} % of range along a straight line and by {narrow:.2f} % with "
             "compensation, on a signal that was never learned from."
         )
+
+
+def per_cycle(trial: Trial) -> Vector:
+    """RMS error of every cycle in percent of range, both axes taken together, shape (cycles,)."""
+    return np.array([np.sqrt(np.mean(trial.rms_percent(c) ** 2)) for c in range(trial.setup.cycles)])
+
+
+def errors(runs: Mapping[str, Trial]) -> pd.DataFrame:
+    """Errors by stage, name and cycle: of the runs on the steady stage, and of two on the drifting one."""
+    setup = runs[LEARNED].setup
+    drifting = replace(
+        setup,
+        gain_drift_per_s=DRIFT_PER_CYCLE / (setup.cycle * setup.sample_time),
+        cycles=max(setup.cycles, FIXED_AFTER + 2),
+    )
+    trials = {
+        **{(STEADY, name): run for name, run in runs.items()},
+        (DRIFTING, LEARNED): learned(drifting),
+        (DRIFTING, ONCE): learned(drifting, FIXED_AFTER),
+    }
+    return pd.DataFrame(
+        [
+            {"stage": stage, "name": name, "cycle": cycle, "percent": percent}
+            for (stage, name), trial in trials.items()
+            for cycle, percent in enumerate(per_cycle(trial), 1)
+        ]
+    )
+
+
+def cycles(table: pd.DataFrame) -> Figure:
+    """The errors on the steady stage, and below on the drifting one."""
+    last = int(table.cycle.max())
+    cycle = Axis(
+        "cycle", "cycle", values=range(1, last + 1), label="format(datum.value, 'd')", domain=(0.8, last + 0.2)
+    )
+    error = Axis("percent", "RMS error, % of range", log=True)
+    return Figure(
+        "cycles",
+        "Error against cycle number",
+        f"RMS error of axes {' and '.join(AXES)} together in each "
+        "cycle; weights are handed over "
+        "where a cycle ends. Above, a stage that stays as it is; below, one whose gain drifts by "
+        f"{100 * DRIFT_PER_CYCLE:g} % a cycle.",
+        table,
+        [
+            lines(cycle, error, names, {"stage": [stage]}, points=True)
+            for stage, names in ((STEADY, (STRAIGHT, HINDSIGHT, LEARNED)), (DRIFTING, (ONCE, LEARNED)))
+        ],
+    )
+
+
+def cycle_sentences(table: pd.DataFrame) -> tuple[str, str]:
+    """The first cycle in which learning has settled, and its benefit on the drifting stage."""
+    found = {key: part.percent.to_numpy() for key, part in table.groupby(["stage", "name"])}
+    steady, drifting, once = found[STEADY, LEARNED], found[DRIFTING, LEARNED], found[DRIFTING, ONCE]
+    settled = int(np.argmax(steady <= 2.0 * steady.min())) + 1
+    return (
+        f"Both axes together: from {steady[0]:.2f} % in cycle 1, in which nothing is known, to {steady[-1]:.3f} % "
+        f"in cycle {steady.size}; cycle {settled} is the first within twice the best.",
+        f"Where the gain drifts by {100 * DRIFT_PER_CYCLE:g} % a cycle, a compensator that stopped learning after "
+        f"{FIXED_AFTER} cycles is at "
+        f"{once[-1]:.2f} % in cycle {once.size} and the one that learns on at {drifting[-1]:.2f} %.",
+    )

@@ -1,6 +1,7 @@
-"""The page of one recording: measured and modelled loops, error over time, weights, spectrum of the error, advice."""
+"""The page of one recording: measured and modelled loops, error over time, weights, spectrum of the error, advice; and
+the page of a drive to record."""
 
-from itertools import pairwise
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,10 @@ import pandas as pd
 from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.writing import write_page
 from piezo_model.identification.fit_review import Review
+from solvers.arrays import Index, Vector
 
-POINTS = 2_500
-"""Largest number of points of a line."""
+POINTS, DRIVE_POINTS = 2_500, 8_000
+"""Largest number of points of a line; of a drive, which ends with a fast sweep."""
 BLUE, RED, GREEN = PALETTE[:3]
 STANDING = {"free": BLUE, "at its bound": "#e69f00", "never reached": RED}
 
@@ -130,9 +132,7 @@ def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
 
 def _error(review: Review, unit: str) -> Figure:
     e = review.error
-    edges = np.unique(np.linspace(0, e.size, min(e.size, POINTS // 2) + 1).astype(int))
-    ends = [k + extreme(e[k:stop]) for k, stop in pairwise(edges.tolist()) for extreme in (np.argmin, np.argmax)]
-    at = np.unique(ends)
+    at = _extremes(e, POINTS)
     table = pd.DataFrame(
         {
             "time_s": at * review.model.structure.sample_time,
@@ -221,3 +221,35 @@ def _spectrum(review: Review, unit: str) -> Figure:
             )
         ],
     )
+
+
+def write_drive(path: Path, times: Vector, drive: Vector, unit: str, sentences: Sequence[str]) -> Path:
+    """Write the page of a drive, and ``<page>-figures/*.csv`` beside it; returns its path.
+
+    Parameters
+    ----------
+    times, drive : array (N,)
+        Seconds, and the drive in ``unit``.
+    """
+    at = _extremes(drive, DRIVE_POINTS)
+    figure = Figure(
+        "drive",
+        "Drive",
+        "The drive over time; where it is faster than the picture resolves, its lowest and highest samples.",
+        pd.DataFrame({"time_s": times[at], "drive": drive[at]}),
+        [
+            Plot(
+                Axis("time_s", "time, s"),
+                Axis("drive", f"drive, {unit}" if unit else "drive"),
+                (Mark("line", colour=PALETTE[0], size=1.0),),
+                height=300,
+            )
+        ],
+    )
+    return write_page(Report(list(sentences), title="Drive to record", figures=[figure]), path, f"{path.stem}-figures")
+
+
+def _extremes(values: Vector, points: int) -> Index:
+    """Positions of the lowest and the highest of each of ``points`` / 2 stretches."""
+    parts = np.array_split(np.arange(values.size), min(values.size, points // 2))
+    return np.unique([part[extreme(values[part])] for part in parts for extreme in (np.argmin, np.argmax)])

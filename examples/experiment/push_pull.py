@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 from outputs import arguments, setup_of, show
 
-from bench.experiment.cycles import per_cycle
+from bench.experiment.figures import per_cycle
 from bench.report.report import PALETTE, Axis, Figure, Mark, Plot
 from bench.stage.setup import Actuators, StageSetup
 from bench.stage.trial import learned

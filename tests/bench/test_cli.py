@@ -16,7 +16,7 @@ from command_line import CommandLine
 from conftest import Race
 
 from bench.cli.app import VERBS
-from bench.cli.race_verbs import SETTING_OF, own_options
+from bench.cli.race_verbs import KIND_OPTIONS, SETTING_OF
 from bench.problems import sets
 from bench.races.kind import kinds
 from piezo_model import plants
@@ -218,7 +218,7 @@ def test_every_option_of_a_race_is_in_the_table_of_a_kind() -> None:
     assert {name for name, kind in READS.items()} == set(kinds())
     known = {option for options in READS.values() for option in options}.union(EVERY_RACE)
     assert known == set(VALUES)
-    settings = {name.replace("_", "-") for name in own_options()}
+    settings = {name.replace("_", "-") for name in KIND_OPTIONS}
     assert settings <= known
     assert {option.replace("_", "-") for option in SETTING_OF} - {
         "input",

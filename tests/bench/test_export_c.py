@@ -472,7 +472,7 @@ def test_the_c_of_a_deployment_learns_as_the_compensator_that_python_loads_from_
     y_ref, stage = references(SHORT, seed=3), Stage(SHORT, False)
     x, y = learner.run(y_ref[:-1], stage)
     x = np.append(x, learner.step(y_ref[-1], np.nan))
-    model, settings = _opened(desk / "deployed.json", *[None] * 6)
+    model, settings = _opened(desk / "deployed.json")
     write_sources(tmp_path, model, settings)
     samples = np.column_stack([y_ref, np.concatenate([[np.nan], y])])
     found, events = replay(build(tmp_path, "replay.c", "gcc", *WARNINGS, *EXACT, "-O2"), samples)
