@@ -79,8 +79,11 @@ def problems_verb(
     It can also check every proof again and write the problems to files.
     """
     if problem_set is None and source is None:
-        needs_problems = ("verify", "export", "limit", "seed", *OPTIONS)
-        refuse(context, needs_problems, "needs problems; name a --set, or a folder with --from")
+        refuse(
+            context,
+            ("verify", "export", "limit", "seed", *OPTIONS),
+            "needs problems; name a --set, or a folder with --from",
+        )
         sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
         of_sets = ("set", "problems", "what it is for")
         print_result(by_heading(of_sets, sets), [], as_json, (of_sets, sets, 3))
@@ -108,9 +111,9 @@ def problems_verb(
     lines = [f"Not certified and therefore not raced: {name}: {why}" for name, why in left_out.items()]
     lines += [f"Test set of qpbenchmark: {path}" for path in test_sets]
     if verify and rows and not failures:
-        share = 100.0 * len(rows) / count
         lines.append(
-            f"{len(rows)} of {count} problems are certified in every scaling ({share:.0f} %): every proof holds."
+            f"{len(rows)} of {count} problems are certified in every scaling ({100 * len(rows) / count:.0f} %): every "
+            "proof holds."
         )
     document = {"problems": by_heading(headings, rows), "left_out": dict(left_out), "test_sets": test_sets}
     print_result({**document, "failures": failures}, lines, as_json, (headings, rows, 2))
@@ -214,7 +217,7 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
     require(bool(names), "--solver", "name a solver, or your own Python file")
     entries = [entry_of_file(name, from_file) if name.endswith(".py") else find(installed(name)) for name in names]
     problems = list(make(problem_set).problems())
-    rows, lines, results, wrong = [], [], [], 0
+    rows, lines, results = [], [], []
     for entry in entries:
         right = False
         for setting, finest in checked_settings(entry).items():
@@ -228,7 +231,6 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
             missed = [each for each in answers if each.is_missed(tolerance)]
             right |= not missed and any(each.is_supported for each in answers)
         if not right:
-            wrong += 1
             ends = [f"{each.problem} ({each.verdict()})" for each in worst(missed, WORST)]
             lines.append(
                 f"{entry.name}, {setting}: not right within {tolerance:g} on {len(missed)} of {len(answers)}, such as "
@@ -238,7 +240,7 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
             )
     document = {"problems": len(problems), "solvers": results}
     print_result(document, lines, as_json, (("solver", "setting", *row([])), rows, 2))
-    return int(wrong > 0)
+    return int(bool(lines))
 
 
 def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:

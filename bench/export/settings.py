@@ -86,24 +86,30 @@ class ExportSettings:
     name: str = "piezo"
 
     def __post_init__(self) -> None:
-        if self.learning and self.solver not in (SOLVERS if self.cyclic else [EXACT_SOLVER]):
-            raise ExportError(
+        low, high = self.x_limits or (0.0, 1.0)
+        for wrong, sentence in (
+            (
+                self.learning and self.solver not in (SOLVERS if self.cyclic else [EXACT_SOLVER]),
                 f"the C does not learn with {self.solver} in {self.mode} mode; it learns with {EXACT_SOLVER} in either "
-                f"mode, and with {' or '.join(SOLVERS[:-1])} in cyclic mode: --solver and --mode choose"
-            )
-        if self.x_limits is not None and any(map(math.isinf, self.x_limits)):
-            raise ExportError(
-                f"the limits of the drive must be finite, not {self.x_limits[0]:g} to {self.x_limits[1]:g}"
-            )
-        if self.x_limits is not None and not self.x_limits[0] < self.x_limits[1]:
-            raise ExportError(f"the lowest drive {self.x_limits[0]:g} must be below the highest {self.x_limits[1]:g}")
-        if not (self.name.isascii() and self.name.isidentifier() and not self.name.startswith("_")):
-            raise ExportError(f"the name {self.name!r} is not an identifier of C")
-        if len(self.name) > LONGEST_NAME:
-            raise ExportError(
-                f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every "
-                "compiler tells apart"
-            )
+                f"mode, and with {' or '.join(SOLVERS[:-1])} in cyclic mode: --solver and --mode choose",
+            ),
+            (
+                math.isinf(low) or math.isinf(high),
+                f"the limits of the drive must be finite, not {low:g} to {high:g}",
+            ),
+            (not low < high, f"the lowest drive {low:g} must be below the highest {high:g}"),
+            (
+                not (self.name.isascii() and self.name.isidentifier() and not self.name.startswith("_")),
+                f"the name {self.name!r} is not an identifier of C",
+            ),
+            (
+                len(self.name) > LONGEST_NAME,
+                f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every compiler tells "
+                "apart",
+            ),
+        ):
+            if wrong:
+                raise ExportError(sentence)
 
     @property
     def learning(self) -> bool:
