@@ -124,21 +124,20 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark, legend: bool) -> dict[st
         "x": _position(table, plot.x, mark.x, mark.share),
         "y": _position(table, plot.y, mark.y, False),
     }
-    encoding |= {name: {"field": column} for name, column in (("x2", mark.x2), ("y2", mark.y2)) if column}
-    if mark.by:
-        coloured = _coloured(plot, mark, is_line, is_point)
-        encoding |= coloured if legend else {name: {**channel, "legend": None} for name, channel in coloured.items()}
-    if mark.kind == "text":
-        encoding["text"] = {"field": "name"}
-    if is_line:
-        encoding |= {"detail": {"field": "name", "type": "nominal"}} if "name" in table else {}
-    if mark.along:
-        encoding["order"] = {"field": mark.along, "type": "quantitative"}
-    if plot.tips and not is_line:
-        encoding["tooltip"] = [
+    optional: dict[str, Any] = {
+        "x2": mark.x2 and {"field": mark.x2},
+        "y2": mark.y2 and {"field": mark.y2},
+        **_coloured(plot, mark, is_line, is_point, legend),
+        "text": mark.kind == "text" and {"field": "name"},
+        "detail": is_line and "name" in table and {"field": "name", "type": "nominal"},
+        "order": mark.along and {"field": mark.along, "type": "quantitative"},
+        "tooltip": not is_line
+        and [
             {"field": name, "format": ".4~g", "type": "quantitative"} if _is_number(table, name) else {"field": name}
             for name in plot.tips
-        ]
+        ],
+    }
+    encoding |= {channel: definition for channel, definition in optional.items() if definition}
     test, opacity = None if filtered else selected, {"value": mark.opacity}
     encoding["opacity"] = {"condition": {"test": test, **opacity}, "value": 0} if test else opacity
     colour = {} if mark.by or not mark.colour else {"color": mark.colour}
@@ -157,27 +156,22 @@ def _is_number(table: pd.DataFrame, column: str) -> bool:
     )
 
 
-def _coloured(plot: Plot, mark: Mark, is_line: bool, is_point: bool) -> dict[str, Any]:
+def _coloured(plot: Plot, mark: Mark, is_line: bool, is_point: bool, legend: bool) -> dict[str, Any]:
     """Colours of a column's values: those given, or the palette twice, the second time with dashes or triangles."""
+    if not mark.by:
+        return {}
+    common = {"field": mark.by, "type": "nominal", **({} if legend else {"legend": None})}
     if plot.colours:
-        return {
-            "color": {
-                "field": mark.by,
-                "type": "nominal",
-                "scale": {"domain": [*plot.colours], "range": [*plot.colours.values()]},
-            }
-        }
+        return {"color": {**common, "scale": {"domain": [*plot.colours], "range": [*plot.colours.values()]}}}
     half = BEST - len(PALETTE)
-    found: dict[str, Any] = {
-        "color": {"field": mark.by, "type": "nominal", "sort": None, "scale": {"range": [*PALETTE, *PALETTE[:half]]}}
+    ranges: dict[str, Any] = {
+        "color": [*PALETTE, *PALETTE[:half]],
+        "strokeDash": is_line and [[1, 0]] * len(PALETTE) + [[5, 3]] * half,
+        "shape": is_point and ["circle"] * len(PALETTE) + ["triangle-up"] * half,
     }
-    if is_line:
-        dashes: list[Any] = [[1, 0]] * len(PALETTE) + [[5, 3]] * half
-        found["strokeDash"] = {"field": mark.by, "type": "nominal", "sort": None, "scale": {"range": dashes}}
-    if is_point:
-        shapes = ["circle"] * len(PALETTE) + ["triangle-up"] * half
-        found["shape"] = {"field": mark.by, "type": "nominal", "sort": None, "scale": {"range": shapes}}
-    return found
+    return {
+        channel: {**common, "sort": None, "scale": {"range": values}} for channel, values in ranges.items() if values
+    }
 
 
 def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict[str, Any]:
