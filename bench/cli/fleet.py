@@ -90,7 +90,7 @@ def process(
     }
     print_report(report(title, table, what, others=others), document, as_json, below)
     if len(refused):
-        are = "is" if len(refused) == 1 else "are"
         raise RecordingError(
-            f"{len(refused)} of {len(table)} recordings {are} refused; the table {out_dir}/fleet.csv says why"
+            f"{len(refused)} of {len(table)} recordings {'is' if len(refused) == 1 else 'are'} refused; the table "
+            f"{out_dir}/fleet.csv says why"
         )

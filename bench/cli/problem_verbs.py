@@ -251,15 +251,13 @@ def certified(qp: Problem, constant: float, answer: Vector | None, work: float) 
 
 def _sentences(found: dict[str, Any]) -> list[str]:
     optimum, rounded = found["optimum"], found["rounded"]
-    value = f"The least cost is {rounded['value']}"
-    if len(optimum["value"]) <= len(rounded["value"]):
-        value += f", exactly {optimum['value']}"
-    if float.fromhex(found["shift"]):
-        value += f", of P + {float.fromhex(found['shift']):.0e} I, since P is indefinite by rounding"
+    shift = float.fromhex(found["shift"])
+    exactly = f", exactly {optimum['value']}" if len(optimum["value"]) <= len(rounded["value"]) else ""
+    shifted = f", of P + {shift:.0e} I, since P is indefinite by rounding" if shift else ""
     active = [f"{name} {', '.join(map(str, tight))}" for name, tight in found["active"].items() if tight]
     unique = {"yes": "is the only one", "no": "is not the only one", "undecided": "may not be the only one"}
     lines = [
-        f"{value}; this is proved in exact arithmetic.",
+        f"The least cost is {rounded['value']}{exactly}{shifted}; this is proved in exact arithmetic.",
         f"x* = ({', '.join(rounded['x'])})." if len(rounded["x"]) <= SHOWN else "",
         f"x* {unique[found['unique']]}; tight at x*: {'; '.join(active) or 'no constraint'}.",
     ]

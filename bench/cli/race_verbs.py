@@ -21,7 +21,7 @@ from bench.races.run_problems import left_out
 from bench.races.settings import settings_of
 from bench.report.console import console, errors, lines_of, print_report, print_result, progress_bar
 from bench.report.report import Report
-from bench.report.words import by_heading
+from bench.report.words import by_heading, joined
 from bench.store import Run, RunError
 from bench.timing import machine
 from piezo_model.json_file import decoded
@@ -58,13 +58,6 @@ KIND_OPTIONS: dict[str, Any] = {
 """Options that the kinds of race declare in their settings."""
 
 
-def race_help() -> str:
-    """The kinds of race in one sentence."""
-    *first, last = (f"{kind.summary} ({name})" for name, kind in kinds().items())
-    what = f"{', '.join(first)}, or {last}."
-    return what[0].upper() + what[1:]
-
-
 def refuse_unused(context: typer.Context, kind: str) -> None:
     """Refuse an option for a setting that this kind of race does not have, or has fixed."""
     settings = {name: {field.name: field.init for field in fields(each.settings)} for name, each in kinds().items()}
@@ -85,7 +78,9 @@ def race_verb(
     workers: Workers,
     kind: Annotated[
         Literal[*kinds()],  # type: ignore[valid-type]
-        typer.Option("--race", help=race_help()),
+        typer.Option(
+            "--race", help=f"Kind of race: {joined(f'{each.summary} ({name})' for name, each in kinds().items())}."
+        ),
     ] = DEFAULT,
     problem_sets: Annotated[
         list[str] | None,
@@ -357,21 +352,18 @@ def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
     page, excluded, settings = path.with_suffix(".html"), left_out(run), run.settings
     absent, in_sets = settings.get("absent", {}), settings.get("there_are", {})
     raced = {name: len(problems) for name, problems in settings.get("problems", {}).items()}
-    below = list(settings.get("conditions", {}).get("warnings", []))
-    below += machine.elsewhere(f"The run {run.path.name}", run.machine_names)
-    if absent:
-        names = ", ".join(absent) if len(absent) <= MOST_NAMED else f"{len(absent)} solver lanes"
-        below.insert(0, f"Absent, so not raced: {names} (run.json says why).")
-    if in_sets and not settings["settings"].get("problems"):
-        total = sum((raced | in_sets).values())
-        below.append(f"{sum(raced.values())} of {total} problems were raced; --limit 0 races all.")
-    below = lines_of(below)
+    names = ", ".join(absent) if len(absent) <= MOST_NAMED else f"{len(absent)} solver lanes"
+    count, total = sum(raced.values()), sum((raced | in_sets).values())
+    cut = in_sets and not settings["settings"].get("problems")
+    notes = [
+        f"Absent, so not raced: {names} (run.json says why)." if absent else "",
+        *settings.get("conditions", {}).get("warnings", []),
+        *machine.elsewhere(f"The run {run.path.name}", run.machine_names),
+        f"{count} of {total} problems were raced; --limit 0 races all." if cut else "",
+    ]
+    below = lines_of(notes)
     if excluded:
-        count = len(excluded) + sum(raced.values())
-        below += [
-            "",
-            f"Not raced, {len(excluded)} of {count} problems:",
-            *(f"{problem}: {why}" for problem, why in excluded),
-        ]
+        below += ["", f"Not raced, {len(excluded)} of {len(excluded) + count} problems:"]
+        below += [f"{problem}: {why}" for problem, why in excluded]
     document = {"run": run.path, "report": path, "page": page, "left_out": dict(excluded), **report.document}
     print_report(report, document, as_json, below, [f"Page: {page}", f"Report: {path}"])

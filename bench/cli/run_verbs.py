@@ -111,8 +111,7 @@ def history_verb(
     ]
     shown = Table.of("", table, FOLLOWED)
     print_result(newest, worse, as_json, (shown.headings, shown.rows, 4))
-    if worse:
-        raise typer.Exit(FAILED)
+    raise typer.Exit(FAILED if worse else 0)
 
 
 def compare_verb(
@@ -159,14 +158,14 @@ def compare_verb(
             comparisons.append(compare_runs(opened[0], other, smallest))
         progress("writing the page", len(comparisons), len(comparisons))
         names = "-".join(run.path.resolve().name for run in opened)
-        report = comparison_report.report(comparisons)
+        found = comparison_report.report(comparisons)
         page = comparison_report.write(
-            comparisons, report, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
+            comparisons, found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
         )
     files = ["", OURS_NOTE, f"Comparison: {page}"]
     there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)]
-    below = lines_of([*report.notes, *dict.fromkeys(there)])
-    print_report(report, comparison_report.to_dict(comparisons), as_json, below, files)
+    below = lines_of([*found.notes, *dict.fromkeys(there)])
+    print_report(found, comparison_report.to_dict(comparisons), as_json, below, files)
     bad = sum(
         comparison.differences if fail_on == "difference" else comparison.regressions for comparison in comparisons
     )
