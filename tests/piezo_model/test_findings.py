@@ -15,6 +15,7 @@ def resonance(low: float, high: float) -> str:
         (9.0, 0.3),
         "",
         0.5,
+        ((low, low),),
     )
     return next(kept.sentences())
 
