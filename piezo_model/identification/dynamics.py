@@ -54,8 +54,8 @@ SIGNIFICANT = 4.0
 """Smallest gain on held-out data, in its standard errors."""
 SAMPLES = 100_000
 """Samples from the start that decide."""
-DELAY, SHARE, LAG = 0.7, 0.05, 0.3
-"""Where fits begin: the delay in samples, the share of residual compliance or a second mode, and the lag in samples."""
+DELAY, SHARE = 0.7, 0.05
+"""Where fits begin: the delay in samples, and the share of residual compliance beside two modes, and of the second."""
 ORDERS = 12, 3
 """Orders n and m of the fits: what plays are too few for is taken for dynamics, and moves the frequency."""
 APART = 0.1
@@ -228,9 +228,10 @@ class Trials:
         )
 
     def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
-        """Fit, and once more from what was found if a bound holds a frequency or a damping."""
+        """Fit, and once more from what was found if a bound holds a frequency or a damping of a smaller error."""
         fit, modes = self.fit(parameters, near), len(parameters.start.frequencies_Hz)
-        return fit if np.all(fit.free[self.structure.d :][: 2 * modes]) else self.fit(found(fit), fit)
+        held = not np.all(fit.free[self.structure.d :][: 2 * modes])
+        return self.fit(found(fit), fit) if held and (near is None or fit.cost < near.cost) else fit
 
     def best(self, none: ForwardFit, one: Parameters) -> ForwardFit | None:
         """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode;
@@ -244,7 +245,7 @@ class Trials:
 
         best = self.searched(one)
         g = found(best).start
-        best = better(best, replace(one, start=replace(g, gains=(1.0 - SHARE,)), residual=True))
+        best = better(best, replace(one, start=g, residual=True))
         if not none.improved_by(best, found(best).vector.size - found(none).vector.size):
             return None
         mode = g.frequencies_Hz[0], g.damping[0]
@@ -254,8 +255,7 @@ class Trials:
             f, zeta, gains = zip(*sorted(own), strict=True)
             two = replace(g, frequencies_Hz=f, damping=zeta, gains=gains)
             best = better(best, replace(one, start=two, residual=True))
-        lagging = replace(found(best).start, amplifier_lag_s=LAG * one.sample_time)
-        return better(best, replace(found(best), start=lagging, with_lag=True))
+        return better(best, replace(found(best), with_lag=True))
 
     def judge(self, none: ForwardFit, best: ForwardFit, gain: float) -> DynamicsFinding:
         """Decide whether the dynamics are kept."""

@@ -1,12 +1,14 @@
 """Parameters θ of the dynamics as unknowns of the forward fit, with their bounds.
 
-    θ = (log f_i, log ζ_i; sum of the gains, share of the second; delay, lag in sampling periods)
+    θ = (log f_i, log ζ_i; sum of the gains, share of the second; delay, and that of the amplifier, in samples)
 
 Frequencies stay within 2 %, or 0.3 of the damping ratio if that is more, and damping ratios within a factor 1.5 of
 those that the spectra show, since the error of the output has minima between the harmonics of a drive. A single mode
-has the gain 1 unless there is residual compliance.
+has the gain 1 unless there is residual compliance. The amplifier delays a ramp by
+1 / (exp(T/T_a) − 1) samples, which unlike T_a has a derivative where there is none.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +19,6 @@ from solvers.arrays import Mask, Vector
 FREQUENCY_RATIO, OF_DAMPING, DAMPING_RATIO = 1.02, 0.3, 1.5
 LONGEST = 20.0
 """Longest delay and lag, in samples."""
-SHORTEST_LAG = 0.02
 SMALLEST_GAIN = 0.01
 STEP = 1e-5
 """Change of a parameter for its derivative."""
@@ -43,8 +44,8 @@ class Parameters:
         if not self.free:
             return np.zeros(0)
         gains = [sum(g.gains), *(gain / sum(g.gains) for gain in g.gains[1:])] if self.residual else []
-        lag = [max(g.amplifier_lag_s / T, SHORTEST_LAG)] if self.with_lag else []
-        return np.array([*np.log(g.frequencies_Hz), *np.log(g.damping), *gains, g.delay_s / T, *lag])
+        late = [1.0 / math.expm1(T / g.amplifier_lag_s) if g.amplifier_lag_s else 0.0] * self.with_lag
+        return np.array([*np.log(g.frequencies_Hz), *np.log(g.damping), *gains, g.delay_s / T, *late])
 
     @property
     def bounds(self) -> tuple[Vector, Vector]:
@@ -58,8 +59,6 @@ class Parameters:
             gains = slice(2 * modes, 3 * modes)
             low[gains], high[gains] = SMALLEST_GAIN, 1.0
             high[gains][1:] -= SMALLEST_GAIN
-        if self.with_lag:
-            low[-1] = SHORTEST_LAG
         return low, high
 
     def inside(self, found: Dynamics, free: Mask) -> bool:
@@ -81,5 +80,7 @@ class Parameters:
         if self.residual:
             total, *second = [rest.pop(0) for _ in range(modes)]
             gains = (total * (1.0 - sum(second)), *(total * share for share in second))
-        lag = T * rest[1] if self.with_lag else self.start.amplifier_lag_s
+        lag = self.start.amplifier_lag_s
+        if self.with_lag:
+            lag = T / math.log1p(1.0 / rest[1]) if rest[1] > 0.0 else 0.0
         return Dynamics(tuple(f), tuple(np.minimum(zeta, 0.99)), gains, T * max(rest[0], 0.0), lag)
