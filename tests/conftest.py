@@ -41,7 +41,7 @@ SHARING = {
     "experiment": ("experiment", "figure_4_staircase"),
 }
 """Files whose tests share an expensive fixture: one process runs them all."""
-LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "export_fmu", "fleet")
+LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "export_fmu", "fleet", "live_ends")
 """Groups that start first, so that all processes end together; any other file is a group of its own."""
 LONG_TO_MAKE = {"drift_race", "scheduler", "slowed_races", "watched"}
 """Fixtures that take more than ten seconds for a few tests, which count as slow."""

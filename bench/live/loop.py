@@ -142,7 +142,8 @@ class Loop:
             board.write((before + k / rate, reference, self._x, self._y))
             board.set(missed=board.missed + skipped + (end - due > 1e9 / rate))
             board.service[bin_of(end - start)] += 1
-            if self._ramping and self._x == self._settings.declared.rest:
+            # the stage may have taken a drive that it did not answer
+            if self._ramping and self._x == board.drive[0] == self._settings.declared.rest:
                 board.set(state=State.ENDED)
                 break
             if end - self._answered_ns > 1e9 * self._settings.limit_s:

@@ -36,9 +36,9 @@ POLL_S = 0.02
 def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | None) -> tuple[list[str], int]:
     """Run to the end, optionally with a recording and with a page at an address.
 
-    Returns sentences on the run, and its status: 0, 1 if the stage failed, or 128 plus the number of the signal that
-    ended the run. DeviceError if the page cannot be at its address, or the stage cannot be opened. Once it is open,
-    signals are only noted.
+    Returns sentences on the run, and its status: 0, 1 if the stage or the recording failed, or 128 plus the number of
+    the signal that ended the run. DeviceError if the page cannot be at its address, or the stage cannot be opened. Once
+    it is open, signals are only noted.
     """
     board, stage, received, serve = Board(settings.rate, settings.model), settings.declared, list[int](), None
     if page is not None:
@@ -77,7 +77,8 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
                 process.kill()
         reversed_output = [event for event in board.last_events() if REVERSED in event]
         sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(settings, board), *reversed_output]
-        return sentences, 128 + received[0] if received else board.failed
+        unrecorded = recording is not None and not recording.exists()
+        return sentences, 128 + received[0] if received else int(board.failed or unrecorded)
 
 
 def _start(target: Callable[..., None], *arguments: Any) -> BaseProcess:

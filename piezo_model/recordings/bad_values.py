@@ -76,7 +76,7 @@ def last_known(rows: Rows, label: str, values: Vector, most_missing: float, whol
         Values that are infinite or absurd, or before that row a larger share of missing ones.
     """
     bad = ~(np.abs(values) < ABSURD)
-    end = values.size - (0 if whole else int(np.argmin(bad[::-1])))
+    end = values.size - (0 if whole or not values.size else int(np.argmin(bad[::-1])))
     inside = int(np.count_nonzero(bad[:end]))
     if bad.any() and (end < 2 or not np.isnan(values[bad]).all() or inside > most_missing * end):
         raise _bad_value(rows, label, values, bad)

@@ -3,7 +3,6 @@
 import http.client
 import math
 import os
-import random
 import re
 import signal
 import socket
@@ -19,8 +18,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as parquet
 import pytest
 from browser import Browser
 from command_line import (
@@ -30,371 +27,31 @@ from command_line import (
     hears_its_terminal,
     of_session,
     wait_until,
-    wait_until_gone,
-    without_waiting,
 )
 from exported_loops import a_model
 
 from bench.live.board import Board
 from bench.live.device import Declared, DeviceError, DeviceFile, Simulated
-from bench.live.recorder import stream_beside
 from bench.live.reference import of_file, sine
 from bench.live.settings import first_model
-from bench.timing import cores
-from piezo_model import HysteresisCreepModel, Recording, plants
+from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
-from piezo_model.recordings.formats.arrow import whole_batches
 from piezo_model.signals import decaying_triangle, multi_sine
 from piezo_model.units import UnitError, quantity
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
-RATE, LIMIT, STEP = 500, 150.0, 3_000.0 / 500
+RATE, LIMIT = 500, 150.0
 LIVE = (sys.executable, "-m", "bench", "live")
-FAULTS = {
-    "raises": "raise OSError('the amplifier is gone')",
-    "hangs": "time.sleep(1e6)",
-    "returns nothing": "return None",
-    "returns NaN": "return float('nan')",
-    "exits": "raise SystemExit('the driver gives up')",
-    "ends the process": "os._exit(0)",
-}
-
-
-def children_of(session: int) -> list[int]:
-    """Process ids of the loop and, once it has been started, of the process that stands by."""
-    return sorted(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
 
 
 def loop_of(session: int) -> int:
-    """Process id of the loop."""
-    return children_of(session)[0]
-
-
-class Stage:
-    """A stage in a process of its own, which logs its drives."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.file = folder, folder / "stage.py"
-        self.server = subprocess.Popen(
-            [sys.executable, str(EXAMPLES / "tcp_server.py"), "0", str(folder / "drive.log")],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self.server.stdout is not None
-        port = self.server.stdout.readline().split()[1]
-        text = (EXAMPLES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
-        # patient, since the machine may be busy with other tests
-        self.file.write_text(text.replace("timeout_s = 0.5", "timeout_s = 3.0"))
-
-    def wait_until_it_moves(self) -> None:
-        """Wait until it has been driven for half a second."""
-        wait_until(lambda: self.drives().size >= RATE // 2)
-
-    def drives(self) -> np.ndarray:
-        """Drives so far."""
-        text = (self.folder / "drive.log").read_text()
-        return np.array([float(line.split()[1]) for line in text[: text.rfind("\n") + 1].splitlines()])
-
-    def wait_for_rest(self) -> None:
-        """Wait until the last drive is rest and no other follows."""
-        before = -1
-        while before != (before := self.drives().size):
-            wait_until(lambda: self.drives()[-1] == 0.0)
-            time.sleep(0.3)
-
-    def check(self) -> None:
-        """Assert that limits and rate were kept and the run ended at rest."""
-        x = np.concatenate([[0.0], self.drives()])
-        assert x.min() >= 0.0
-        assert x.max() <= LIMIT
-        assert np.abs(np.diff(x)).max() <= STEP * (1.0 + 1e-9)
-        assert x.max() > 30.0
-        assert x[-1] == 0.0
-
-    def close(self) -> None:
-        self.server.kill()
-        self.server.communicate()
-
-
-@pytest.fixture
-def stage(tmp_path: Path) -> Iterator[Stage]:
-    made = Stage(tmp_path)
-    yield made
-    made.close()
-
-
-def assert_complete(stage: Stage, path: Path) -> None:
-    """Assert that the recording holds the drives up to the last second."""
-    table = parquet.read_table(path) if path.exists() else pa.Table.from_batches(whole_batches(stream_beside(path)))
-    x, drives = table["drive_V"].to_numpy(), stage.drives()
-    assert drives.size - x.size <= RATE
-    np.testing.assert_array_equal(x[:50], drives[:50])
-
-
-def faulty(folder: Path, what: str, after: int) -> Path:
-    """File of a stage that is faulty from a sample on; it hangs only once."""
-    file = folder / "faulty.py"
-    file.write_text(f"""{(folder / "stage.py").read_text()}
-import time
-def faulty(base):
-    class Faulty(base):
-        count = 0
-        def exchange(self, x):
-            Faulty.count += 1
-            y = base.exchange(self, x)
-            if Faulty.count >= {after}:
-                {FAULTS[what]}
-            return y
-    return Faulty
-TcpStage = faulty(TcpStage)
-""")
-    return file
+    """Process id of the loop, the first that a run starts."""
+    return min(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
 
 
 def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         return int(taken.getsockname()[1])
-
-
-ENDS = {
-    "SIGINT": (130, "asked to stop"),
-    "SIGTERM": (143, ""),
-    "SIGHUP": (129, "asked to stop"),
-    "kill loop": (1, "The loop's process died; another process has brought the stage to rest"),
-    "kill all but the loop": (-9, ""),
-    "kill the process that stands by": (1, "The stage is at rest; the process that stood by to bring it to rest died"),
-    "interrupt twice": (130, "asked to stop"),
-    "interrupt loop": (0, "asked to stop"),
-    "stop loop": (0, "The stage is at rest; the time is over"),
-    "raises": (1, "the amplifier is gone"),
-    "exits": (1, "the driver gives up"),
-    "ends the process": (1, "The loop's process died; another process has brought the stage to rest"),
-    "hangs": (1, "did not answer for 3 s; another process has brought"),
-    "returns nothing": (1, "returned None and no number"),
-    "returns NaN": (1, "no measurement for 3 s"),
-}
-"""Exit status, and part of the output."""
-
-
-def end(how: str, session: int) -> None:
-    """Send the signals of an end."""
-    loop, stands_by = children_of(session)
-    {
-        "kill loop": lambda: os.kill(loop, signal.SIGKILL),
-        "kill all but the loop": lambda: [os.kill(pid, signal.SIGKILL) for pid in (session, stands_by)],
-        "kill the process that stands by": lambda: os.kill(stands_by, signal.SIGKILL),
-        "interrupt twice": lambda: [os.kill(session, signal.SIGINT), time.sleep(0.01), os.kill(session, signal.SIGINT)],
-        "interrupt loop": lambda: os.kill(loop, signal.SIGINT),
-        "stop loop": lambda: os.kill(loop, signal.SIGSTOP),
-    }.get(how, lambda: os.kill(session, signal.Signals[how]))()
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("how", ENDS)
-def test_however_a_run_ends_the_stage_ramps_to_rest_and_the_recording_is_whole(
-    how: str, stage: Stage, piezobench: CommandLine, tmp_path: Path
-) -> None:
-    chance, record = random.Random(how), tmp_path / "run.parquet"
-    file = faulty(tmp_path, how, RATE + chance.randrange(RATE)) if how in FAULTS else stage.file
-    words = ("--device", file, "--sine", "2Hz:12um", "--rate", RATE, "--port", free_port(), "--record", record)
-    call = piezobench.start("live", *words, *(("--seconds", 6) if how == "stop loop" else ()))
-    stage.wait_until_it_moves()
-    if how not in FAULTS:
-        time.sleep(chance.uniform(0.5, 2.5))
-        drives = stage.drives().size
-        end(how, call.pid)
-    ended = call.wait()
-    stage.wait_for_rest()
-    status, message = ENDS[how]
-    assert ended.status == status, ended.stderr
-    assert message in ended.stdout
-    assert "Traceback" not in ended.stderr
-    stage.check()
-    if how == "kill all but the loop":  # which ends the recording
-        assert drives - pa.Table.from_batches(whole_batches(stream_beside(record))).num_rows <= 1.5 * RATE
-    else:
-        assert_complete(stage, record)
-    wait_until_gone(call.pid)
-
-
-HANGS_ONCE = """{stage}
-import pathlib, time
-mark = pathlib.Path({mark!r})
-def hangs(base):
-    class Hangs(base):
-        count = 0
-        def {method}(self, *x):
-            Hangs.count += 1
-            if Hangs.count == {at} and not mark.exists():
-                mark.touch()
-                {code}
-            return base.{method}(self, *x)
-    return Hangs
-TcpStage = hangs(TcpStage)
-"""
-ASLEEP = "time.sleep(1e6)"
-KEEPS_THE_INTERPRETER = "import ctypes; ctypes.PyDLL(None).sleep(1_000_000)"
-
-
-def hanging(stage: Stage, method: str, at: int, code: str = ASLEEP) -> tuple[Path, Path]:
-    """File of a stage that hangs in one call of a method in one process, and the file that says that it does."""
-    file, mark = stage.folder / "hanging.py", stage.folder / "hangs"
-    file.write_text(HANGS_ONCE.format(stage=stage.file.read_text(), mark=str(mark), method=method, at=at, code=code))
-    return file, mark
-
-
-@pytest.mark.parametrize("code", [KEEPS_THE_INTERPRETER, pytest.param(ASLEEP, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("signals", [0, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_stage_that_hangs_in_its_first_exchange_is_brought_to_rest(
-    code: str, signals: int, stage: Stage, piezobench: CommandLine
-) -> None:
-    file, mark = hanging(stage, "exchange", 1, code)
-    call = piezobench.start("live", "--device", file, "--rate", 10, "--no-page")
-    wait_until(mark.exists)
-    for _ in range(signals):
-        os.kill(call.pid, signal.SIGINT)
-    ended = call.wait()
-    assert ended.status == (130 if signals else 1)
-    assert "The stage did not answer for 3 s; another process has brought the stage to rest." in ended.stdout
-    assert stage.drives()[-1] == 0.0
-    wait_until_gone(call.pid)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("code", "message"),
-    [
-        (ASLEEP, "The stage is at rest; the stage did not close within 10 s."),
-        (
-            "raise OSError('the port is gone')",
-            "The stage is at rest; the time is over; it cannot be closed: the port is gone.",
-        ),
-    ],
-)
-def test_a_stage_that_does_not_close_is_given_up_at_rest_and_its_run_has_failed(
-    code: str, message: str, stage: Stage, piezobench: CommandLine
-) -> None:
-    file, _ = hanging(stage, "close", 1, code)
-    ended = piezobench("live", "--device", file, "--rate", RATE, "--seconds", 1, "--no-page")
-    assert (ended.status, ended.stderr) == (1, "")
-    assert message in ended.stdout
-    assert stage.drives()[-1] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("code", "why"),
-    [
-        ("raise OSError('the port is taken')", "it cannot be opened: the port is taken"),
-        pytest.param(ASLEEP, "did not open within 60 s", marks=pytest.mark.nightly),
-    ],
-)
-def test_a_stage_that_cannot_be_opened_is_refused_and_nothing_is_recorded(
-    code: str, why: str, stage: Stage, piezobench: CommandLine, tmp_path: Path
-) -> None:
-    file, _ = hanging(stage, "open", 1, code)
-    words = ("--device", file, "--no-page", "--record", tmp_path / "run.parquet")
-    assert piezobench("live", *words).refusal == f"piezobench live: {file}: {why}"
-    assert not list(tmp_path.glob("run.*"))
-
-
-def test_a_stage_that_cannot_be_opened_anew_is_left_with_the_reason(stage: Stage, piezobench: CommandLine) -> None:
-    call = piezobench.start("live", "--device", stage.file, "--rate", RATE, "--sine", "2Hz:12um", "--no-page")
-    stage.wait_until_it_moves()
-    stage.server.kill()
-    ended = call.wait()
-    assert (ended.status, ended.stderr) == (1, "")
-    assert "The stage failed: " in ended.stdout
-    assert "and the stage could not be brought to rest (" in ended.stdout
-    assert "it cannot be opened: [Errno 111] Connection refused): its last drive was" in ended.stdout
-    wait_until_gone(call.pid)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_the_stage_opens_ends_the_run_at_once(
-    number: signal.Signals, stage: Stage, piezobench: CommandLine, tmp_path: Path
-) -> None:
-    file, mark = hanging(stage, "open", 1)
-    call = piezobench.start("live", "--device", file, "--no-page", "--record", tmp_path / "run.parquet")
-    wait_until(mark.exists)
-    os.kill(call.pid, number)
-    ended = call.wait()
-    assert (ended.status, ended.stdout, ended.stderr) == (128 + number, "", "")
-    assert not stage.drives().size
-    assert not list(tmp_path.glob("run.*"))
-    wait_until_gone(call.pid)
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("rate", [10, 1000, 8000])
-def test_a_loop_whose_watching_process_was_killed_ramps_to_rest_and_ends(
-    rate: int, stage: Stage, piezobench: CommandLine
-) -> None:
-    call = piezobench.start("live", "--device", stage.file, "--rate", rate, "--sine", "0.5Hz:12um", "--no-page")
-    wait_until(lambda: stage.drives().size >= 10)
-    call.kill()
-    call.wait()
-    wait_until_gone(call.pid)
-    assert stage.drives()[-1] == 0.0
-    assert stage.drives().max() > 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("alone", [False, True])
-def test_a_loop_that_hangs_after_its_watching_process_was_killed_ends_and_releases_its_core(
-    alone: bool, stage: Stage, piezobench: CommandLine
-) -> None:
-    file, mark = hanging(stage, "exchange", RATE)
-    call = piezobench.start("live", "--device", file, "--rate", RATE, "--sine", "2Hz:12um", "--no-page")
-    wait_until(mark.exists)
-    loop, stands_by = children_of(call.pid)
-    (core,) = os.sched_getaffinity(loop)
-    call.kill()
-    if alone:
-        os.kill(stands_by, signal.SIGKILL)
-    call.wait()
-    wait_until_gone(call.pid)
-    cores.claim(core).close()
-    assert (stage.drives()[-1] == 0.0) != alone  # there is nobody left to open it anew
-
-
-@pytest.mark.slow
-def test_a_compensator_that_fails_does_not_keep_the_stage_from_rest(stage: Stage, tmp_path: Path) -> None:
-    script = tmp_path / "run.py"
-    script.write_text(
-        "from bench.live import controller\nfrom bench.cli.app import run\n"
-        "class Fails(controller.Controller):\n    def step(self, y_ref, y): 1 / 0\n"
-        "controller.Controller = Fails\n"
-        f"if __name__ in ('__main__', '__mp_main__'): import bench.live.loop; bench.live.loop.Controller = Fails\n"
-        "if __name__ == '__main__': raise SystemExit(run("
-        f"['live', '--device', {str(stage.file)!r}, '--no-page', '--rate', '100']))\n"
-    )
-    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
-    assert ended.returncode == 1, ended.stderr
-    assert "The stage is at rest; the loop failed: division by zero." in ended.stdout
-    assert stage.drives()[-1] == 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("after_s", [0.0, 0.2, 0.5, 1.0])
-def test_signals_of_a_terminal_while_the_processes_start_end_the_run_without_a_traceback(
-    number: signal.Signals, after_s: float, stage: Stage
-) -> None:
-    with subprocess.Popen(
-        [*LIVE, "--device", stage.file, "--no-page", "--rate", "100"],
-        start_new_session=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=hears_its_terminal,
-    ) as call:
-        wait_until(lambda: children_of(call.pid))
-        time.sleep(after_s)
-        os.killpg(call.pid, number)
-        _, errors = call.communicate(timeout=PATIENCE_S)
-    assert (call.returncode, without_waiting(errors)) == (128 + number, "")
-    wait_until_gone(call.pid)
 
 
 STALLS = """
@@ -422,33 +79,6 @@ def test_due_times_that_a_stall_skips_are_missed_deadlines(piezobench: CommandLi
     skipped = k[-1] + 1 - samples
     assert skipped > 5 * 290
     assert skipped <= missed <= skipped + samples
-
-
-@pytest.mark.slow
-@pytest.mark.needs("unshare")
-def test_a_disk_that_fills_ends_the_run_at_rest_and_leaves_what_was_recorded(stage: Stage, tmp_path: Path) -> None:
-    if subprocess.run(["unshare", "-rm", "true"], check=False, capture_output=True).returncode:
-        pytest.skip("this system lets nobody but the administrator mount a small disk")
-    small, kept = tmp_path / "small", tmp_path / "kept"
-    small.mkdir()
-    script = f'mount -t tmpfs -o size=100k tmpfs {small} && "$@"; status=$?; cp -r {small} {kept}; exit $status'
-    words = ("--device", stage.file, "--sine", "2Hz:12um", "--rate", str(RATE), "--record", small / "run.parquet")
-    run = subprocess.run(
-        ["unshare", "-rm", "sh", "-c", script, "sh", *LIVE, *words, "--no-page"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    stage.wait_for_rest()
-    assert "run.arrow" in run.stdout
-    assert "No space left" in run.stdout
-    stage.check()
-    rows = sum(batch.num_rows for batch in whole_batches(kept / "run.arrow"))
-    assert rows > RATE
-    found = Recording.open(
-        kept / "run.arrow", time="time_s", input="drive_V", output="displacement_um", resample=1.0 / RATE
-    )
-    assert found.length >= rows
 
 
 def test_a_stage_that_cannot_be_opened_again_is_left_with_a_message(piezobench: CommandLine, tmp_path: Path) -> None:
@@ -608,27 +238,6 @@ def test_a_loop_slower_than_the_timeout_of_its_stage_is_not_taken_for_one_that_h
         "live", "--simulate", "duhem", "--no-page", "--rate", 1, "--set-point", 0, "--seconds", 2
     )  # fmt: skip
     assert (call.status, call.stdout.splitlines()[0]) == (0, "The stage is at rest; the time is over.")
-
-
-def test_a_port_in_use_is_refused_before_anything_moves(piezobench: CommandLine) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        refusal = piezobench("live", "--simulate", "duhem", "--port", port).refusal
-    assert refusal == (
-        f"piezobench live: the page cannot be at 127.0.0.1:{port}: Address already in use; "
-        "--port or --host names another place"
-    )
-
-
-@pytest.mark.parametrize("name", ["run.arrow", "run.parquet"])
-def test_a_recording_and_the_stream_of_an_unfinished_run_are_not_overwritten(
-    piezobench: CommandLine, tmp_path: Path, name: str
-) -> None:
-    (tmp_path / name).write_text("precious")
-    refusal = piezobench("live", "--simulate", "duhem", "--no-page", "--record", tmp_path / "run.parquet").refusal
-    assert name in refusal
-    assert "move it away, or choose another name than run.parquet" in refusal
-    assert (tmp_path / name).read_text() == "precious"
 
 
 def test_the_board_hands_over_samples_and_events_in_their_order() -> None:

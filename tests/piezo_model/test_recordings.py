@@ -253,6 +253,12 @@ PARQUET: list[tuple[dict[str, object], dict[str, str], str]] = [
 ]
 
 
+def test_a_stream_that_was_cut_before_its_first_rows_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.arrow"
+    path.write_bytes(pa.schema([(name, pa.float64()) for name in ("time_s", "drive_V", "y_um")]).serialize())
+    assert "has no data rows" in refusal(path)
+
+
 @pytest.mark.parametrize(("columns", "options", "sentence"), PARQUET)
 def test_a_parquet_file_without_rows_or_of_other_values_than_numbers_is_refused(
     tmp_path: Path, columns: dict[str, object], options: dict[str, str], sentence: str
