@@ -1,6 +1,7 @@
-"""Proofs of foreign programs in processes of their own, several in parallel, each within a limit on its work.
+"""Foreign programs are read and proven in processes of their own, several in parallel, each within a limit on its work.
 
-A foreign program may be nonconvex, infeasible, unbounded or huge, and may crash the library that computes the start.
+A foreign program may be nonconvex, infeasible, unbounded or huge, and may crash the library that reads it or computes
+the start.
 Work is counted in bit operations, so that the result does not depend on the load of the machine.
 """
 
@@ -11,15 +12,12 @@ from contextlib import ExitStack
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-import numpy as np
 from qpsolvers import Problem
 
-from bench.problems.proofs import proof
 from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
 from piezo_model.child_process import LateError, LostError
-from solvers.arrays import Vector
-from solvers.certificate import Certificate, NotCertified
+from solvers.certificate import NotCertified
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -107,15 +105,3 @@ def require_size(qp: Problem) -> None:
     rows = d + sum(right.size for right in (qp.h, qp.b) if right is not None)
     if rows * d > LARGEST:
         raise NotCertified(f"{d} variables with {rows - d} rows are too many for exact arithmetic, which is dense")
-
-
-def both_proofs(raw: Problem, scaled: Problem, unit: Vector, work: float) -> tuple[Certificate, Certificate]:
-    """Certificates of a program and of the program scaled by x = ``unit`` · z.
-
-    Raises
-    ------
-    NotCertified
-        Not convex, infeasible, unbounded, or too much work.
-    """
-    found = proof(scaled, work=work)
-    return proof(raw, lambda _: unit * np.array(found.x), work), found

@@ -15,29 +15,27 @@ from contextlib import closing
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from threading import Lock
 from typing import ClassVar
 
 import numpy as np
 from qpsolvers import Problem
-from scipy.sparse import csc_matrix, diags, identity
+from scipy.sparse import csc_matrix, diags
 
-from bench.problem_files import READERS, ProblemFileError, ReadProgram, read, suffix_of
+from bench.problem_files import READERS, ReadProgram, read, suffix_of
 from bench.problem_files.npz import opened
 from bench.problem_files.program import about, checked, require
 from bench.problem_files.qpbenchmark_set import read_test_set
-from bench.problems.certifying import ProverLost, both_proofs, prove, proven, require_size
+from bench.problems.certifying import ProverLost, prove, proven, require_size
 from bench.problems.equilibration import equilibrated
+from bench.problems.proofs import proof
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
 from bench.processes.forked_child import ForkedChild
 from piezo_model.child_process import LateError, LostError
+from piezo_model.identification_problem import Scaling
 from solvers.certificate import WORK, NotCertified
 
 Source = Callable[[], ReadProgram | RaceProblem]
-"""Reads a program, or a problem saved with its proofs."""
-READING = Lock()
-"""Held while a file is read: NumPy parses the headers of arrays with ``ast``, which in several threads at once may fail
-with SystemError (CPython issue 106905)."""
+"""Reads a program, or a problem saved with its proofs, in a process of its own; it is pickled."""
 DOCUMENTS = ("", ".py", ".md", ".txt", ".csv", ".html", ".pdf")
 """Suffixes of files that stand beside programs and are not mentioned."""
 TEST_SET_LIMIT_S = 600.0
@@ -77,42 +75,29 @@ class ForeignPrograms(ProblemSet):
 
     def _made(self, child: ForkedChild, source: tuple[str, Source]) -> RaceProblem | str:
         """The problem, or the reason why it is left out."""
-        name, read = source
         try:
-            with READING:
-                given = read()
-            if isinstance(given, ReadProgram):
-                return self._certified(name, given, child)
-            wrong = prove(child, RaceProblem.wrong_proofs, given)
-            return next(iter(wrong.values()), None) or replace(given, set_name=self.name, name=name)
-        except (ProblemFileError, NotCertified, ProverLost) as error:
+            return prove(child, certified, self.name, *source, self.work)
+        except (NotCertified, ProverLost) as error:
             return str(error)
 
-    def _certified(self, name: str, program: ReadProgram, child: ForkedChild) -> RaceProblem:
-        require_size(program.qp)
-        scaled = equilibrated(program.qp)
-        raw_proof, proof = prove(child, both_proofs, program.qp, scaled.qp, scaled.unit, self.work)
-        return RaceProblem(
-            self.name,
-            name,
-            {
-                "scaled": CertifiedForm(
-                    scaled.qp,
-                    scaled.cost * program.constant,
-                    csc_matrix(diags(scaled.unit)),
-                    proof,
-                    cost_unit=scaled.cost,
-                ),
-                "raw": CertifiedForm(
-                    program.qp,
-                    program.constant,
-                    csc_matrix(identity(scaled.unit.size, dtype=np.float64)),
-                    raw_proof,
-                    cost_unit=1.0,
-                ),
-            },
-            sense=program.sense,
-        )
+
+def certified(set_name: str, name: str, read: Source, work: float) -> RaceProblem:
+    """Read a program and prove its optimum in both scalings, or replay the proofs of a saved problem."""
+    given = read()
+    if isinstance(given, RaceProblem):
+        if wrong := given.wrong_proofs():
+            raise NotCertified(next(iter(wrong.values())))
+        return replace(given, set_name=set_name, name=name)
+    require_size(given.qp)
+    scaled = equilibrated(given.qp)
+    of_scaled = proof(scaled.qp, work=work)
+    of_raw = proof(given.qp, lambda _: scaled.unit * np.array(of_scaled.x), work)
+    units, ones = (csc_matrix(diags(each)) for each in (scaled.unit, np.ones(scaled.unit.size)))
+    forms: dict[Scaling, CertifiedForm] = {
+        "scaled": CertifiedForm(scaled.qp, scaled.cost * given.constant, units, of_scaled, cost_unit=scaled.cost),
+        "raw": CertifiedForm(given.qp, given.constant, ones, of_raw, cost_unit=1.0),
+    }
+    return RaceProblem(set_name, name, forms, sense=given.sense)
 
 
 class Foreign(ForeignPrograms):

@@ -26,12 +26,11 @@ from qpsolvers import Problem
 from bench.derived.measurements import ONESHOT
 from bench.derived.tiers import right
 from bench.messages.task import Outcome, Status, Tier
-from bench.problem_files import ReadProgram, read
-from bench.problem_files.program import fields_of, require
+from bench.problem_files import read
+from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.certifying import prove, proven
 from bench.problems.equilibration import equilibrated
-from bench.problems.foreign import ForeignPrograms, Source
 from bench.problems.proofs import proof
 from bench.problems.protocol import SCALINGS
 from bench.store import Run
@@ -344,29 +343,6 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
     wrong = judged(problem, scaling, Outcome(found=True, x=best + 1e-3 * rows[k] / (rows[k] @ rows[k])))
     assert not is_right(wrong, Tier.HIGH)
     assert wrong.violation > 1e-5
-
-
-class Concurrent(ForeignPrograms):
-    """Eight programs whose readers report whether another one runs."""
-
-    name, description = "concurrent", "for a test"
-
-    def sources(self) -> list[tuple[str, Source]]:
-        running = threading.Lock()
-
-        def read() -> ReadProgram:
-            require(running.acquire(blocking=False), "two readers at once")
-            time.sleep(0.02)
-            running.release()
-            return ReadProgram(Problem(np.eye(2), np.ones(2), lb=np.zeros(2)))
-
-        return [(f"p{i}", read) for i in range(8)]
-
-
-def test_files_are_read_one_at_a_time_beside_the_proofs() -> None:
-    made = Concurrent()
-    assert len(list(made.problems())) == 8
-    assert not made.left_out
 
 
 def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Path) -> None:
