@@ -32,8 +32,7 @@ from bench.problem_files import ProblemFileError, read
 from bench.problem_files.npz import read_answer
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
-from bench.problems.certifying import ProverLost, prove, require_size
-from bench.problems.proofs import start
+from bench.problems.proofs import ProverLost, prove, require_size, start
 from bench.processes.forked_child import ForkedChild
 from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar

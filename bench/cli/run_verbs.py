@@ -12,9 +12,9 @@ import typer
 from bench.cli import FAILED
 from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
 from bench.comparison import report as comparison_report
-from bench.comparison.asv import write_asv
+from bench.comparison.combination import combination
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
-from bench.comparison.several_runs import FOLLOWED, Combination, history, regressions, report
+from bench.comparison.history import FOLLOWED, history, regressions, write_asv
 from bench.comparison.versions import compare_versions
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import Rule
@@ -67,7 +67,7 @@ def combine_verb(
     """
     require(len(runs) >= 2, "RUN_A RUN_B", "two runs or more are combined")
     require(not out.exists(), "--out", f"{out} already exists; name a new folder")
-    found = report(Combination.of([open_run(path) for path in runs]))
+    found = combination([open_run(path) for path in runs])
     out.mkdir(parents=True)
     page = write_report(found, out, "combined").with_suffix(".html")
     print_report(found, found.document, as_json, list(found.notes), ["", f"Page: {page}"])

@@ -1,7 +1,7 @@
 """Two versions of a solver, timed interleaved on the same data: which is faster, and by how much.
 
 Each pair of fresh processes, both on one core, solves the problems block by block, in a random order of the two. With
-t_a and t_b the median times of a call in a block, and over the pairs p, the problems u and the blocks r,
+t_a and t_b the median times of an answer in a block, and over the pairs p, the problems u and the blocks r,
 
     θ_p = median over u of median over r of log(t_b / t_a),   θ = mean of θ_p
 
@@ -10,7 +10,6 @@ show that (T. Mytkowicz et al., "Producing wrong data without doing anything obv
 """
 
 import math
-import random
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -22,21 +21,22 @@ from scipy.stats import t as student
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER
 from bench.messages.progress import Progress, silent
 from bench.messages.race_error import RaceError
-from bench.messages.task import Outcome, Setting, Task
+from bench.messages.task import Setting, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.measuring import BlockError, run_block, set_up
+from bench.races.oneshot.second_pass import interleave
 from bench.timing import cores
+from bench.timing.clock import answers_us
 from solvers.protocol import setting_text
-from solvers.registry import Entry, from_file
+from solvers.registry import from_file
 
 PAIRS = 5
 """Number of pairs of processes."""
 BLOCKS, CALLS = 10, 20
-"""Blocks of a problem in a pair, after one that is not counted, and calls of a block."""
+"""Blocks of a problem in a pair, and calls of a block."""
 NAMES = ("A", "B")
 
 
@@ -66,7 +66,7 @@ def compare_versions(
         A file is not a solver, or a solver fails at a problem.
     """
     entries = [replace(entry_of_file(file, from_file), name=name) for file, name in zip(files, NAMES, strict=True)]
-    chance, theta, us, gaps = random.Random(seed), [], [], []
+    theta, us, gaps = [], [], []
     warm_up(entries)
     with cores.claim() as core:
         for pair in range(PAIRS):
@@ -75,7 +75,7 @@ def compare_versions(
                 ratios = []
                 for done, problem in enumerate(problems):
                     progress(f"{problem.name}, pair {pair + 1}", pair * len(problems) + done, PAIRS * len(problems))
-                    times, gap = _timed(children, entries, files, problem, chance)
+                    times, gap = _timed(children, files, problem, f"{seed} {pair} {problem.name}")
                     ratios.append(float(np.median(np.log(times[1] / times[0]))))
                     us.append(np.median(times, axis=1))
                     gaps.append(gap)
@@ -102,36 +102,22 @@ def _finding(low: float, high: float, matters: float) -> str:
 
 
 def _timed(
-    children: Sequence[SolverChild],
-    entries: Sequence[Entry],
-    files: Sequence[Path],
-    problem: RaceProblem,
-    chance: random.Random,
+    children: Sequence[SolverChild], files: Sequence[Path], problem: RaceProblem, seed: str
 ) -> tuple[np.ndarray, list[float]]:
     """The median time of each version in each block (2, BLOCKS) in µs, and the errors of their first answers."""
-    form = problem.forms["scaled"]
-    fresh = FreshData(form, (BLOCKS + 1) * CALLS)
-    tasks, gaps, times = [], [], np.zeros((2, BLOCKS + 1))
-    for child, entry, file in zip(children, entries, files, strict=True):
-        setting = Setting(setting_text(child.describe().defaults))
-        task = Task(problem.set_name, problem.name, "scaled", entry.name, entry.lane, setting)
-        outcome = set_up(child, task, form)
+    form, times, gaps = problem.forms["scaled"], [], []
+    by_name = {(child.entry.name, child.entry.lane): child for child in children}
+    tasks = [
+        Task(problem.set_name, problem.name, "scaled", *names, Setting(setting_text(child.describe().defaults)))
+        for names, child in by_name.items()
+    ]
+    found = interleave(tasks, by_name, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
+    for (_, measured), file in zip(found, files, strict=True):
+        outcome = measured.outcome
         if outcome.failure or outcome.x is None:
-            raise _failed(file, problem, outcome)
-        tasks.append(task)
+            why = f"{outcome.failure} {outcome.message}".strip()
+            raise RaceError(f"{file}: failed at {problem.set_name}/{problem.name}: {why}")
+        us = answers_us(outcome.update_ns, outcome.solve_ns).reshape(BLOCKS, CALLS)
+        times.append(np.median(us, axis=1).clip(min=1e-3))
         gaps.append(max(relative_gap(form, outcome.x)))
-    for at in range(BLOCKS + 1):
-        data = fresh.block(at * CALLS, (at + 1) * CALLS)
-        for k in chance.sample((0, 1), 2):
-            try:
-                block = run_block(children[k], tasks[k], *data)
-            except BlockError as error:
-                raise _failed(files[k], problem, *error.args) from None
-            times[k, at] = np.median(block.calls_ns) / 1e3
-    return np.maximum(times[:, 1:], 1e-3), gaps
-
-
-def _failed(file: Path, problem: RaceProblem, outcome: Outcome) -> RaceError:
-    return RaceError(
-        f"{file}: failed at {problem.set_name}/{problem.name}: {outcome.failure} {outcome.message}".strip()
-    )
+    return np.array(times), gaps

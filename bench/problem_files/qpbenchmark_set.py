@@ -13,7 +13,7 @@ from string import Template
 
 from qpsolvers import Problem
 
-from bench.problem_files.program import QP_FIELDS
+from bench.problem_files.program import QP_FIELDS, require
 from piezo_model.atomic_file import write_text
 
 TEMPLATE = Template('''"""Test set of qpbenchmark: the problem set $set of piezobench, in each scaling.
@@ -73,22 +73,23 @@ if __name__ == "__main__":
 ''')
 
 
-def read_test_set(path: str) -> list[tuple[str, Problem]] | str:
-    """Names and programs of the test set in a file, or one sentence on the error."""
+def read_test_set(path: str) -> list[tuple[str, Problem]]:
+    """Names and programs of the test set in a file; ValueError with one sentence if there is none."""
     folder, module = Path(path).parent, Path(path).stem
     name = module.title().replace("_", "")
     sys.path.append(str(folder))  # as qpbenchmark does, for modules beside the file
     logging.disable(logging.WARNING)  # it warns about every solver without settings
     try:
         loaded = import_module(module)
-        if not hasattr(loaded, name):
-            return f"has no class {name}, which qpbenchmark looks for in a file of that name"
-        return [
+        found = [
             (str(problem.name), Problem(*(getattr(problem, field) for field in QP_FIELDS)))
-            for problem in getattr(loaded, name)()
+            for problem in getattr(loaded, name, list)()
         ]
     except Exception as error:  # the user's code may raise anything
-        return f"{type(error).__name__}: {error}"
+        raise ValueError(f"{type(error).__name__}: {error}") from None
+    require(hasattr(loaded, name), f"has no class {name}, which qpbenchmark looks for in a file of that name")
+    require(found, "holds no problem")
+    return found
 
 
 def write_test_set(folder: Path, set_name: str, sparse: bool) -> Path:

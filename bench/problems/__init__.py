@@ -1,4 +1,4 @@
-"""Problem sets; the folder is the registry: every ``ProblemSet`` class in a file here is one."""
+"""Problem sets; the folder is the registry: every ``ProblemSet`` class with a name in a file here is one."""
 
 import importlib
 import inspect
@@ -15,9 +15,9 @@ def all_sets() -> dict[str, type[ProblemSet]]:
     classes = {}
     for file in pkgutil.iter_modules(__path__):
         for cls in vars(importlib.import_module(f"{__name__}.{file.name}")).values():
-            if inspect.isclass(cls) and issubclass(cls, ProblemSet) and not inspect.isabstract(cls):
+            if inspect.isclass(cls) and issubclass(cls, ProblemSet) and hasattr(cls, "name"):
                 classes[cls.name] = cls
-    return classes
+    return dict(sorted(classes.items()))
 
 
 def sets() -> dict[str, type[ProblemSet]]:

@@ -58,10 +58,10 @@ def equilibrated(qp: Problem) -> Scaled:
     size = max(float(np.mean(_largest_by_column(P, D))), float(np.max(np.abs(D * qp.q))))
     cost = float(_power_of_two(1.0 / size if size > 0.0 else 1.0))
     split = 0 if qp.A is None else qp.A.shape[0]
-    A, b = _rows(qp.A, qp.b, E[:split], D)
-    G, h = _rows(qp.G, qp.h, E[split:], D)
-    lb, ub = (None if bound is None else bound / D for bound in (qp.lb, qp.ub))
-    return Scaled(Problem(_times(cost * D, qp.P, D), cost * D * qp.q, G, h, A, b, lb, ub), D, cost)
+    P, G, A = (_times(left, M, D) for left, M in ((cost * D, qp.P), (E[split:], qp.G), (E[:split], qp.A)))
+    sides = ((cost * D, qp.q), (E[split:], qp.h), (E[:split], qp.b), (1.0 / D, qp.lb), (1.0 / D, qp.ub))
+    q, h, b, lb, ub = (None if side is None else factor * side for factor, side in sides)
+    return Scaled(Problem(P, q, G, h, A, b, lb, ub), D, cost)
 
 
 def _largest_by_column(M: Any, S: Vector) -> Vector:
@@ -74,9 +74,7 @@ def _power_of_two(values: Any) -> Any:
 
 
 def _times(left: Vector, M: Any, right: Vector) -> Any:
-    """diag(left) M diag(right), sparse if M is."""
-    return left[:, None] * M * right if isinstance(M, np.ndarray) else csc_matrix(diags(left) @ M @ diags(right))
-
-
-def _rows(M: Any, right: Any, E: Vector, D: Vector) -> tuple[Any, Any]:
-    return (None, None) if M is None else (_times(E, M, D), E * right)
+    """diag(left) M diag(right), sparse if M is; None without M."""
+    if M is None or isinstance(M, np.ndarray):
+        return None if M is None else left[:, None] * M * right
+    return csc_matrix(diags(left) @ M @ diags(right))

@@ -25,12 +25,10 @@ from bench.problem_files import READERS, ReadProgram, read, suffix_of
 from bench.problem_files.npz import opened
 from bench.problem_files.program import about, checked, require
 from bench.problem_files.qpbenchmark_set import read_test_set
-from bench.problems.certifying import ProverLost, prove, proven, require_size
 from bench.problems.equilibration import equilibrated
-from bench.problems.proofs import proof
+from bench.problems.proofs import ProverLost, proof, prove, proven, require_size
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
 from bench.processes.forked_child import ForkedChild
-from piezo_model.child_process import LateError, LostError
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import WORK, NotCertified
 
@@ -38,8 +36,6 @@ Source = Callable[[], ReadProgram | RaceProblem]
 """Reads a program, or a problem saved with its proofs, in a process of its own; it is pickled."""
 DOCUMENTS = ("", ".py", ".md", ".txt", ".csv", ".html", ".pdf")
 """Suffixes of files that stand beside programs and are not mentioned."""
-TEST_SET_LIMIT_S = 600.0
-"""Time limit for making a test set; some download their programs."""
 
 
 class ForeignPrograms(ProblemSet):
@@ -149,18 +145,11 @@ class QpbenchmarkTestSet(ForeignPrograms):
 
     @cached_property
     def _programs(self) -> list[tuple[str, Problem]]:
-        with ForkedChild() as child:
-            try:
-                programs = child.call(TEST_SET_LIMIT_S, read_test_set, str(self.path.resolve()))
-            except LateError:
-                programs = f"was not read within {TEST_SET_LIMIT_S:g} s"
-            except LostError as error:
-                programs = f"ended the process that read it with {error}"
-        if isinstance(programs, str):
-            raise ProblemSetError(f"{self.path}: {programs}")
-        if not programs:
-            raise ProblemSetError(f"{self.path}: holds no problem")
-        return programs
+        try:
+            with ForkedChild() as child:
+                return prove(child, read_test_set, str(self.path.resolve()))
+        except (NotCertified, ProverLost) as error:
+            raise ProblemSetError(f"{self.path}: {error}") from None
 
     def sources(self) -> Sequence[tuple[str, Source]]:
         """The problems of the test set."""

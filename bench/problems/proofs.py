@@ -3,15 +3,23 @@
 A proof begins at the approximate answer of a solver, on which it does not depend. It is kept in the user's cache, one
 JSON file for each program, and verified when it is read, so a damaged or foreign file costs time and nothing else. A
 failed proof is cached too, with the reason and the allowed work; neither depends on the machine.
+
+A foreign program may be nonconvex, infeasible, unbounded or huge, and may crash the library that reads it or computes
+the start. So it is read and proven in a process of its own, several in parallel, each within a limit on its work, which
+is counted in bit operations, so that the result does not depend on the load of the machine.
 """
 
 import hashlib
 import json
+import time
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
+from queue import SimpleQueue
+from typing import Any, TypeVar
 
 import numpy as np
 import qpsolvers
@@ -20,16 +28,26 @@ from qpsolvers.exceptions import QPError
 
 import solvers
 from bench.messages import user_cache
+from bench.processes.forked_child import ForkedChild
+from bench.timing import cores
 from piezo_model import json_file
 from piezo_model.atomic_file import write_text
+from piezo_model.child_process import LateError, LostError
 from solvers.arrays import Vector
 from solvers.certificate import WORK, Certificate, NotCertified, certify, verify
 from solvers.exact.problem import DoubleProblem
+
+S = TypeVar("S")
+T = TypeVar("T")
 
 VERSION = 3
 """Cache version; raise it when the format of a proof or what is refused changes."""
 STARTERS = ("clarabel", "piqp", "highs", "daqp", "quadprog")
 """Solvers that compute a start, in order of preference, for programs with more than bounds."""
+LARGEST = 4_000_000
+"""Largest number of elements of a proof's dense optimality system; each becomes an integer of many digits."""
+HANG_S = 3600.0
+"""Time limit of a call; no proof takes that long."""
 
 
 @dataclass(frozen=True)
@@ -102,3 +120,82 @@ def proof(qp: Problem, begin: Callable[[Problem], Vector] = start, work: float =
     if cached.proof is None:
         raise NotCertified(cached.refusal)
     return cached.proof
+
+
+class ProverLost(Exception):
+    """The process of a program died, possibly for a reason outside the program."""
+
+
+def prove(child: ForkedChild, function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function of a module that reads or proves programs in a process, which is restarted if it was lost.
+
+    Raises
+    ------
+    NotCertified
+        The function raised it, or a ValueError with this sentence.
+    ProverLost
+        The process died.
+    """
+    try:
+        result = child.call(HANG_S, _attempt, function, arguments)
+    except (LateError, LostError) as error:
+        raise ProverLost(f"the process that reads and proves it ended with {error}") from None
+    if isinstance(result, NotCertified):
+        raise result
+    return result
+
+
+def proven(function: Callable[[ForkedChild, S], T], items: Iterable[S]) -> Generator[T]:
+    """The function's results in the order of the items, with one proving process per core; closing the generator ends
+    the processes.
+
+    Examples
+    --------
+    >>> list(proven(lambda child, number: number + 1, range(4)))
+    [1, 2, 3, 4]
+    """
+    with ExitStack() as stack:
+        children = [stack.enter_context(ForkedChild()) for _ in cores.usable()]
+        idle: SimpleQueue[ForkedChild] = SimpleQueue()
+        for child in children:
+            idle.put(child)
+
+        def with_child(item: S) -> T:
+            child = idle.get()
+            try:
+                return function(child, item)
+            finally:
+                idle.put(child)
+
+        threads = ThreadPoolExecutor(len(children))
+        futures = [threads.submit(with_child, item) for item in items]
+        try:
+            for future in futures:
+                yield future.result()
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+            while not all(future.done() for future in futures):
+                for child in children:
+                    child.interrupt()  # has no effect on a process that is just starting, so it is repeated
+                time.sleep(0.02)
+            threads.shutdown()
+
+
+def _attempt(function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotCertified:
+    """The result of a function, or the reason why there is no proof."""
+    try:
+        return function(*arguments)
+    except NotCertified as error:
+        return error
+    except ValueError as error:  # NaN or a wrong shape in the program's data
+        return NotCertified(str(error))
+    except MemoryError:
+        return NotCertified("the proof needs more memory than there is")
+
+
+def require_size(qp: Problem) -> None:
+    """NotCertified if a program is too large for dense matrices."""
+    d = qp.q.size
+    rows = d + sum(right.size for right in (qp.h, qp.b) if right is not None)
+    if rows * d > LARGEST:
+        raise NotCertified(f"{d} variables with {rows - d} rows are too many for exact arithmetic, which is dense")

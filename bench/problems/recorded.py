@@ -61,7 +61,7 @@ class Recorded(ProblemSet):
 
     def names(self) -> Sequence[str]:
         """Names of all orders over all windows."""
-        return [f"n{n}-m{m}-{window}" for n, m in self._orders for window in WINDOWS]
+        return [f"n{n}-m{m}-{window}" for n, m in self._orders_and_rates[0] for window in WINDOWS]
 
     @cached_property
     def _whole(self) -> Recording:
@@ -87,19 +87,12 @@ class Recorded(ProblemSet):
             return refusal
 
     @cached_property
-    def _orders(self) -> tuple[tuple[int, int], ...]:
-        """The orders of all problems, those of the identified model last."""
+    def _orders_and_rates(self) -> tuple[Sequence[tuple[int, int]], Sequence[float]]:
+        """The orders of all problems, those of the identified model last, and their creep rates."""
         if isinstance(self._of_fitted, IdentificationError):
-            return ORDERS
+            return ORDERS, candidate_rates(self._whole.sample_time, self._whole.duration_s)
         s = self._of_fitted.structure
-        return tuple(dict.fromkeys((*ORDERS, (s.n, s.dead_zones // 2))))
-
-    @property
-    def _rates(self) -> tuple[float, ...]:
-        """Creep rates of all problems."""
-        if isinstance(self._of_fitted, IdentificationError):
-            return candidate_rates(self._whole.sample_time, self._whole.duration_s)
-        return self._of_fitted.structure.creep_rates
+        return [*dict.fromkeys((*ORDERS, (s.n, s.dead_zones // 2)))], s.creep_rates
 
     def model(self) -> tuple[HysteresisCreepModel, float]:
         """The model of the whole recording, and the error of that of the fitted part on the unseen part."""
@@ -115,9 +108,9 @@ class Recorded(ProblemSet):
         """Accumulate and certify each window at each order; windows that are too short are left out."""
         recording, unseen = self._parts
         fitted, until = recording.length, (*unseen.starts, unseen.length)[1]
-        noise = sensor_noise(self._whole.counted_y)
-        for n, m in self._orders:
-            fitted_part = preprocessed(recording, n, m, self._rates)
+        noise, (orders, rates) = sensor_noise(self._whole.counted_y), self._orders_and_rates
+        for n, m in orders:
+            fitted_part = preprocessed(recording, n, m, rates)
             s = fitted_part.structure
             for window, share in WINDOWS.items():
                 name, start = f"n{n}-m{m}-{window}", max(fitted_part.skip, round((1.0 - share) * fitted))

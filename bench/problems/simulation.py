@@ -1,12 +1,12 @@
-"""Certified problems of a simulated actuator under a drive; most problem sets consist of them.
+"""Certified problems of a simulated actuator under a drive, and the problem sets that consist of them.
 
 No actuator is in the model class. Each starts at the low end of its major loop, is driven for the building phase and
 measured with noise and quantisation; the unseen data for validation follow, under another drive.
 """
 
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +22,25 @@ NEIGHBOURS = (0.25, 0.5, 0.75)
 """Shares of the building phase that are its neighbouring windows."""
 SEEDED = ("multi_sine", "random_walk")
 """Signals with a random seed."""
+DRIVES = ("staircase", "multi_sine", "random_walk")
+"""Drives of the set paper."""
+ORDERS = ((2, 1), (5, 3), (8, 4), (12, 6), (20, 9), (30, 12), (40, 14), (50, 19))
+"""(n, m) of the set orders, for d = 8, 18, 26, 38, 60, 86, 110, 140."""
+REACHES = (
+    (5, 3, 1.0, 8.0),
+    (5, 3, 0.9, 8.0),
+    (12, 6, 1.0, 8.0),
+    (5, 3, 1.0, 0.05),
+    (20, 9, 1.0, 8.0),
+    (20, 9, 1.0, 0.2),
+    (20, 9, 1.0, 0.05),
+    (40, 14, 1.0, 0.2),
+    (5, 3, 0.7, 8.0),
+    (5, 3, 0.4, 8.0),
+    (5, 3, 0.2, 2.0),
+    (5, 3, 0.2, 0.05),
+)
+"""(n, m, share of the input range that the drive covers, length of the building phase in s) of the set excitation."""
 
 
 @dataclass(frozen=True)
@@ -79,24 +98,6 @@ class Experiment:
         return certified(set_name, name, problem, validation, neighbours=neighbours)
 
 
-class Simulated(ProblemSet):
-    """A problem set of experiments."""
-
-    @abstractmethod
-    def experiments(self) -> Mapping[str, Experiment]:
-        """The experiment of each problem by name."""
-
-    def names(self) -> Sequence[str]:
-        """Names of the experiments."""
-        return [*self.experiments()]
-
-    def problems(self) -> Iterator[RaceProblem]:
-        """Drive, measure, accumulate and certify."""
-        for name, experiment in self.experiments().items():
-            if name in self.wanted:
-                yield experiment.problem(self.name, name)
-
-
 def centred_range(x: Vector, y: Vector, reach: float = 1.0) -> tuple[float, float]:
     """Range of y about the centre of its loop, halfway between both branches at the middle of x.
 
@@ -110,3 +111,75 @@ def centred_range(x: Vector, y: Vector, reach: float = 1.0) -> tuple[float, floa
         low = centre - half
         return low, low + 2.0 * half / reach
     return centre - half, centre + half
+
+
+class Simulated(ProblemSet):
+    """A problem set of experiments."""
+
+    experiments: ClassVar[Mapping[str, Experiment]]
+    """The experiment of each problem by name; its seed counts from that of the set."""
+
+    def names(self) -> Sequence[str]:
+        """Names of the experiments."""
+        return [*self.experiments]
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Drive, measure, accumulate and certify."""
+        for name, experiment in self.experiments.items():
+            if name in self.wanted:
+                yield replace(experiment, seed=self.seed + experiment.seed).problem(self.name, name)
+
+
+class Paper(Simulated):
+    """The paper's experiment, n = 5, m = 3, d = 18: every simulated actuator under every drive."""
+
+    name = "paper"
+    description = "the paper's orders (n = 5, m = 3), building phase of 8 s at 125 µs, every plant under several drives"
+    experiments: ClassVar = {
+        f"{plant}-{drive}": Experiment(plant, drive, seed=i)
+        for plant in plants.names()
+        for i, drive in enumerate(DRIVES)
+    }
+
+
+class Orders(Simulated):
+    """The Preisach actuator under a random walk, identified with models of increasing order, d from 8 to 140."""
+
+    name = "orders"
+    description = "models of growing order of the same recording, d from 8 to 140"
+    experiments: ClassVar = {
+        f"d{2 * n + 2 * m + 2:03d}": Experiment("relay_preisach", "random_walk", n, m) for n, m in ORDERS
+    }
+
+
+class Noise(Simulated):
+    """The dense Prandtl–Ishlinskii actuator under a multi-sine, with increasing noise."""
+
+    name = "noise"
+    description = "the same building phase measured with noise from none to 1 % of the range"
+    experiments: ClassVar = {
+        f"noise-{level:.0e}" if level else "noise-none": Experiment(
+            "dense_prandtl_ishlinskii", "multi_sine", noise=level
+        )
+        for level in (0.0, 1e-5, 1e-4, 1e-3, 1e-2)
+    }
+
+
+class Excitation(Simulated):
+    """The Preisach actuator under drives that cover less and less of the input range, so that some thresholds are
+    barely reached or not at all, in ever shorter building phases; without and with the proximal term.
+
+    Without the proximal term the condition number is that of P with unit diagonal, from 1e4 to 1e12. A singular problem
+    has no unique optimum and is certified by its optimal value; if rounding makes P slightly indefinite, the
+    certificate contains the shift. In practice the problems are solved with the proximal term.
+    """
+
+    name = "excitation"
+    description = "drives that leave thresholds unexcited: condition from 1e4 to 1e12 and singular"
+    experiments: ClassVar = {
+        f"n{n}-m{m}-reach{reach:g}-{build_s:g}s-{'proximal' if proximal else 'bare'}": Experiment(
+            "relay_preisach", "multi_sine", n, m, build_s, reach, proximal=proximal
+        )
+        for n, m, reach, build_s in REACHES
+        for proximal in (0.0, 1e-10)
+    }

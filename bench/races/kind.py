@@ -5,7 +5,6 @@ settings and report.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -97,8 +96,10 @@ def findings(folder: Path) -> Iterator[str]:
         if kind.finding is None:
             continue
         for table in sorted(folder.glob(f"*/{kind.schema.file}"), key=lambda path: path.stat().st_mtime)[-1:]:
-            with suppress(RunError):  # a damaged run is no fault of the one beside it
+            try:
                 yield from kind.finding(open_run(table.parent))
+            except RunError as error:  # no fault of the run beside it
+                yield f"The {kind.name} race beside this run cannot be read: {error}."
 
 
 @cache

@@ -50,17 +50,8 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
         else:
             problem_set = make(set_name, settings.seed, settings.set_options)
             problem_set.wanted = {*raced(settings, set_name, problem_set.names())}
-            if not problem_set.wanted:
-                continue
-            _save_model(run, problem_set, progress)
-            problems = list(_generate(run, settings, problem_set, progress))
-            run.note_of_set(set_name, problems=[problem.name for problem in problems])
-            if problem_set.left_out:
-                run.note_of_set(set_name, left_out=problem_set.left_out)
-            if not problems:
-                name, reason = next(iter(problem_set.left_out.items()))
-                raise ProblemSetError(f"no problem of the set {set_name!r} can be raced; {name}: {reason}")
-            yield from problems
+            if problem_set.wanted:
+                yield from _generated(run, problem_set, progress)
 
 
 def _save_model(run: Run, problem_set: ProblemSet, progress: Progress) -> None:
@@ -89,17 +80,24 @@ def save_certificates(run: Run, problems: Iterable[RaceProblem]) -> None:
         problem.save(run.problem_path(problem.set_name, problem.name))
 
 
-def _generate(run: Run, settings: RaceSettings, problem_set: ProblemSet, progress: Progress) -> Iterator[RaceProblem]:
+def _generated(run: Run, problem_set: ProblemSet, progress: Progress) -> Sequence[RaceProblem]:
     """Generate the problems of a set and save them without certificates; those that were saved before are loaded."""
-    count, there_are = len(problem_set.wanted), len(problem_set.names())
-    if count < there_are:
-        run.note_of_set(problem_set.name, there_are=there_are)
-    made = (problem for problem in problem_set.problems() if problem.name in problem_set.wanted)
-    for i, problem in enumerate(made):
-        progress(f"certified {problem_set.name}/{problem.name}", i + 1, count)
-        path = run.problem_path(problem_set.name, problem.name)
-        if path.is_file():
-            yield run.problem(problem_set.name, problem.name)
-        else:
-            problem.save(path, proven=False)
-            yield problem
+    set_name, count, there_are = problem_set.name, len(problem_set.wanted), len(problem_set.names())
+    _save_model(run, problem_set, progress)
+    problems: list[RaceProblem] = []
+    for made in problem_set.problems():
+        if made.name in problem_set.wanted:
+            progress(f"certified {set_name}/{made.name}", len(problems) + 1, count)
+            path = run.problem_path(set_name, made.name)
+            if path.is_file():
+                problems.append(run.problem(set_name, made.name))
+            else:
+                made.save(path, proven=False)
+                problems.append(made)
+    names = [problem.name for problem in problems]
+    notes = {"problems": names, "there_are": count < there_are and there_are, "left_out": problem_set.left_out}
+    run.note_of_set(set_name, **{name: note for name, note in notes.items() if note})
+    if not problems:
+        name, reason = next(iter(problem_set.left_out.items()))
+        raise ProblemSetError(f"no problem of the set {set_name!r} can be raced; {name}: {reason}")
+    return problems

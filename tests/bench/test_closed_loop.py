@@ -1,6 +1,7 @@
 """The closed-loop race in its quick form: rows, judgement, report."""
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -171,6 +172,13 @@ def test_a_one_shot_race_beside_it_says_what_the_stage_notices_of_the_papers_met
         r"the still stage, \S+ times the least, at a cost gap of \S+; \S+ nm on the drifting stage",
         said,
     )
+
+
+def test_a_damaged_loop_race_beside_a_one_shot_race_is_named_in_its_verdict(run: Run, tmp_path: Path) -> None:
+    damaged = shutil.copytree(run.path, tmp_path / "loop") / "loop.parquet"
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    (said,) = findings(tmp_path)
+    assert re.match(r"The loop race beside this run cannot be read: \S*loop\.parquet: cannot be read \(", said)
 
 
 @pytest.mark.parametrize("settings", [{"learn_steps": [0]}, {"learn_steps": []}, {"windows": 0}])

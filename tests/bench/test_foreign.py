@@ -29,9 +29,8 @@ from bench.messages.task import Outcome, Status, Tier
 from bench.problem_files import read
 from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
-from bench.problems.certifying import prove, proven
 from bench.problems.equilibration import equilibrated
-from bench.problems.proofs import proof
+from bench.problems.proofs import proof, prove, proven
 from bench.problems.protocol import SCALINGS
 from bench.store import Run
 from solvers.certificate import NotCertified, verify

@@ -16,9 +16,8 @@ import numpy as np
 
 from bench.messages.progress import Progress
 from bench.problems.fresh import mixture
-from bench.problems.paper import DRIVES
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.problems.simulation import Experiment
+from bench.problems.simulation import DRIVES, Experiment
 from bench.races.batch.worker import Families
 from bench.store import Run
 from piezo_model import plants

@@ -13,7 +13,7 @@ from bench.messages.task import Outcome, Row, Status, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.sentinel import EVERY_S
-from bench.processes.solver_child import SolverChild, SolverPool
+from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.driver import Part, Tell
 from bench.races.oneshot.measuring import BlockError, Measurement, row_of, timed
@@ -24,11 +24,6 @@ from piezo_model.identification_problem import Scaling
 
 LONGEST_US = 1e5
 """Longest answer after which tighter settings are tried."""
-
-
-def idle(pool: SolverPool) -> SolverChild:
-    """The process of the null solver."""
-    return pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
 
 
 @dataclass(frozen=True)
@@ -51,8 +46,9 @@ class Pass(Part):
 
     def measure(self, run: Run, pool: SolverPool, task: Task, fresh: FreshData, effort: Effort) -> Row:
         """Time, judge and save a task."""
+        idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
         try:
-            measured = timed(pool.child(task), idle(pool), task, self.form, fresh, effort)
+            measured = timed(pool.child(task), idle, task, self.form, fresh, effort)
         except BlockError as error:
             measured = Measurement(*error.args)
         row = self.save(run, task, measured, fresh)

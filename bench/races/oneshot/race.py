@@ -3,31 +3,41 @@
 For each problem and scaling the solvers are timed one after the other, each hot in its own process on the same core
 (`first_pass`); a second pass follows at one setting of each (`second_pass`). The null solver, which does nothing, is
 the floor of all times.
+
+In the first scaling every setting of every solver is measured on every problem, in the others only the defaults. A
+wrapper shows the cost of another way to call a library, so it is measured at its defaults and at one more setting, the
+one for a cost gap nearest to 1e-8.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from typing import Any
 
 from bench.derived.measurements import ONESHOT
 from bench.messages import user_cache
 from bench.messages.progress import Progress
 from bench.messages.race_error import RaceError
-from bench.messages.task import NO_SETTING, Setting, Task
+from bench.messages.task import NO_SETTING, PAPER, Setting, Start, Task, limited, settings_ladder
 from bench.problems.protocol import RaceProblem
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
+from bench.races.chosen_settings import default_setting
 from bench.races.driver import Part, Race
 from bench.races.oneshot.first_pass import FirstPass
 from bench.races.oneshot.second_pass import second_pass
-from bench.races.oneshot.settings import OneshotSettings, tasks_of
+from bench.races.oneshot.settings import OneshotSettings
 from bench.races.run_problems import problems_of, save_certificates
 from bench.store import Run
 from piezo_model.identification_problem import Scaling
-from solvers import Lane, find
-from solvers.registry import Described, Entry
+from piezo_model.json_file import decoded
+from solvers import find
+from solvers.protocol import setting_text
+from solvers.registry import FAMILIES, Described, Entry
 
+EXPONENT = 8.0
+"""Exponent of the cost gap at which wrappers are compared."""
 FEWEST_JUDGED, JUDGED = 3, 24
 """Number of timed answers of a task that are judged at least, and of a setting over all problems."""
 
@@ -49,11 +59,9 @@ class OneshotRace(Race[OneshotSettings]):
 
     def __init__(self, run: Run, settings: OneshotSettings, progress: Progress) -> None:
         super().__init__(run, settings, progress)
-        self.anchors = run.sessions[-1]["anchors"] if run.session else []
-        self.added = {*self.entrants}
-        for anchor in self.anchors:
-            entry = find(anchor["solver"], anchor["lane"])
-            self.entrants[entry.name, entry.lane] = entry
+        self.added, anchors = {*self.entrants}, run.sessions[-1]["anchors"] if run.session else []
+        self.anchors = [(find(each["solver"], each["lane"]), Setting(each["setting"])) for each in anchors]
+        self.entrants |= {(entry.name, entry.lane): entry for entry, _ in self.anchors}
 
     @property
     def child(self) -> ChildSettings:
@@ -66,27 +74,18 @@ class OneshotRace(Race[OneshotSettings]):
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """The first pass and the second; each part begins with the null solver."""
-        settings, floor, session = self.settings, null_solver.ENTRY, self.run.session
+        settings, session = self.settings, self.run.session
         added = [solver for solver in field if (solver.name, solver.lane) in self.added]
+
+        def tasks(problem: RaceProblem, scaling: Scaling, repeat: int) -> Iterator[Task]:
+            again = [(null_solver.ENTRY, NO_SETTING), *(self.anchors if scaling == settings.scalings[0] else ())]
+            return tasks_of(settings, added, problem, scaling, repeat, session, again)
+
         first = [
             FirstPass(
                 self.run.path.resolve(),
                 f"{problem.set_name}--{problem.name}--{scaling}--{session}-{repeat}",
-                (
-                    Task(
-                        problem.set_name,
-                        problem.name,
-                        scaling,
-                        floor.name,
-                        floor.lane,
-                        NO_SETTING,
-                        repeat=repeat,
-                        session=session,
-                        d=problem.d,
-                    ),
-                    *self.anchor_tasks(problem, scaling, repeat),
-                    *tasks_of(settings, added, problem, scaling, repeat, session),
-                ),
+                tuple(tasks(problem, scaling, repeat)),
                 repeat,
                 settings,
                 problem,
@@ -100,21 +99,63 @@ class OneshotRace(Race[OneshotSettings]):
         yield first
         yield [*second_pass(self.run, settings, field, first)]
 
-    def anchor_tasks(self, problem: RaceProblem, scaling: Scaling, repeat: int) -> Iterator[Task]:
-        """The anchors again, in the first scaling."""
-        for anchor in self.anchors if scaling == self.settings.scalings[0] else ():
-            yield Task(
-                problem.set_name,
-                problem.name,
-                scaling,
-                anchor["solver"],
-                Lane(anchor["lane"]),
-                Setting(anchor["setting"]),
-                repeat=repeat,
-                session=self.run.session,
-                d=problem.d,
-            )
-
     def finish(self) -> None:
         """Save the certificates, which solvers must not see."""
         save_certificates(self.run, self.problems)
+
+
+def tasks_of(
+    settings: OneshotSettings,
+    solvers: Sequence[Described],
+    problem: RaceProblem,
+    scaling: Scaling,
+    repeat: int = 0,
+    session: int = 0,
+    again: Iterable[tuple[Entry, Setting]] = (),
+) -> Iterator[Task]:
+    """The tasks of a problem in one scaling: solver lanes that are timed ``again``, each at one setting, then all the
+    others, those of a lane from loose to tight and by iteration limit; the paper's method also begins at the straight
+    line, as its compensator does."""
+    first = scaling == settings.scalings[0]
+    planned: list[tuple[Entry | Described, Setting, dict[str, int], Start]]
+    planned = [(entry, setting, {}, "cold") for entry, setting in again]
+    for solver in solvers:
+        given = settings.given.get(solver.name, "")
+        measured = first_pass_settings(solver, given) if first else [default_setting(solver)]
+        planned += [(solver, setting, {}, "cold") for setting in measured]
+        if solver.iteration_setting and first:
+            rungs = {setting.text for setting in settings_ladder(solver)}
+            limits = {limit: limited(solver, limit) for limit in settings.iteration_limits}
+            planned += [
+                (solver, setting, {solver.iteration_setting: limit}, "cold")
+                for limit, setting in limits.items()
+                if setting.text not in rungs
+            ]
+        if solver.name == PAPER and "line" in problem.forms[scaling].starts:
+            planned += [(solver, setting, {}, "line") for setting in measured]
+    for lane, setting, more, start in planned:
+        yield Task(
+            problem.set_name,
+            problem.name,
+            scaling,
+            lane.name,
+            lane.lane,
+            setting,
+            more,
+            repeat,
+            start,
+            session=session,
+            d=problem.d,
+        )
+
+
+def first_pass_settings(solver: Described, given: str = "") -> Sequence[Setting]:
+    """The settings of a solver that are measured in the first scaling: the default and ``given``, or the ladder."""
+    if given:
+        text = setting_text({**solver.defaults, **decoded(given, dict[str, Any])})
+        return [default_setting(solver), Setting(text, 0, is_default=False, given=given)]
+    every = settings_ladder(solver)
+    if solver.lane not in FAMILIES or not solver.exponents:
+        return every
+    nearest = min(range(len(solver.exponents)), key=lambda rung: abs(solver.exponents[rung] - EXPONENT))
+    return [setting for setting in every if setting.is_default or setting.rung == nearest]

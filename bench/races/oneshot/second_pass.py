@@ -18,13 +18,12 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from bench.derived.measurements import ONESHOT, at_tiers, newest
+from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, ONESHOT, at_tiers, newest
 from bench.derived.tiers import supported, tier_settings
 from bench.messages.task import Row, Status, Task, Tier
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
-from bench.races import null_solver
 from bench.races.driver import Tell
 from bench.races.oneshot.first_pass import FirstPass, Pass
 from bench.races.oneshot.measuring import BlockError, Measurement, measurement, run_block, set_up
@@ -45,7 +44,6 @@ CANDIDATE_CALLS = 3_000
 WARM_UP = 1
 """Number of untimed rounds."""
 PLAN = ["scaling", "solver", "lane"]
-NULL = null_solver.ENTRY.name
 
 
 @dataclass(frozen=True)
@@ -59,11 +57,11 @@ class SecondPass(Pass):
         """Measure candidates longer, then warm starts, then interleaved solves."""
         for task in self.tasks:
             tell(task)
-            if task.timed != "interleaved" and not run.is_done(task):
+            if task.timed != INTERLEAVED and not run.is_done(task):
                 calls = self.calls if task.timed == "long" else self.settings.effort.most
                 effort = Effort(1.0, 1, calls) if task.timed == "long" else self.settings.effort
                 self.measure(run, pool, task, FreshData(self.form, calls), effort)
-        together = [task for task in self.tasks if task.timed == "interleaved"]
+        together = [task for task in self.tasks if task.timed == INTERLEAVED]
         for start in ("cold", "warm"):
             self._interleave(run, pool, [task for task in together if task.start == start])
         return [run.task(task)[0][0] for task in self.tasks]
@@ -84,6 +82,7 @@ def interleave(
     form: CertifiedForm,
     fresh: FreshData,
     seed: str,
+    calls: int = 1,
 ) -> list[tuple[Task, Measurement]]:
     """The interleaved solves of each task.
 
@@ -96,17 +95,19 @@ def interleave(
     form : CertifiedForm
         The problem of the set-up.
     fresh : FreshData
-        Data of the rounds, one call each.
+        Data of the rounds.
     seed : str
         Determines the order in each round.
+    calls : int
+        Number of calls in a round.
     """
     chance = random.Random(seed)
     outcomes = {task.key: set_up(children[task.solver, task.lane], task, form) for task in tasks}
     ready = [task for task in tasks if not outcomes[task.key].failure]
     blocks: dict[str, list[BlockOutcome]] = {task.key: [] for task in ready}
-    for at in range(-WARM_UP, fresh.count):
+    for at in range(-WARM_UP * calls, fresh.count, calls):
         chance.shuffle(ready)
-        data = fresh.unseen(1) if at < 0 else fresh.block(at, at + 1)
+        data = fresh.unseen(calls) if at < 0 else fresh.block(at, at + calls)
         for task in list(ready):
             try:
                 block = run_block(children[task.solver, task.lane], task, *data)
@@ -115,7 +116,7 @@ def interleave(
                 (outcomes[task.key],) = error.args
             else:
                 blocks[task.key] += [block] if at >= 0 else []
-    idle_ns = sum(block.cpu_ns for task in ready if task.solver == NULL for block in blocks[task.key]) or math.inf
+    idle_ns = sum(block.cpu_ns for task in ready if task.solver == FLOOR for block in blocks[task.key]) or math.inf
     timed = {task.key: measurement(outcomes[task.key], blocks[task.key], lambda: idle_ns) for task in ready}
     return [(task, timed.get(task.key, Measurement(outcomes[task.key]))) for task in tasks]
 
@@ -130,22 +131,17 @@ def second_pass(
     rows, session = pd.DataFrame(run.rows_so_far()), run.session
     if session:
         rows = pd.concat([newest(run.rows(ONESHOT)), rows], ignore_index=True)
-    rows = rows[(rows.timed == "hot") & (rows.start == "cold")]
+    rows = rows[(rows.timed == HOT) & (rows.start == "cold")]
     calls = math.ceil(CANDIDATE_CALLS / max(1, len({part.problem.name for part in first}) * settings.repeats))
-    plan = {
-        (line["scaling"], line["solver"], line["lane"], line["setting"]): line
-        for line in planned(rows, calls).to_dict("records")
-    }
-    answered = rows[(rows.session == session) & ((rows.status == Status.OK) | (rows.solver == NULL))]
-    anchors = {(anchor["solver"], anchor["lane"]) for anchor in run.sessions[-1]["anchors"]} if session else set()
-    tasks = {*zip(answered.task, answered.repeat, strict=True)}
+    answered = rows[(rows.session == session) & ((rows.status == Status.OK) | (rows.solver == FLOOR))]
+    lines = newest(answered, run.sessions).merge(planned(rows, calls), on=[*PLAN, "setting"])
+    plan = {(line["task"], line["repeat"]): line for line in lines.to_dict("records")}
     warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
     for part in first:
         more: list[Task] = []
         for task in part.tasks:
-            line = plan.get((task.scaling, task.solver, str(task.lane), task.setting.text))
-            is_anchor = (task.solver, str(task.lane)) in anchors or (session > 0 and task.solver == NULL)
-            if line is None or is_anchor or (task.subject, task.repeat) not in tasks:
+            line = plan.get((task.subject, task.repeat))
+            if line is None:
                 continue
             starts = [task]
             if "warm" in part.form.starts and (task.solver, task.lane) in warm_startable:
@@ -180,12 +176,12 @@ def planned(rows: pd.DataFrame, calls: int) -> pd.DataFrame:
     reached = [tiers[(tiers.tier == tier) & (tiers.setting != "")] for tier in PREFERRED]
     plan = pd.concat([*reached, rows[rows.is_default]])[[*PLAN, "setting"]].drop_duplicates(PLAN)
     here = supported(rows).merge(plan, on=[*PLAN, "setting"])
-    here = here.assign(answered=(here.status == Status.OK) | (here.solver == NULL))
+    here = here.assign(answered=(here.status == Status.OK) | (here.solver == FLOOR))
     lanes = here.groupby([*PLAN, "setting"]).agg(
         answered=("answered", "all"), slowest=("answer_us", "max"), samples=("samples", "min")
     )
     lanes = lanes.reset_index()
-    near = pd.MultiIndex.from_frame(lanes[PLAN]).isin(candidates) | (lanes.solver == NULL)
+    near = pd.MultiIndex.from_frame(lanes[PLAN]).isin(candidates) | (lanes.solver == FLOOR)
     return lanes.assign(
         longer=near & (lanes.samples < calls), interleaved=lanes.answered & (lanes.slowest <= LONGEST_US)
     )

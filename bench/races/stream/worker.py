@@ -12,7 +12,7 @@ no jump, until ``kernel_samples`` are done or KERNEL_WALL_S are spent, checked a
 
 import gc
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -93,16 +93,42 @@ class StreamRequest(Request):
         return solver
 
     def _paced(self, cls: type[Solver], samples: int) -> Outcome:
-        run = PacedRun(self._set_up(cls), self, samples)
+        """All memory is allocated beforehand. The answer is copied inside its time, so that a lazy result is computed
+        there; the next solve starts from it if it is finite."""
+        solver, start = self._set_up(cls), self.start
+        P, q, previous, x = start.P.copy(), start.q.copy(), self.x.copy(), self.x.copy()
+        answers, warm = np.full((samples, x.size), np.nan), [previous] if cls.warm_startable else []
+
+        def solve() -> None:
+            x[:] = solver.solve(*warm)
+
+        def keep(j: int) -> None:
+            answers[j] = x
+            if np.isfinite(x).all():
+                previous[:] = x
+
         with no_garbage_collection():
-            timeline = follow(samples, run.absorb, run.update, run.solve, run.keep, give_up=self.give_up)
+            timeline = follow(
+                samples,
+                lambda first, last: self._absorb(P, q, first, last),
+                lambda first, last: solver.update(P, q),
+                solve,
+                keep,
+                give_up=self.give_up,
+            )
+        same_P, same_q = start.P.copy(), start.q.copy()
+        self._absorb(same_P, same_q, 0, timeline.samples - 1)
         return Streamed(
             found=True,
             settings=self.task.settings_for(cls, self.c),
             timeline=timeline,
-            answers=run.answers[: timeline.solved.size],
-            mutated=run.mutated(timeline.samples),
+            answers=answers[: timeline.solved.size],
+            mutated=not (np.array_equal(P, same_P) and np.array_equal(q, same_q)),
         )
+
+    def _absorb(self, P: Matrix, q: Vector, first: int, last: int) -> None:
+        """Update P and q with the samples ``first`` to ``last``."""
+        absorb(P, q, np.zeros(1), self.rows, first, last + 1, self.forgetting)
 
     def _compiled(self, cls: type[Solver], samples: int) -> Outcome:
         solver = self._set_up(cls)
@@ -127,46 +153,3 @@ class StreamRequest(Request):
             answers=np.concatenate(answers),
             kernel_ns=np.concatenate(times),
         )
-
-
-class PacedRun:
-    """The steps of one sample on the schedule, for a solver that is set up; all memory is allocated beforehand.
-
-    The answer is copied inside its time, so that a lazy result is computed there.
-    """
-
-    def __init__(self, solver: Solver, request: StreamRequest, samples: int) -> None:
-        self._solver, self._request = solver, request
-        self._P, self._q, self._c = request.start.P.copy(), request.start.q.copy(), np.zeros(1)
-        self._previous, self._x = request.x.copy(), request.x.copy()
-        self.answers = np.full((samples, self._x.size), np.nan)
-        self.solve: Callable[[], None] = self._solve_warm if solver.warm_startable else self._solve_cold
-
-    def absorb(self, first: int, last: int) -> None:
-        """Update P and q with the samples ``first`` to ``last``."""
-        self._absorb(self._P, self._q, first, last)
-
-    def _absorb(self, P: Matrix, q: Vector, first: int, last: int) -> None:
-        absorb(P, q, self._c, self._request.rows, first, last + 1, self._request.forgetting)
-
-    def update(self, first: int, last: int) -> None:
-        """Pass P and q to the solver."""
-        self._solver.update(self._P, self._q)
-
-    def _solve_warm(self) -> None:
-        self._x[:] = self._solver.solve(self._previous)
-
-    def _solve_cold(self) -> None:
-        self._x[:] = self._solver.solve()
-
-    def keep(self, j: int) -> None:
-        """Store the answer of solve j; the next solve starts from it if it is finite."""
-        self.answers[j] = self._x
-        if np.isfinite(self._x).all():
-            self._previous = self.answers[j]
-
-    def mutated(self, samples: int) -> bool:
-        """Whether the solver changed the P and q that it was given: the same rows must give the same bits again."""
-        P, q = self._request.start.P.copy(), self._request.start.q.copy()
-        self._absorb(P, q, 0, samples - 1)
-        return not (np.array_equal(P, self._P) and np.array_equal(q, self._q))

@@ -1,0 +1,145 @@
+"""A solver from run to run and from version to version: iterations exactly, times by the rule of a comparison.
+
+Iterations of the same task, a problem at a setting, are a property of the solver's version and of the data, and are
+compared as sums over the tasks that both runs have; times are compared as in `bench.comparison.compare`.
+
+The same runs are written as results of airspeed velocity (asv), which draws a solver's history and compares commits.
+Format: version 2 of a result file and version 1 of ``machine.json``, and ``benchmarks.json`` that describes the
+benchmarks; https://asv.readthedocs.io. Each solver lane is two benchmarks: the median time of an answer over the tasks
+of a run, in seconds, and the sum of their iterations.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.comparison.compare import compare_runs
+from bench.derived.measurements import Measurements
+from bench.messages.columns import Column
+from bench.messages.task import Status
+from bench.report.words import number
+from bench.store import Run, RunError
+from piezo_model.atomic_file import replacing
+
+FOLLOWED = (
+    *(Column(name, heading=name, format=lambda text: text or "–") for name in ("run", "commit", "version", "lane")),
+    Column("iterations", heading="iterations"),
+    Column("iterations_ratio", heading="ratio", format=number),
+    Column("time_ratio", heading="time ratio", format=number),
+    Column(
+        "interval",
+        heading="interval",
+        format=lambda ends: (
+            "–" if np.isnan(ends[1]) else "unknown" if ends[1] == np.inf else " to ".join(map(number, ends))
+        ),
+    ),
+    Column("finding", heading="times", format=lambda text: text or "–"),
+)
+ENVIRONMENT = "race"
+"""Name of the environment of all results; asv compares results of the same environment."""
+BENCHMARK: dict[str, Any] = {"version": "1", "params": [], "param_names": [], "timeout": 0.0, "code": ""}
+RESULT: dict[str, Any] = {
+    "version": 2,
+    "env_name": ENVIRONMENT,
+    "date": 0,
+    "python": "",
+    "requirements": {},
+    "env_vars": {},
+    "durations": {},
+    "result_columns": ["result", "params"],
+}
+"""What all benchmarks and all results have in common."""
+
+
+def history(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, smallest: float) -> pd.DataFrame:
+    """FOLLOWED, one row for each lane of a solver in each run, compared with the first run; RunError if that does not
+    have it. ``measured`` are the runs' measurements; ``iterations`` is their sum over the common tasks, 0 if the solver
+    does not count them."""
+    first = measured[0]
+    if solver not in set(first.field.solver):
+        raise RunError(f"{runs[0].path} has no solver {solver!r}")
+    counted = first.field[(first.field.solver == solver) & (first.field.status == Status.OK)]
+    found = []
+    for run, here in zip(runs, measured, strict=True):
+        settings, rows = run.settings, here.field
+        pairs = counted.merge(rows[rows.status == Status.OK], on="task", suffixes=("_a", ""))
+        if not len(pairs):
+            raise RunError(f"{run.path} has no task of {solver} in common with {runs[0].path}")
+        times = [] if here is first else compare_runs(runs[0], run, smallest, (first, here)).times.to_dict("records")
+        of_lane = {line["lane"]: line for line in times if line["solver"] == solver}
+        for name, part in pairs.groupby("lane"):
+            lane, line = str(name), of_lane.get(str(name), {})
+            has = (part.iterations >= 0) & (part.iterations_a >= 0)
+            before, after = int(part.iterations_a[has].sum()), int(part.iterations[has].sum())
+            found.append(
+                {
+                    "run": run.path.name,
+                    "commit": run.machine_of(rows).get("environment", {}).get("commit", "")[:12],
+                    "version": settings.get("field", {}).get(f"{solver} ({lane})", ""),
+                    "lane": lane,
+                    "iterations": after,
+                    "iterations_ratio": after / before if before else np.nan,
+                    "time_ratio": float(line.get("ratio", np.nan)),
+                    "interval": tuple(float(line.get(f"ratio_{end}", np.nan)) for end in ("low", "high")),
+                    "finding": str(line.get("finding", "")),
+                }
+            )
+    return pd.DataFrame(found)
+
+
+def regressions(table: pd.DataFrame, iterations: float, times: float) -> list[str]:
+    """A sentence for each row whose iterations or times exceed those of the first run by these ratios; a time does if
+    the lower end of its interval excludes no change."""
+    found = []
+    for line in table.to_dict("records"):
+        name, (low, high) = f"{line['run']}, {line['lane']}, {line['version'] or 'no version'}", line["interval"]
+        if line["iterations_ratio"] > iterations:
+            found.append(f"{name}: {line['iterations_ratio']:.3f} times as many iterations, over {iterations:g}")
+        if line["time_ratio"] > times and low > 1.0:
+            found.append(f"{name}: {line['time_ratio']:.2f} times as long ({low:.2f} to {high:.2f}), over {times:g}")
+    return found
+
+
+def asv_files(runs: Sequence[Run], measured: Sequence[Measurements], solver: str) -> dict[str, dict[str, Any]]:
+    """Contents of the files of a folder of results, by their names in it; RunError for a run without a commit or the
+    solver."""
+    files: dict[str, dict[str, Any]] = {}
+    described: dict[str, Any] = {}
+    for run, found in zip(runs, measured, strict=True):
+        machine = run.machine_of(found.rows)
+        environment = machine.get("environment", {})
+        commit = environment.get("commit", "").rstrip("+")
+        if not commit:
+            raise RunError(f"{run.path} does not know the commit that it ran from, by which asv orders results")
+        rows = found.field[(found.field.solver == solver) & (found.field.status == Status.OK)]
+        if not len(rows):
+            raise RunError(f"{run.path} has no answer of {solver}")
+        results = {}
+        for lane, part in rows.groupby("lane"):
+            for what, kind, unit, value in (
+                ("time", "time", "seconds", float(part.answer_us.median()) * 1e-6),
+                ("iterations", "track", "iterations", float(part.iterations.clip(lower=0).sum())),
+            ):
+                name = f"{solver}.{lane}.{what}"
+                results[name] = [[value if math.isfinite(value) else None], []]
+                described[name] = {**BENCHMARK, "name": name, "unit": unit, "type": kind}
+        about = {"machine": found.host, "cpu": machine["processor"], "os": machine["system"]}
+        files[f"{found.host}/machine.json"] = {**about, "version": 1}
+        name = f"{found.host}/{commit[:8]}-{ENVIRONMENT}.json"
+        if name in files:
+            raise RunError(f"{run.path} is of commit {commit}, as a run before it, and asv has one result a commit")
+        files[name] = {**RESULT, "commit_hash": commit, "params": about, "results": results}
+    return {**files, "benchmarks.json": {**described, "version": 2}}
+
+
+def write_asv(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, folder: Path) -> None:
+    """Write or replace the files in a folder of results."""
+    for name, content in asv_files(runs, measured, solver).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        with replacing(folder / name) as temporary:
+            temporary.write_text(json.dumps(content, indent=1))
