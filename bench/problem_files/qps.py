@@ -114,7 +114,7 @@ class _Reader:
             self._sense(line.strip())
             return
         require(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
-        kind, head, pairs = self._fixed_fields(line) if self.fixed else self._free_fields(line.split())
+        kind, head, pairs = self._fields([line[field].strip() for field in FIXED] if self.fixed else line.split())
         if self.section in ("RHS", "RANGES", "BOUNDS"):
             one = self.vectors.setdefault(self.section, head)
             require(one == head, f"a second vector {head!r} in the section {self.section}")
@@ -136,13 +136,9 @@ class _Reader:
         """The first free row."""
         return next((name for name, kind in self.kinds.items() if kind == "N"), None)
 
-    def _fixed_fields(self, line: str) -> Fields:
-        kind, head, *rest = (line[field].strip() for field in FIXED)
-        pairs = [(name, number) for name, number in zip(rest[::2], rest[1::2], strict=True) if name]
-        return kind, head, pairs or [("", "")]
-
-    def _free_fields(self, words: list[str]) -> Fields:
+    def _fields(self, words: list[str]) -> Fields:
         """The name of a vector is optional, and so is the value of a bound without one."""
+        words = [word for word in words if word]
         require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
         counts, kind = FIELDS.get(self.section, (3, 5)), words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
         if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # some files give one

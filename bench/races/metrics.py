@@ -35,10 +35,7 @@ def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: in
     forms = dict(fresh.judged(len(answers), few))
     if not forms:
         return {}
-    gaps = {
-        call: relative_gap(form, answers[call]) if np.isfinite(answers[call]).all() else (math.inf, math.inf)
-        for call, form in forms.items()
-    }
+    gaps = {call: relative_gap(form, answers[call]) for call, form in forms.items()}
     call = max(gaps, key=lambda call: max(gaps[call]))
     form, x, excess = forms[call], answers[call], math.inf
     if np.isfinite(x).all():
@@ -97,7 +94,9 @@ def _refused(status: Status, message: str) -> Row:
 
 
 def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:
-    """Relative cost gap and violation of an answer (d,)."""
+    """Relative cost gap and violation of an answer (d,); infinite if it has NaN or infinity."""
+    if not np.isfinite(x).all():
+        return math.inf, math.inf
     gap = exact_cost_gap(form.qp, form.certificate, x, form.c)
     relative = gap.absolute / form.yardstick if form.cost_unit > 0.0 else gap.relative
     return relative, gap.violation / form.size

@@ -145,7 +145,7 @@ def test_no_two_programs_are_alike_and_answers_are_judged_by_proven_optima(raced
     # each is the answer of the program before; to 1e-3 one in a hundred is right by chance
     assert judged(x[:256])["share_mid"] == 0.0
     spoiled = x[1:257].copy()
-    spoiled[programs.sample(1, 257, 16)[0] - 1] += 1e-4
+    spoiled[next(programs.judged(1, 257, 16))[0] - 1] += 1e-4
     assert judged(spoiled)["share_high"] == 15 / 16
 
 

@@ -10,6 +10,7 @@ program. A child mixes the programs of its request, which follow from the famili
 which answers are judged; their optima are proven after the solvers have answered.
 """
 
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -49,10 +50,11 @@ class Programs:
         self.proven = cache(self._prove)
         """A program with its certified optimum; None if it cannot be proven."""
 
-    def sample(self, first: int, last: int, most: int) -> list[int]:
-        """At most ``most`` of the programs ``first`` to ``last`` − 1; overlapping ranges share them, so that few proofs
-        are needed."""
-        return sorted(first + int(i) for i in np.argsort(self._rank[first:last])[:most])
+    def judged(self, first: int, last: int, most: int) -> Iterator[tuple[int, CertifiedForm]]:
+        """At most ``most`` of the programs ``first`` to ``last`` − 1, each with its certified optimum, without those
+        that cannot be proven; overlapping ranges share them, so that few proofs are needed."""
+        chosen = sorted(first + int(i) for i in np.argsort(self._rank[first:last])[:most])
+        return ((b, form) for b in chosen if (form := self.proven(b)) is not None)
 
     def _prove(self, b: int) -> CertifiedForm | None:
         try:

@@ -191,12 +191,9 @@ class BatchRace(TaskRace[BatchSettings]):
 
     def errors(self, task: Task, answers: Matrix) -> Vector:
         """The larger of relative cost gap and violation for a sample of the answers; infinite for NaN or infinity."""
-        programs, first, errors = self.programs[task.d], task.repeat, []
-        for b in programs.sample(first, first + len(answers), self.settings.judged):
-            if (form := programs.proven(b)) is not None:
-                x = answers[b - first]
-                errors.append(max(relative_gap(form, x)) if np.isfinite(x).all() else math.inf)
-        return np.array(errors)
+        first = task.repeat
+        judged = self.programs[task.d].judged(first, first + len(answers), self.settings.judged)
+        return np.array([max(relative_gap(form, answers[b - first])) for b, form in judged])
 
 
 def task_of(entry: Entry | Described, d: int, batch: int, threads: int, repeat: int) -> Task:

@@ -23,7 +23,7 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge, judge_timed
-from bench.races.oneshot.worker import Block, BlockOutcome, End, OneShot
+from bench.races.oneshot.worker import BlockOutcome, Further, OneShot, TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
 from solvers.arrays import Matrix
@@ -58,7 +58,7 @@ def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: flo
     """Time a block. No call begins after ``most_ns``. BlockError if the solver fails; if its process ended, so did the
     solver that was ready."""
     cpu_ns = child.cpu_ns()
-    block = child.ask(Block(task.key, P, q, most_ns))
+    block = child.ask(Further(task.key, TimedSolver.block, (P, q, most_ns)))
     if block.failure:
         raise BlockError(block)
     if isinstance(block, BlockOutcome):
@@ -84,10 +84,10 @@ def timed(
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), most_ns=most_ns)
         blocks.append(block)
-        done, spent_ns = done + len(block.answers), spent_ns + int(block.calls_ns.sum())
+        done, spent_ns = done + len(block.answers), spent_ns + int((block.update_ns + block.solve_ns).sum())
         call_ns = max(spent_ns / done, 1.0)
         size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) / call_ns), 1)
-    end = child.ask(End(task.key, effort.budget_s))
+    end = child.ask(Further(task.key, TimedSolver.end, (effort.budget_s,)))
     if end.failure:
         return Measurement(end)
     if end.forbidden_actions:

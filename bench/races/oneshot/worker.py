@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Self
 
@@ -23,7 +23,7 @@ from bench.problem_files.program import copied, fields_of
 from bench.processes.worker import forbidden_actions
 from bench.timing.clock import time_block, time_call, time_kernel
 from solvers.arrays import Matrix, Vector
-from solvers.protocol import Nanoseconds, Solver
+from solvers.protocol import Solver
 
 
 @dataclass
@@ -32,11 +32,6 @@ class BlockOutcome(Outcome):
 
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     cpu_ns: int = 0
-
-    @property
-    def calls_ns(self) -> Nanoseconds:
-        """Update and solve of each call."""
-        return self.update_ns + self.solve_ns
 
 
 @dataclass(frozen=True)
@@ -75,32 +70,16 @@ class OneShot(Request):
 
 
 @dataclass(frozen=True)
-class Block(Request):
-    """Time update and solve for each P (n, d, d) and q (n, d), with the solver that is ready for the task of this key.
-
-    No call begins after ``most_ns`` are spent.
-    """
+class Further(Request):
+    """A call of a method of the :class:`TimedSolver` that is ready for the task of this key."""
 
     key: str
-    P: Matrix
-    q: Matrix
-    most_ns: float
+    method: Callable[..., Outcome]
+    arguments: tuple[Any, ...]
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Time the block."""
-        return _ready[self.key].block(self.P, self.q, self.most_ns)
-
-
-@dataclass(frozen=True)
-class End(Request):
-    """Solve the first problem once more, report how the solver behaved, and drop the solver."""
-
-    key: str
-    budget_s: float
-
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Time further set-ups as well, within the budget."""
-        return replace(_ready.pop(self.key).end(self.budget_s), forbidden_actions=forbidden_actions())
+        """Call the method."""
+        return self.method(_ready[self.key], *self.arguments)
 
 
 _ready: dict[str, TimedSolver] = {}
@@ -141,7 +120,8 @@ class TimedSolver:
         return time_call(partial(self.solver.setup, self._for_setup))
 
     def block(self, P: Matrix, q: Matrix, most_ns: float) -> Outcome:
-        """Time a block, and check that its data are unchanged afterwards."""
+        """Time update and solve for each P (n, d, d) and q (n, d), and check that the data are unchanged afterwards. No
+        call begins after ``most_ns`` are spent."""
         sums, before = (P.sum(), q.sum()), preemptions()
         timed = self._time(self.solver, P, q, self._start, most_ns)
         self._block_was_changed |= (P.sum(), q.sum()) != sums
@@ -154,7 +134,8 @@ class TimedSolver:
         )
 
     def end(self, budget_s: float) -> Outcome:
-        """Whether the first data give the first answer again, and whether the inputs are unchanged."""
+        """Whether the first data give the first answer again, and whether the inputs are unchanged; further set-ups are
+        timed within the budget."""
         P = self._for_update.P if isinstance(self._for_update.P, np.ndarray) else self._for_update.P.toarray()
         self.solver.update(P=P, q=self._for_update.q)  # which takes dense data
         again = real(self._solve())
@@ -167,6 +148,7 @@ class TimedSolver:
             repeatable=bool(np.array_equal(self._first, again, equal_nan=True)),
             mutated=changed,
             setup_ns=np.array(self._setups, dtype=np.int64),
+            forbidden_actions=forbidden_actions(),
         )
 
     def were_inputs_changed(self) -> bool:
