@@ -32,7 +32,7 @@ from bench.problem_files import ProblemFileError, read
 from bench.problem_files.npz import read_answer
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
-from bench.problems.proofs import ProverLost, prove, require_size, start
+from bench.problems.proofs import isolated, require_size, start
 from bench.processes.forked_child import ForkedChild
 from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar
@@ -200,11 +200,11 @@ def certify_verb(
     x = None if answer is None else read_answer(answer, program.qp.q.size)
     try:
         with ForkedChild() as child:
-            found = prove(child, certified, program.qp, program.constant, x, work)
+            found = isolated(child, certified, program.qp, program.constant, x, work)
     except OutOfWork as error:
         print(f"piezobench certify: {problem}: {error}", file=sys.stderr)
         raise typer.Exit(NO_PROOF) from None
-    except (NotCertified, ProverLost) as error:
+    except NotCertified as error:
         raise ProblemFileError(f"{problem}: {error}") from None
     if out is not None:
         write_text(out, json.dumps(found))

@@ -214,16 +214,11 @@ WRAPPERS = (
 )
 
 
-def in_lane_direct(solver: str) -> str:
-    """Name in the lane direct of a library that a wrapper calls."""
-    return OTHER_NAMES.get(solver, solver)
-
-
 def wrapper_share(measurements: Measurements) -> pd.DataFrame:
     """WRAPPERS, one row per wrapper and setting that the lane direct has, too; medians over the ``problems`` on which
     both are right."""
     rows = measurements.cold(measurements.field)
-    rows = rows.assign(us=rows.answer_us, key=rows.settings.map(_key), library=rows.solver.map(in_lane_direct))
+    rows = rows.assign(us=rows.answer_us, key=rows.settings.map(_key), library=rows.solver.replace(OTHER_NAMES))
     rows = rows[right(rows, Tier.LOW) & (rows.key != "")]
     direct = (
         rows[rows.lane == Lane.DIRECT].drop(columns="library").rename(columns={"solver": "library", "us": "direct_us"})

@@ -10,7 +10,6 @@ others, Math. Program. Comput. 12, 2020, section 5.1). All are rounded to powers
 exactly the given one and has the same optimum; its P has a diagonal between about 1/4 and 4 instead of ones.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,18 +21,8 @@ from solvers.arrays import Vector
 PASSES = 10
 
 
-@dataclass(frozen=True)
-class Scaled:
-    """A scaled program in z, with x = ``unit`` · z."""
-
-    qp: Problem
-    unit: Vector
-    cost: float
-    """κ."""
-
-
-def equilibrated(qp: Problem) -> Scaled:
-    """Scale a program.
+def equilibrated(qp: Problem) -> tuple[Problem, Vector, float]:
+    """The scaled program in z, the diagonal (d,) of D, with x = D z, and κ.
 
     Parameters
     ----------
@@ -42,8 +31,9 @@ def equilibrated(qp: Problem) -> Scaled:
 
     Examples
     --------
-    >>> scaled = equilibrated(Problem(np.diag([4e6, 1.0]), np.array([2e3, 1.0]), lb=np.zeros(2), ub=np.full(2, 8.0)))
-    >>> scaled.unit.tolist(), scaled.qp.ub.tolist(), scaled.qp.P.diagonal().round(2).tolist()
+    >>> qp = Problem(np.diag([4e6, 1.0]), np.array([2e3, 1.0]), lb=np.zeros(2), ub=np.full(2, 8.0))
+    >>> scaled, unit, _ = equilibrated(qp)
+    >>> unit.tolist(), scaled.ub.tolist(), scaled.P.diagonal().round(2).tolist()
     ([0.00048828125, 1.0], [16384.0, 8.0], [0.95, 1.0])
     """
     d = qp.q.size
@@ -61,7 +51,7 @@ def equilibrated(qp: Problem) -> Scaled:
     P, G, A = (_times(left, M, D) for left, M in ((cost * D, qp.P), (E[split:], qp.G), (E[:split], qp.A)))
     sides = ((cost * D, qp.q), (E[split:], qp.h), (E[:split], qp.b), (1.0 / D, qp.lb), (1.0 / D, qp.ub))
     q, h, b, lb, ub = (None if side is None else factor * side for factor, side in sides)
-    return Scaled(Problem(P, q, G, h, A, b, lb, ub), D, cost)
+    return Problem(P, q, G, h, A, b, lb, ub), D, cost
 
 
 def _largest_by_column(M: Any, S: Vector) -> Vector:

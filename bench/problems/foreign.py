@@ -26,7 +26,7 @@ from bench.problem_files.npz import opened
 from bench.problem_files.program import about, checked, require
 from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
-from bench.problems.proofs import ProverLost, proof, prove, proven, require_size
+from bench.problems.proofs import isolated, proof, proven, require_size
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
 from bench.processes.forked_child import ForkedChild
 from piezo_model.identification_problem import Scaling
@@ -72,8 +72,8 @@ class ForeignPrograms(ProblemSet):
     def _made(self, child: ForkedChild, source: tuple[str, Source]) -> RaceProblem | str:
         """The problem, or the reason why it is left out."""
         try:
-            return prove(child, certified, self.name, *source, self.work)
-        except (NotCertified, ProverLost) as error:
+            return isolated(child, certified, self.name, *source, self.work)
+        except NotCertified as error:
             return str(error)
 
 
@@ -85,12 +85,12 @@ def certified(set_name: str, name: str, read: Source, work: float) -> RaceProble
             raise NotCertified(next(iter(wrong.values())))
         return replace(given, set_name=set_name, name=name)
     require_size(given.qp)
-    scaled = equilibrated(given.qp)
-    of_scaled = proof(scaled.qp, work=work)
-    of_raw = proof(given.qp, lambda _: scaled.unit * np.array(of_scaled.x), work)
-    units, ones = (csc_matrix(diags(each)) for each in (scaled.unit, np.ones(scaled.unit.size)))
+    scaled, unit, cost = equilibrated(given.qp)
+    of_scaled = proof(scaled, work=work)
+    of_raw = proof(given.qp, lambda _: unit * np.array(of_scaled.x), work)
+    units, ones = (csc_matrix(diags(each)) for each in (unit, np.ones(unit.size)))
     forms: dict[Scaling, CertifiedForm] = {
-        "scaled": CertifiedForm(scaled.qp, scaled.cost * given.constant, units, of_scaled, cost_unit=scaled.cost),
+        "scaled": CertifiedForm(scaled, cost * given.constant, units, of_scaled, cost_unit=cost),
         "raw": CertifiedForm(given.qp, given.constant, ones, of_raw, cost_unit=1.0),
     }
     return RaceProblem(set_name, name, forms, sense=given.sense)
@@ -147,8 +147,8 @@ class QpbenchmarkTestSet(ForeignPrograms):
     def _programs(self) -> list[tuple[str, Problem]]:
         try:
             with ForkedChild() as child:
-                return prove(child, read_test_set, str(self.path.resolve()))
-        except (NotCertified, ProverLost) as error:
+                return isolated(child, read_test_set, str(self.path.resolve()))
+        except NotCertified as error:
             raise ProblemSetError(f"{self.path}: {error}") from None
 
     def sources(self) -> Sequence[tuple[str, Source]]:

@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
-from queue import SimpleQueue
+from threading import get_ident
 from typing import Any, TypeVar
 
 import numpy as np
@@ -122,24 +122,19 @@ def proof(qp: Problem, begin: Callable[[Problem], Vector] = start, work: float =
     return cached.proof
 
 
-class ProverLost(Exception):
-    """The process of a program died, possibly for a reason outside the program."""
-
-
-def prove(child: ForkedChild, function: Callable[..., T], *arguments: Any) -> T:
+def isolated(child: ForkedChild, function: Callable[..., T], *arguments: Any) -> T:
     """Call a function of a module that reads or proves programs in a process, which is restarted if it was lost.
 
     Raises
     ------
     NotCertified
-        The function raised it, or a ValueError with this sentence.
-    ProverLost
-        The process died.
+        The function raised it, or a ValueError with this sentence; or the process died, possibly for a reason outside
+        the program.
     """
     try:
         result = child.call(HANG_S, _attempt, function, arguments)
     except (LateError, LostError) as error:
-        raise ProverLost(f"the process that reads and proves it ended with {error}") from None
+        raise NotCertified(f"the process that reads and proves it ended with {error}") from None
     if isinstance(result, NotCertified):
         raise result
     return result
@@ -155,27 +150,20 @@ def proven(function: Callable[[ForkedChild, S], T], items: Iterable[S]) -> Gener
     [1, 2, 3, 4]
     """
     with ExitStack() as stack:
-        children = [stack.enter_context(ForkedChild()) for _ in cores.usable()]
-        idle: SimpleQueue[ForkedChild] = SimpleQueue()
-        for child in children:
-            idle.put(child)
+        children: dict[int, ForkedChild] = {}
 
-        def with_child(item: S) -> T:
-            child = idle.get()
-            try:
-                return function(child, item)
-            finally:
-                idle.put(child)
+        def begin() -> None:
+            children[get_ident()] = stack.enter_context(ForkedChild())
 
-        threads = ThreadPoolExecutor(len(children))
-        futures = [threads.submit(with_child, item) for item in items]
+        threads = ThreadPoolExecutor(len(cores.usable()), initializer=begin)
+        futures = [threads.submit(lambda item: function(children[get_ident()], item), item) for item in items]
         try:
             for future in futures:
                 yield future.result()
         finally:
             threads.shutdown(wait=False, cancel_futures=True)
             while not all(future.done() for future in futures):
-                for child in children:
+                for child in [*children.values()]:
                     child.interrupt()  # has no effect on a process that is just starting, so it is repeated
                 time.sleep(0.02)
             threads.shutdown()

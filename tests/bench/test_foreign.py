@@ -30,7 +30,7 @@ from bench.problem_files import read
 from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.equilibration import equilibrated
-from bench.problems.proofs import proof, prove, proven
+from bench.problems.proofs import isolated, proof, proven
 from bench.problems.protocol import SCALINGS
 from bench.store import Run
 from solvers.certificate import NotCertified, verify
@@ -112,12 +112,12 @@ def test_scaling_is_by_powers_of_two_and_rounds_nothing(tmp_path: Path, seed: in
         qp.lb / badly,
         qp.ub / badly,
     )
-    scaled = equilibrated(qp)
+    scaled, unit, cost = equilibrated(qp)
     for name, value in fields_of(qp).items():
-        significands = [np.frexp(dense(each))[0] for each in (value, getattr(scaled.qp, name))]
+        significands = [np.frexp(dense(each))[0] for each in (value, getattr(scaled, name))]
         np.testing.assert_array_equal(*significands)
-    np.testing.assert_array_equal(scaled.qp.lb * scaled.unit, qp.lb)
-    largest = dense(sp.vstack([abs(scaled.qp.P / scaled.cost), abs(scaled.qp.G), abs(scaled.qp.A)]).max(axis=0))
+    np.testing.assert_array_equal(scaled.lb * unit, qp.lb)
+    largest = dense(sp.vstack([abs(scaled.P / cost), abs(scaled.G), abs(scaled.A)]).max(axis=0))
     assert largest.min() > 0.2
     assert largest.max() < 5.0
 
@@ -375,7 +375,7 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
 @pytest.mark.parametrize("pause", [0.0, 0.05, 0.3, 1.0, 3.0])
 def test_proving_processes_end_with_the_generator_whether_they_start_or_work(pause: float) -> None:
     before = set(multiprocessing.active_children())
-    results = proven(lambda child, seconds: seconds and prove(child, time.sleep, seconds), [0.0] + 9 * [3600.0])
+    results = proven(lambda child, seconds: seconds and isolated(child, time.sleep, seconds), [0.0] + 9 * [3600.0])
     with closing(results):
         next(results)
         time.sleep(pause)
@@ -387,6 +387,6 @@ def test_an_interrupt_ends_a_running_proof() -> None:
     try:
         threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
         with pytest.raises(KeyboardInterrupt):
-            next(proven(lambda child, seconds: prove(child, time.sleep, seconds), [3600.0]))
+            next(proven(lambda child, seconds: isolated(child, time.sleep, seconds), [3600.0]))
     finally:
         signal.signal(signal.SIGINT, before)

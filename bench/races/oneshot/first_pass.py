@@ -16,7 +16,7 @@ from bench.processes.sentinel import EVERY_S
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.driver import Part, Tell
-from bench.races.oneshot.measuring import BlockError, Measurement, row_of, timed
+from bench.races.oneshot.measuring import Measurement, row_of, timed
 from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
 from bench.timing.clock import Effort
@@ -47,11 +47,7 @@ class Pass(Part):
     def measure(self, run: Run, pool: SolverPool, task: Task, fresh: FreshData, effort: Effort) -> Row:
         """Time, judge and save a task."""
         idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
-        try:
-            measured = timed(pool.child(task), idle, task, self.form, fresh, effort)
-        except BlockError as error:
-            measured = Measurement(*error.args)
-        row = self.save(run, task, measured, fresh)
+        row = self.save(run, task, timed(pool.child(task), idle, task, self.form, fresh, effort), fresh)
         pool.sentinel.sample(unless_within_s=EVERY_S)
         return row
 

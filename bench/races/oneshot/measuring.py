@@ -34,10 +34,6 @@ TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
 
 
-class BlockError(Exception):
-    """A solver failed at a block; the argument is the outcome."""
-
-
 @dataclass
 class Measurement:
     """The outcome of a task with its times, and its timed answers."""
@@ -55,25 +51,25 @@ def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
 
 
 def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: float = math.inf) -> BlockOutcome:
-    """Time a block. No call begins after ``most_ns``. BlockError if the solver fails; if its process ended, so did the
-    solver that was ready."""
+    """Time a block. No call begins after ``most_ns``. It may be a failure; if the process ended, so did the solver that
+    was ready."""
     cpu_ns = child.cpu_ns()
     block = child.ask(Further(task.key, TimedSolver.block, (P, q, most_ns)))
-    if block.failure:
-        raise BlockError(block)
     if isinstance(block, BlockOutcome):
         n = len(block.answers) if most_ns < math.inf else len(q)
         times = (block.update_ns, block.solve_ns)
         if 0 < n <= len(q) and block.answers.shape == (n, q.shape[1]) and all(ns.shape == (n,) for ns in times):
             block.cpu_ns = child.cpu_ns() - cpu_ns
             return block
-    raise BlockError(Outcome("tampered", "its process sent an answer that was not requested"))
+    return BlockOutcome(
+        block.failure or "tampered", block.message or "its process sent an answer that was not requested"
+    )
 
 
 def timed(
     child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, effort: Effort
 ) -> Measurement:
-    """Time a task; BlockError if the solver fails at a block. ``idle`` is the process of the null solver."""
+    """Time a task; ``idle`` is the process of the null solver."""
     outcome = set_up(child, task, form)
     if outcome.failure:
         return Measurement(outcome)
@@ -83,6 +79,8 @@ def timed(
         n = min(size, fresh.calls_at_once, effort.most - done)
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), most_ns=most_ns)
+        if block.failure:
+            return Measurement(block)
         blocks.append(block)
         done, spent_ns = done + len(block.answers), spent_ns + int((block.update_ns + block.solve_ns).sum())
         call_ns = max(spent_ns / done, 1.0)
@@ -120,13 +118,12 @@ def _idle_ns(
     null_task = replace(task, solver=idle.entry.name, lane=idle.entry.lane, setting=NO_SETTING)
     ends = np.cumsum([len(block.answers) for block in blocks])
     set_up(idle, null_task, form)
-    try:
-        return sum(
-            max(run_block(idle, null_task, *fresh.block(first, last)).cpu_ns for _ in range(TRIALS))
-            for first, last in pairwise([0, *ends])
-        )
-    except BlockError:
-        return math.inf
+    again = [
+        [run_block(idle, null_task, *fresh.block(first, last)) for _ in range(TRIALS)]
+        for first, last in pairwise([0, *ends])
+    ]
+    failed = any(block.failure for trials in again for block in trials)
+    return math.inf if failed else sum(max(block.cpu_ns for block in trials) for trials in again)
 
 
 def row_of(problem: RaceProblem, task: Task, measured: Measurement, fresh: FreshData | None, few: int) -> Row:

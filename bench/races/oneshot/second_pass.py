@@ -26,7 +26,7 @@ from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races.driver import Tell
 from bench.races.oneshot.first_pass import FirstPass, Pass
-from bench.races.oneshot.measuring import BlockError, Measurement, measurement, run_block, set_up
+from bench.races.oneshot.measuring import Measurement, measurement, run_block, set_up
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.oneshot.worker import BlockOutcome
 from bench.store import Run
@@ -109,13 +109,12 @@ def interleave(
         chance.shuffle(ready)
         data = fresh.unseen(calls) if at < 0 else fresh.block(at, at + calls)
         for task in list(ready):
-            try:
-                block = run_block(children[task.solver, task.lane], task, *data)
-            except BlockError as error:
+            block = run_block(children[task.solver, task.lane], task, *data)
+            if block.failure:
                 ready.remove(task)
-                (outcomes[task.key],) = error.args
-            else:
-                blocks[task.key] += [block] if at >= 0 else []
+                outcomes[task.key] = block
+            elif at >= 0:
+                blocks[task.key].append(block)
     idle_ns = sum(block.cpu_ns for task in ready if task.solver == FLOOR for block in blocks[task.key]) or math.inf
     timed = {task.key: measurement(outcomes[task.key], blocks[task.key], lambda: idle_ns) for task in ready}
     return [(task, timed.get(task.key, Measurement(outcomes[task.key]))) for task in tasks]

@@ -61,11 +61,11 @@ def raw(rows: pd.DataFrame, times: pd.DataFrame, what: str) -> dict[tuple[Hashab
 
 def percentiles(kind: str, microseconds: Microseconds) -> dict[str, float]:
     """Percentiles, ends of their intervals, maximum and number of samples by column; NaN for a refused percentile."""
-    columns: dict[str, float] = {}
-    for q in QUANTILES:
-        estimate = percentile(microseconds, q)
-        for end, value in (("", estimate.value), ("low", estimate.low), ("high", estimate.high)):
-            columns[column(kind, q, end)] = math.nan if value is None else value
+    columns = {
+        column(kind, each.q, end): math.nan if value is None else value
+        for each in (percentile(microseconds, q) for q in QUANTILES)
+        for end, value in (("", each.value), ("low", each.low), ("high", each.high))
+    }
     return columns | {
         f"{kind}_max_us": float(microseconds.max()) if microseconds.size else math.nan,
         f"{kind}_samples": microseconds.size,
