@@ -66,8 +66,8 @@ def history(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, 
     counted = first.field[(first.field.solver == solver) & (first.field.status == Status.OK)]
     found = []
     for run, here in zip(runs, measured, strict=True):
-        settings, rows = run.settings, here.field
-        pairs = counted.merge(rows[rows.status == Status.OK], on="task", suffixes=("_a", ""))
+        rows = here.field[here.field.status == Status.OK]
+        pairs = counted.merge(rows, on="task", suffixes=("_a", ""))
         if not len(pairs):
             raise RunError(f"{run.path} has no task of {solver} in common with {runs[0].path}")
         times = [] if here is first else compare_runs(runs[0], run, smallest, (first, here)).times.to_dict("records")
@@ -80,7 +80,7 @@ def history(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, 
                 {
                     "run": run.path.name,
                     "commit": run.machine_of(rows).get("environment", {}).get("commit", "")[:12],
-                    "version": settings.get("field", {}).get(f"{solver} ({lane})", ""),
+                    "version": run.settings.get("field", {}).get(f"{solver} ({lane})", ""),
                     "lane": lane,
                     "iterations": after,
                     "iterations_ratio": after / before if before else np.nan,
@@ -112,8 +112,7 @@ def asv_files(runs: Sequence[Run], measured: Sequence[Measurements], solver: str
     described: dict[str, Any] = {}
     for run, found in zip(runs, measured, strict=True):
         machine = run.machine_of(found.rows)
-        environment = machine.get("environment", {})
-        commit = environment.get("commit", "").rstrip("+")
+        commit = machine.get("environment", {}).get("commit", "").rstrip("+")
         if not commit:
             raise RunError(f"{run.path} does not know the commit that it ran from, by which asv orders results")
         rows = found.field[(found.field.solver == solver) & (found.field.status == Status.OK)]

@@ -66,22 +66,21 @@ def compare_versions(
         A file is not a solver, or a solver fails at a problem.
     """
     entries = [replace(entry_of_file(file, from_file), name=name) for file, name in zip(files, NAMES, strict=True)]
-    theta, us, gaps = [], [], []
+    times, gaps = [], []
     warm_up(entries)
     with cores.claim() as core:
         for pair in range(PAIRS):
             with ExitStack() as stack:
                 children = [stack.enter_context(SolverChild(entry, core=core.number)) for entry in entries]
-                ratios = []
                 for done, problem in enumerate(problems):
                     progress(f"{problem.name}, pair {pair + 1}", pair * len(problems) + done, PAIRS * len(problems))
-                    times, gap = _timed(children, files, problem, f"{seed} {pair} {problem.name}")
-                    ratios.append(float(np.median(np.log(times[1] / times[0]))))
-                    us.append(np.median(times, axis=1))
+                    us, gap = _timed(children, files, problem, f"{seed} {pair} {problem.name}")
+                    times.append(us)
                     gaps.append(gap)
-                theta.append(float(np.median(ratios)))
+    us = np.reshape(times, (PAIRS, len(problems), 2, BLOCKS))
+    theta = np.median(np.median(np.log(us[:, :, 1] / us[:, :, 0]), axis=2), axis=1)
     mean, half = float(np.mean(theta)), float(student.ppf(0.975, PAIRS - 1) * np.std(theta, ddof=1) / PAIRS**0.5)
-    first, second = np.median(us, axis=0)
+    first, second = np.median(np.median(us, axis=3), axis=(0, 1))
     worst = np.max(gaps, axis=0)
     return VersionComparison(
         math.exp(mean),

@@ -44,6 +44,14 @@ def mixture(form: CertifiedForm, shares: Vector, factors: Vector) -> CertifiedFo
     return CertifiedForm(program, c, form.to_weights, proof, cost_unit=form.cost_unit)
 
 
+def proven_mixture(form: CertifiedForm, shares: Vector, factors: Vector) -> CertifiedForm | None:
+    """One mixture with its certified optimum; None if there is no proof, and so an answer to it is not judged."""
+    try:
+        return mixture(form, shares, factors)
+    except NotCertified:
+        return None
+
+
 class FreshData:
     """Mixtures that only the process that draws them knows.
 
@@ -62,7 +70,7 @@ class FreshData:
         self._factors_of_q = 0 if form.windows else form.qp.q.size if math.isfinite(form.condition) else 1
         self._shares, self._factors = self._drawn(count)
         self._permutation = self._generator.permutation(count)
-        self.certified = cache(self._certify)
+        self.certified = cache(lambda call: proven_mixture(form, *self.draw(call)))
         """The program of a call with its certified optimum; None if it cannot be proven."""
 
     def judged(self, made: int, few: int) -> Iterator[tuple[int, CertifiedForm]]:
@@ -91,12 +99,6 @@ class FreshData:
             else np.ones((count, 1))
         )
         return self._generator.dirichlet(np.ones(1 + len(self._form.windows)), size=count), factors
-
-    def _certify(self, call: int) -> CertifiedForm | None:
-        try:
-            return mixture(self._form, *self.draw(call))
-        except NotCertified:  # such an answer is not judged
-            return None
 
     @cached_property
     def calls_at_once(self) -> int:

@@ -5,7 +5,7 @@ settings and report.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -60,7 +60,7 @@ class Kind:
     def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
         """Create the folder of a run."""
         self.race.entries(settings)
-        return Run.create(results, {"race": self.name, "settings": settings.to_dict()}, name)
+        return Run.create(results, {"race": self.name, "settings": asdict(settings)}, name)
 
     def add(self, run: Run, settings: RaceSettings) -> None:
         """Begin to add solvers to a finished run; RaceError if that cannot be done."""
@@ -71,7 +71,7 @@ class Kind:
                 else f"{run.path}: the race is not finished, so resume it first"
             )
         self.race.entries(settings)
-        run.reopen(settings.to_dict(), self.anchors(run))
+        run.reopen(asdict(settings), self.anchors(run))
 
     def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:
         """Do the tasks that are not done yet, and gather the tables."""
@@ -93,11 +93,10 @@ class Kind:
 def findings(folder: Path) -> Iterator[str]:
     """What the newest finished run in a folder says, of each kind that has a finding."""
     for kind in kinds().values():
-        if kind.finding is None:
-            continue
-        for table in sorted(folder.glob(f"*/{kind.schema.file}"), key=lambda path: path.stat().st_mtime)[-1:]:
+        tables = sorted(folder.glob(f"*/{kind.schema.file}"), key=lambda path: path.stat().st_mtime)
+        if kind.finding is not None and tables:
             try:
-                yield from kind.finding(open_run(table.parent))
+                yield from kind.finding(open_run(tables[-1].parent))
             except RunError as error:  # no fault of the run beside it
                 yield f"The {kind.name} race beside this run cannot be read: {error}."
 

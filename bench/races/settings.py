@@ -1,6 +1,6 @@
 """The settings of a race, which are stored in its run so that it can be resumed."""
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, TypeVar
 
 from msgspec import Meta
@@ -66,10 +66,6 @@ class RaceSettings:
     def code(self) -> set[str]:
         """Paths of the Python files that a race executes: solvers, and a test set of qpbenchmark."""
         return {*self.solver_files, *(path for name, path in self.set_options.items() if name == "test_set")}
-
-    def to_dict(self) -> dict[str, Any]:
-        """The settings for ``run.json``."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,12 @@ from functools import cache
 import numpy as np
 
 from bench.messages.progress import Progress
-from bench.problems.fresh import mixture
+from bench.problems.fresh import proven_mixture
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import DRIVES, Experiment
 from bench.races.batch.worker import Families
 from bench.store import Run
 from piezo_model import plants
-from solvers.certificate import NotCertified
 
 ORDERS = {18: (5, 3), 60: (20, 9)}
 """Orders n and m of the model by d."""
@@ -47,7 +46,7 @@ class Programs:
         )
         self._family, self._shares = self.families.drawn()
         self._rank = np.random.default_rng().permutation(count)  # not reproducible on purpose
-        self.proven = cache(self._prove)
+        self.proven = cache(lambda b: proven_mixture(self._forms[self._family[b]], self._shares[b], np.ones(1)))
         """A program with its certified optimum; None if it cannot be proven."""
 
     def judged(self, first: int, last: int, most: int) -> Iterator[tuple[int, CertifiedForm]]:
@@ -55,12 +54,6 @@ class Programs:
         that cannot be proven; overlapping ranges share them, so that few proofs are needed."""
         chosen = sorted(first + int(i) for i in np.argsort(self._rank[first:last])[:most])
         return ((b, form) for b in chosen if (form := self.proven(b)) is not None)
-
-    def _prove(self, b: int) -> CertifiedForm | None:
-        try:
-            return mixture(self._forms[self._family[b]], self._shares[b], np.ones(1))
-        except NotCertified:  # such an answer is not judged
-            return None
 
 
 def _families(run: Run, d: int, seed: int, limit: int | None, progress: Progress) -> list[RaceProblem]:

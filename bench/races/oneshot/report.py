@@ -1,7 +1,7 @@
 """The report of a one-shot race, and of the anytime race."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import pandas as pd
@@ -16,8 +16,7 @@ from bench.messages.columns import Column
 from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
 from bench.races.oneshot.race import OneshotRace
-from bench.races.oneshot.sessions import anchors
-from bench.races.oneshot.sessions import drift as drift_of
+from bench.races.oneshot.sessions import anchors, drift
 from bench.races.oneshot.settings import AnytimeSettings, OneshotSettings
 from bench.races.settings import settings_of
 from bench.report.report import Report, Table
@@ -102,7 +101,7 @@ def report(run: Run) -> Report:
     """The report of a finished run."""
     measurements, settings = Measurements.of(run), run.settings
     summary, table, costs = summaries.summary(measurements), ranking(measurements), optima(run, measurements.rows)
-    drift = settings.get("conditions", {}).get("sentinel_drift", 0.0)
+    drifted = settings.get("conditions", {}).get("sentinel_drift", 0.0)
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
@@ -112,7 +111,7 @@ def report(run: Run) -> Report:
     }
     beside, versions, missed = like_with_like(measurements), settings.get("field", {}), misses(measurements)
     return Report(
-        verdict(measurements, run.machine_of(measurements.rows)["core"], drift),
+        verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
         short_table(table, note),
         summary,
         figures(measurements, summary),
@@ -121,11 +120,7 @@ def report(run: Run) -> Report:
         notes=[
             *below_rounding(costs),
             *notes(measurements, summary),
-            *_unrepeatable(measurements),
-            *drift_of(run, measurements),
-            *_hosts(measurements),
-            *_models(run),
-            *_reproduction(run, files),
+            *remarks(run, measurements, files),
         ],
         files=files,
         definitions=[*DEFINITIONS, *_of_repeats(run)],
@@ -200,47 +195,36 @@ def anytime_report(run: Run) -> Report:
     )
 
 
-def _unrepeatable(measurements: Measurements) -> list[str]:
+def remarks(run: Run, measurements: Measurements, missed: Iterable[str]) -> Iterator[str]:
+    """Sentences on solvers that do not repeat their answers, sessions, hosts and models of recordings, and the lines of
+    Python that solve the first ``missed`` program again."""
     rows = measurements.field[~measurements.field.repeatable]
-    names = sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)})
-    return [f"The same data do not give the same bits again with {joined(names)}."] if names else []
-
-
-def _reproduction(run: Run, files: Iterable[str]) -> list[str]:
-    """The lines of Python that solve a missed program again; the user's own solver files are registered first."""
-    own = run.settings_in_force.get("solver_files", ())
+    if names := sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)}):
+        yield f"The same data do not give the same bits again with {joined(names)}."
+    yield from drift(run, measurements)
+    if others := sorted(set(measurements.every.host) - {measurements.host}):
+        yield (
+            f"Times are those of {measurements.host}, where most was measured; accuracy is judged by what "
+            f"{', '.join(others)} measured, too."
+        )
+    for note in run.settings.get("models", {}).values():
+        if "error_percent" in note:
+            yield (
+                "The model that identify makes of the first four fifths of the recording has an RMS error of "
+                f"{note['error_percent']:.3g} % of the range on held-out data, the last fifth; deploy uses the model "
+                f"of the whole recording. {note.get('creep', '')}".rstrip()
+            )
+        else:
+            yield f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
+    own, files = run.settings_in_force.get("solver_files", ()), [*missed]
     register = "".join(["import solvers; ", *(f"solvers.add_file({path!r}); " for path in own)]) if own else ""
-    names = [*files]
-    return [
-        f"{len(names)} missed answer{'s are' if len(names) > 1 else ' is'} kept in {run.path / 'misses'}, each with "
-        "its program and the proven optimum. To solve the first again: "
-        f"{register}from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / name)!r}); "
-        "print(miss.gap(miss.x), miss.gap(miss.solve()))"
-        for name in names[:1]
-    ]
-
-
-def _hosts(measurements: Measurements) -> list[str]:
-    others = sorted(set(measurements.every.host) - {measurements.host})
-    if not others:
-        return []
-    return [
-        f"Times are those of {measurements.host}, where most was measured; accuracy is judged by what "
-        f"{', '.join(others)} measured, too."
-    ]
-
-
-def _models(run: Run) -> list[str]:
-    """Sentences about the models of recordings: their errors, or the reasons for their absence."""
-    return [
-        f"The model that identify makes of the first four fifths of the recording has an RMS error of "
-        f"{note['error_percent']:.3g} % of the range on held-out data, the last fifth; deploy uses the model of the "
-        "whole recording. "
-        f"{note.get('creep', '')}".rstrip()
-        if "error_percent" in note
-        else f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
-        for note in run.settings.get("models", {}).values()
-    ]
+    for first in files[:1]:
+        yield (
+            f"{len(files)} missed answer{'s are' if files[1:] else ' is'} kept in {run.path / 'misses'}, each with "
+            "its program and the proven optimum. To solve the first again: "
+            f"{register}from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / first)!r}); "
+            "print(miss.gap(miss.x), miss.gap(miss.solve()))"
+        )
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
