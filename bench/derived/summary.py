@@ -4,19 +4,31 @@ A row is a solver lane at one tier and its setting, in one scaling, from a cold 
 set: the number of right answers, the worst cost gap, medians over the problems of the median times, and the p99 of an
 answer over all calls. A tier that is not reached has no row. The last row of each scaling is the floor, a solver that
 does nothing.
+
+Beside it stand what went wrong, and where each solver lane misses a cost gap of 1e-9, problem by problem. There a lane
+is judged at its setting for 1e-9, or at the one that is right on most problems, from a cold start in the first scaling.
+Gap and violation are those of the first answer, ``timed_gap`` is the largest gap or violation of the answers that were
+judged among the timed ones.
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import suppress
 
+import numpy as np
 import pandas as pd
 
 from bench.derived.measurements import FLOOR as NULL
-from bench.derived.measurements import ONESHOT, Measurements
-from bench.derived.tiers import LANE
+from bench.derived.measurements import ONESHOT, Measurements, at_tiers
+from bench.derived.tiers import LANE, distance
 from bench.messages.columns import Column, combined
 from bench.messages.task import Status, Tier
+from bench.problem_files.miss import Miss
+from bench.problems.fresh import mixture
 from bench.report.words import marked, settings_label
+from bench.store import Run, RunError
 from bench.timing.percentiles import percentile
+from solvers.certificate import NotCertified
 from solvers.registry import OURS
 
 GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "setting", "start"]
@@ -71,3 +83,38 @@ def failures(measurements: Measurements) -> pd.DataFrame:
     return combined(
         wrong.assign(such_as=wrong.problem_set + "/" + wrong.problem), WRONG, ["solver", "lane", "scaling", "status"]
     )
+
+
+def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
+    """The rows of the field, one for each solver lane and problem that it misses; lanes with the fewest misses first.
+
+    A lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings are {}
+    where a solver crashed.
+    """
+    judged = at_tiers(measurements.cold(measurements.field), measurements.settings, "furthest")
+    judged = judged[judged.tier == Tier.HIGH].astype({"right": bool})
+    missed = judged.assign(count=~judged.right, some=judged.right)
+    counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
+    missed = missed.assign(**counts)[~judged.right & (hopeless | (counts.some > 0))]
+    order = ["count", "solver", "lane", "problem"]
+    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)
+
+
+def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
+    """The worst missed answers of at most ``most`` solver lanes, those with the fewest misses first, with names for
+    their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
+    missed = misses(measurements, hopeless=True)
+    worst = missed.assign(gap=missed[["cost_gap", "timed_gap"]].max(axis=1)).sort_values("gap", ascending=False)
+    for line in worst.drop_duplicates(["solver", "lane"]).sort_index().head(most).to_dict("records"):
+        rows = measurements.every[measurements.every.task == line["task"]]
+        *_, row = rows.assign(distance=distance(rows)).sort_values("distance").to_dict("records")
+        with suppress(RunError, NotCertified):  # a miss without its problem is still in the table
+            form = first = run.problem(row["problem_set"], row["problem"]).forms[row["scaling"]]
+            x = row["answer"]
+            if row["judged"] and row["timed_gap"] > max(row["cost_gap"], row["violation"]):
+                form, x = mixture(first, row["timed_shares"], row["timed_factors"]), row["timed_answer"]
+            optimum = np.array(form.certificate.x)
+            yield (
+                f"{row['solver']}-{row['lane']}-{row['problem_set']}--{row['problem']}.npz",
+                Miss(row["solver"], row["lane"], row["settings"], first.qp, form.qp, x, optimum, form.yardstick),
+            )

@@ -224,6 +224,7 @@ class RaceProblem:
             for scaling, text in meta["certificates"].items():
                 qp = unpacked_program(data, f"{scaling}/")
                 starts = {name: unpacked(data, f"{scaling}/{name}_start") for name in STARTS}
+                parts = [data[f"{scaling}/windows/{name}"] for name in "Pqc" if f"{scaling}/windows/P" in data.files]
                 proof = Certificate.from_json(text) if text else proofs.proof(qp)
                 forms[scaling] = CertifiedForm(
                     qp,
@@ -232,7 +233,7 @@ class RaceProblem:
                     proof,
                     {name: start for name, start in starts.items() if start is not None},
                     meta.get("cost_unit", {}).get(scaling, 0.0),
-                    _windows(data, f"{scaling}/windows/"),
+                    tuple(Window(P, q, float(c)) for P, q, c in zip(*parts, strict=True)),
                 )
             if not forms:
                 raise ProblemFileError(f"{path}: holds no certificate")
@@ -243,12 +244,6 @@ class RaceProblem:
                 state.require(meta["structure"])
                 validation = Validation(meta["structure"], state, x, y, meta.get("noise_um", math.nan))
         return cls(meta["set"], meta["name"], forms, validation, meta.get("sense", 1.0))
-
-
-def _windows(data: Any, prefix: str) -> tuple[Window, ...]:
-    if f"{prefix}P" not in data.files:
-        return ()
-    return tuple(Window(P, q, float(c)) for P, q, c in zip(*(data[f"{prefix}{name}"] for name in "Pqc"), strict=True))
 
 
 def certified(

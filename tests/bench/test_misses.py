@@ -8,7 +8,7 @@ import pytest
 from command_line import CommandLine
 from conftest import Race, race_of
 
-from bench.derived.misses import misses
+from bench.derived.summary import misses
 from bench.problem_files.miss import Miss
 from bench.problems import all_sets
 from solvers import Lane, get

@@ -9,9 +9,8 @@ from measured_rows import ladder, measured, row, steps
 
 from bench.derived import pictures
 from bench.derived.measurements import Measurements
-from bench.derived.misses import misses
 from bench.derived.ranking import PACE, Line, ranking, short_table
-from bench.derived.summary import summary
+from bench.derived.summary import misses, summary
 from bench.derived.verdict import notes, verdict
 from bench.messages.task import Row, Tier
 

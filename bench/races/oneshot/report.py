@@ -9,7 +9,6 @@ import pandas as pd
 from bench.derived import anytime
 from bench.derived import summary as summaries
 from bench.derived.measurements import ONESHOT, Measurements
-from bench.derived.misses import kept, misses
 from bench.derived.ranking import WRAPPERS, like_with_like, ranking, short_table, wrapper_share, yardstick
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.messages.columns import Column
@@ -107,9 +106,9 @@ def report(run: Run) -> Report:
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
     files = {
         f"misses/{name}": miss.save
-        for name, miss in kept(run, measurements, settings_of(run, OneshotSettings).keep_misses)
+        for name, miss in summaries.kept(run, measurements, settings_of(run, OneshotSettings).keep_misses)
     }
-    beside, versions, missed = like_with_like(measurements), settings.get("field", {}), misses(measurements)
+    beside, versions, missed = like_with_like(measurements), settings.get("field", {}), summaries.misses(measurements)
     return Report(
         verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
         short_table(table, note),
