@@ -21,7 +21,7 @@ from bench.races.stream.race import STREAM
 from bench.races.stream.summary import column, for_deadline, summary
 from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
-from bench.timing.percentiles import needed, percentile
+from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from piezo_model.learning.solving import require_setting
@@ -129,10 +129,6 @@ class Candidate:
         except ValueError:
             return "was raced at a setting that its ladder no longer has, so race it again"
         return ""
-
-    def lacking(self, by: int) -> str:
-        """Why it has no percentile of this index."""
-        return f"needs {needed(QUANTILES[by])} samples and has {self.calls}"
 
     def metrics(self) -> dict[str, Any]:
         """Figures for JSON, in the units of the report."""

@@ -17,7 +17,7 @@ from bench.deploy.candidates import QUANTILES, Candidate, Rule, of_oneshot, of_s
 from bench.races.stream.race import SET as STREAM_SET
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
-from bench.timing.percentiles import Percentile
+from bench.timing.percentiles import Percentile, needed
 from piezo_model.deployment import Deployment
 from piezo_model.learning.settings import EXACT_SOLVERS
 from piezo_model.model import HysteresisCreepModel
@@ -61,7 +61,7 @@ class Decision:
             least = next(each for each in (it, *self.runners_up) if math.isnan(each.times_us[self.by - 1]))
             found.append(
                 f"Decided by the {name}, the finest percentile that all who qualify support: {NAMES[self.by - 1]} "
-                f"{least.lacking(self.by - 1)} for {least.name}."
+                f"needs {needed(QUANTILES[self.by - 1])} samples and has {least.calls} for {least.name}."
             )
         found += [
             f"Runner-up: {each.name}, {name} {number(each.times_us[self.by])} µs." for each in self.runners_up[:3]
@@ -102,7 +102,7 @@ def decide(run: Run, rule: Rule) -> Decision:
     candidates = of_stream(run, rule) if run.race == STREAM_SET else of_oneshot(run, rule)
     verdicts = [(each, each.failing(rule)) for each in candidates]
     qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
-    refused.sort(key=lambda pair: _distance(pair[0]))
+    refused.sort(key=lambda pair: (not pair[0].margin, pair[0].own_misses[0] / max(pair[0].samples, 1), pair[0].worst))
     if not qualified:
         raise RunError(
             f"{run.path}: no solver qualifies"
@@ -116,8 +116,3 @@ def decide(run: Run, rule: Rule) -> Decision:
     by = next((i for i in finer if not any(math.isnan(each.times_us[i]) for each in qualified)), len(finer))
     chosen, *others = sorted(qualified, key=lambda each: (each.times_us[by], each.name))
     return Decision(run, rule, chosen, tuple(others), tuple(refused), by)
-
-
-def _distance(it: Candidate) -> tuple[bool, float, float]:
-    """Sort key: distance from qualifying."""
-    return not it.margin, it.own_misses[0] / max(it.samples, 1), it.worst
