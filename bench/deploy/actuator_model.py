@@ -123,14 +123,13 @@ def _find_problem(run: Run, wanted: str | None, simulated: bool) -> tuple[str, s
     raced = sorted(run.settings.get("problems", {}).items())
     keys = {f"{one}/{two}": (one, two) for one, names in raced for two in sorted(names)}
     if wanted is None:
-        found = next((key for key in keys.values() if simulated and _is_simulated(key)), None)
-        if found is None:
-            raise RunError(
-                f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
-                "with --model, as identify "
-                "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
-            )
-        return found
+        wanted = next((name for name, key in keys.items() if simulated and _is_simulated(key)), None)
+    if wanted is None:
+        raise RunError(
+            f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
+            "with --model, as identify "
+            "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
+        )
     if wanted not in keys:
         raise RunError(f"{run.path} has no problem {wanted!r}; there are {', '.join(keys)}")
     if _is_simulated(keys[wanted]) and not simulated:

@@ -155,10 +155,12 @@ def stages(table: pd.DataFrame) -> pd.DataFrame:
     table = named(summary.raced(table))
     table = table[table.solve_us_p50.notna() & ~table.stepping]
     rank = table.tier.map(MOST_EXACT.index)
-    best = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values(
-        "answer_us", kind="stable"
+    best = (
+        table[rank == rank.groupby([table.view, table.name]).transform("min")]
+        .sort_values("answer_us", kind="stable")
+        .groupby(["view", "lane"], sort=False)
+        .head(MOST_BARS)
     )
-    best = best.groupby(["view", "lane"], sort=False).head(MOST_BARS)
     rows = [
         {
             **{name: line[name] for name in ("view", "name", "solver", "lane", "tier")},

@@ -62,10 +62,9 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
     if settings.problems:
         names = {each.name: each.names() for each in sets}
         known = {name for set_name, of_set in names.items() for each in of_set for name in (each, f"{set_name}/{each}")}
-        for name in settings.problems:
-            if name not in known:
-                listed = "; ".join(f"{set_name}: {', '.join(of_set)}" for set_name, of_set in names.items())
-                raise ProblemSetError(f"there is no problem {name!r} in these sets; {listed}")
+        if missing := [name for name in settings.problems if name not in known]:
+            listed = "; ".join(f"{set_name}: {', '.join(of_set)}" for set_name, of_set in names.items())
+            raise ProblemSetError(f"there is no problem {missing[0]!r} in these sets; {listed}")
     if isinstance(settings, TierSettings):
         table_of(settings.settings_run)
     return chosen(settings, entries(), from_file, "solver", preload)

@@ -189,8 +189,11 @@ def ranking(table: pd.DataFrame) -> Table:
     least error."""
     ratio = table.rms_percent / table.groupby("problem").rms_percent.transform("min")
     learners = table.assign(ratio=ratio, paper=table.settings == PAPERS_SETTING).groupby(["label", "lane"])
-    order = learners.agg(paper=("paper", "any"), ratio=("ratio", "max"), samples=("learn_samples", worst))
-    order = order.sort_values(["paper", "ratio"], ascending=[False, True], kind="stable").reset_index()
+    order = (
+        learners.agg(paper=("paper", "any"), ratio=("ratio", "max"), samples=("learn_samples", worst))
+        .sort_values(["paper", "ratio"], ascending=[False, True], kind="stable")
+        .reset_index()
+    )
     shown = (Column("rms_um", heading="nm {}", format=_nm), Column("cost_gap", heading="gap {}", format=gap))
     lines, wide = side_by_side(order, table, "problem", shown)
     return Table.of(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from bench.derived.measurements import ONESHOT
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
+from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -46,8 +47,10 @@ class Measurement:
 
 
 def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
-    """Set up the solver of a task, which then waits for blocks; the outcome has its first answer."""
-    return child.ask(OneShot.of(task, form, child.entry.times_itself))
+    """Set up the solver of a task, which then waits for blocks; the outcome has its first answer. The certificate and
+    the other windows stay here."""
+    start = form.starts.get(task.start)
+    return child.ask(OneShot(task, fields_of(form.qp), start, form.unit, child.entry.times_itself))
 
 
 def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: float = math.inf) -> BlockOutcome:

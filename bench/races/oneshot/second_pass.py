@@ -176,10 +176,11 @@ def planned(rows: pd.DataFrame, calls: int) -> pd.DataFrame:
     plan = pd.concat([*reached, rows[rows.is_default]])[[*PLAN, "setting"]].drop_duplicates(PLAN)
     here = supported(rows).merge(plan, on=[*PLAN, "setting"])
     here = here.assign(answered=(here.status == Status.OK) | (here.solver == FLOOR))
-    lanes = here.groupby([*PLAN, "setting"]).agg(
-        answered=("answered", "all"), slowest=("answer_us", "max"), samples=("samples", "min")
+    lanes = (
+        here.groupby([*PLAN, "setting"])
+        .agg(answered=("answered", "all"), slowest=("answer_us", "max"), samples=("samples", "min"))
+        .reset_index()
     )
-    lanes = lanes.reset_index()
     near = pd.MultiIndex.from_frame(lanes[PLAN]).isin(candidates) | (lanes.solver == FLOOR)
     return lanes.assign(
         longer=near & (lanes.samples < calls), interleaved=lanes.answered & (lanes.slowest <= LONGEST_US)

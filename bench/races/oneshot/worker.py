@@ -12,7 +12,7 @@ import resource
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from qpsolvers import Problem
@@ -47,11 +47,6 @@ class OneShot(Request):
     """Constant of the problem, which scales the solver's ladder."""
     times_itself: bool = False
     """Whether the clock runs inside compiled code."""
-
-    @classmethod
-    def of(cls, task: Task, form: Any, times_itself: bool = False) -> Self:
-        """The request for a certified form; its certificate and its other windows stay with the parent."""
-        return cls(task, fields_of(form.qp), form.starts.get(task.start), form.unit, times_itself)
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Run the task; the first request of a process runs it twice, to warm up."""
