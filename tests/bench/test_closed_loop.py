@@ -134,7 +134,7 @@ def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
     setup = replace(SETTINGS.stage(STILL), cycles=1, solver="box_active_set", solve_delay_samples=1)
     driven = drive(setup)
     block = setup.learner(setup.structures[0])._block
-    for decisions in driven.decisions:
+    for decisions in driven.ends:
         decision = decisions[0]
         assert decision.is_hand_over
         assert decision.problem is not None

@@ -47,7 +47,7 @@ def _files() -> list[Path]:
     return sorted(FOLDER.glob("*.npz"))
 
 
-class Meta(TypedDict):
+class RecordingMeta(TypedDict):
     """Metadata beside the arrays."""
 
     structure: ModelStructure
@@ -61,7 +61,7 @@ def read(path: Path, seed: int) -> tuple[list[IdentificationProblem], Validation
     A file has the windows of each phase, and of each P the upper triangle, row by row.
     """
     with opened(path) as data:
-        meta = decoded(str(data["meta"]), Meta)
+        meta = decoded(str(data["meta"]), RecordingMeta)
         structure, phase = meta["structure"], seed % len(data["c"])
         programs = []
         for P, q, c, excitation in zip(*(data[name][phase] for name in "Pqc"), meta["excitation"][phase], strict=True):

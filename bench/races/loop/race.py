@@ -28,7 +28,7 @@ from bench.messages.task import PAPER, Request, Status, Task, Tier
 from bench.processes.worker import ChildSettings
 from bench.races.chosen_settings import EACH, Choices, choices, default_setting, table_of
 from bench.races.driver import Part, TaskRace
-from bench.races.loop.worker import Decision, Driven, LoopRequest
+from bench.races.loop.worker import Driven, LearningEnd, LoopRequest
 from bench.races.settings import Positive, TierSettings, fixed
 from bench.report.words import gap, whole
 from bench.stage.setup import AXES, RANGE_UM, StageSetup
@@ -154,11 +154,11 @@ class LoopRace(TaskRace[LoopSettings]):
         straight_percent = straight_rms_percent(settings.stage(task.problem, task.repeat))
         rows = []
         for i, axis in enumerate(AXES):
-            decisions = [(decision.event.sample, hand_over_columns(decision)) for decision in outcome.decisions[i]]
-            status, message = status_of(outcome.decisions[i])
+            ends = [(end.event.sample, hand_over_columns(end)) for end in outcome.ends[i]]
+            status, message = status_of(outcome.ends[i])
             for window in range(settings.windows):
                 part = error_um[window * length : (window + 1) * length, i]
-                so_far = [numbers for sample, numbers in decisions if sample <= (window + 1) * length]
+                so_far = [numbers for sample, numbers in ends if sample <= (window + 1) * length]
                 hand_overs = [numbers for numbers in so_far if numbers]
                 rms_um, max_um = float(np.sqrt(np.mean(part**2))), float(np.abs(part).max())
                 rows.append(
@@ -181,11 +181,11 @@ class LoopRace(TaskRace[LoopSettings]):
         return rows
 
 
-def status_of(decisions: Sequence[Decision]) -> tuple[Status, str]:
+def status_of(ends: Sequence[LearningEnd]) -> tuple[Status, str]:
     """Whether any learned weights were used, and the reason if none were."""
-    if any(decision.is_hand_over for decision in decisions):
+    if any(end.is_hand_over for end in ends):
         return Status.OK, ""
-    message = decisions[-1].event.message if decisions else "no learning phase came to its end"
+    message = ends[-1].event.message if ends else "no learning phase came to its end"
     return Status.SOLVER_FAILED if message.startswith("the solver") else Status.MISSED, message
 
 
@@ -196,14 +196,14 @@ def straight_rms_percent(setup: StageSetup) -> Matrix:
     return np.array([trial.rms_percent(window) for window in range(setup.cycles)])
 
 
-def hand_over_columns(decision: Decision) -> dict[str, float]:
+def hand_over_columns(end: LearningEnd) -> dict[str, float]:
     """Time to learn, exact cost gap and errors at a hand-over; empty for a refusal."""
-    if not decision.is_hand_over or decision.problem is None:
+    if not end.is_hand_over or end.problem is None:
         return {}
-    event = decision.event
+    event = end.event
     return {
         "learn_samples": event.sample - event.learning_since,
-        "cost_gap": cost_gap(decision.problem, decision.weights),
+        "cost_gap": cost_gap(end.problem, end.weights),
         "error_old": event.error_old,
         "error_new": event.error_new,
     }

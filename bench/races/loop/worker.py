@@ -23,7 +23,7 @@ POLL_S = 0.01
 
 
 @dataclass(frozen=True)
-class Decision:
+class LearningEnd:
     """The end of a learning phase of one axis."""
 
     event: Event
@@ -41,11 +41,11 @@ class Decision:
 
 @dataclass
 class Driven(Outcome):
-    """The measured platform (N, 2), the decisions of each axis, and the number of sensor faults that the learners
+    """The measured platform (N, 2), the ends of the learning phases of each axis, and the number of sensor faults that the learners
     detected."""
 
     platform: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
-    decisions: tuple[list[Decision], ...] = ()
+    ends: tuple[list[LearningEnd], ...] = ()
     faults: int = 0
 
 
@@ -75,16 +75,16 @@ def drive(setup: StageSetup) -> Driven:
     """Follow the whole reference."""
     stage = setup.stage()
     loop = SelfLearningStage([setup.learner(structure) for structure in setup.structures], setup.decoupling)
-    driven = Driven(found=True, decisions=tuple([] for _ in loop.learners))
+    driven = Driven(found=True, ends=tuple([] for _ in loop.learners))
     step, parts = max(1, round(POLL_S / setup.sample_time)), []
     for start in range(0, len(setup.y_ref), step):
         parts.append(loop.run(setup.y_ref[start : start + step], stage.run)[1])
-        for learner, decisions in zip(loop.learners, driven.decisions, strict=True):
+        for learner, ends in zip(loop.learners, driven.ends, strict=True):
             while learner.log:
                 event = learner.log.popleft()
                 if event.what == "sensor":
                     driven.faults += 1
                 else:
-                    decisions.append(Decision(event, learner.learned_weights, learner.problem))
+                    ends.append(LearningEnd(event, learner.learned_weights, learner.problem))
     driven.platform = np.concatenate(parts)
     return driven
