@@ -41,8 +41,8 @@ class LearningEnd:
 
 @dataclass
 class Driven(Outcome):
-    """The measured platform (N, 2), the ends of the learning phases of each axis, and the number of sensor faults that the learners
-    detected."""
+    """The measured platform (N, 2), the ends of the learning phases of each axis, and the number of sensor faults that
+    the learners detected."""
 
     platform: Matrix = field(default_factory=lambda: np.zeros((0, 2)))
     ends: tuple[list[LearningEnd], ...] = ()
