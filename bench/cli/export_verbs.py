@@ -76,7 +76,9 @@ def export_c_verb(
     drive: dict[str, Any],
     loop: dict[str, Any],
     no_dynamics: NoDynamics = False,
-    name: Annotated[str, typer.Option(help="Prefix of the names of files, functions and types.")] = "piezo",
+    name: Annotated[
+        str, typer.Option(metavar="PREFIX", help="Prefix of the names of files, functions and types.")
+    ] = "piezo",
 ) -> None:
     """Write the compensator as C99 for a controller."""
     from bench.export.building import write_folder
@@ -98,7 +100,7 @@ def export_fmu_verb(
     model: ModelArgument,
     out: Annotated[Path, typer.Argument(help="File of the FMU to write.")],
     drive: dict[str, Any],
-    fmi: Annotated[int, typer.Option(min=2, max=3, help="Major version of FMI.")] = 3,
+    fmi: Annotated[int, typer.Option(metavar="2|3", min=2, max=3, help="Major version of FMI.")] = 3,
     no_dynamics: NoDynamics = False,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
@@ -120,14 +122,18 @@ def export_fmu_verb(
 def realtime_verb(
     model: ModelArgument,
     loop: dict[str, Any],
-    rate: Annotated[float, typer.Option(min=1.0, max=1e6, help="Samples per second.")] = 8000.0,
-    seconds: Annotated[float, typer.Option(min=0.01, help="Duration of the run in s.")] = 60.0,
+    rate: Annotated[float, typer.Option(metavar="HZ", min=1.0, max=1e6, help="Samples per second.")] = 8000.0,
+    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=0.01, help="Duration of the run in s.")] = 60.0,
     priority: Annotated[
-        int, typer.Option(min=0, max=99, help="Priority under SCHED_FIFO; 0 for the default scheduler.")
+        int, typer.Option(metavar="N", min=0, max=99, help="Priority under SCHED_FIFO; 0 for the default scheduler.")
     ] = 80,
-    core: Annotated[int | None, typer.Option(min=0, help="Core to run on; the last free one by default.")] = None,
+    core: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Core to run on; the last free one by default.")
+    ] = None,
     no_dynamics: NoDynamics = False,
-    out: Annotated[Path | None, typer.Option(help="JSON file to write histograms and figures to.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="JSON file to write histograms and figures to.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the exported C on this machine with absolute deadlines and count those it misses."""

@@ -131,7 +131,9 @@ def live_verb(
 
 
 def experiment_verb(
-    out: Annotated[Path, typer.Option(help="Folder for the report, the figures and their data.")] = EXPERIMENT,
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Folder for the report, the figures and their data.")
+    ] = EXPERIMENT,
     quick: Annotated[
         bool, typer.Option("--quick", help="Shorten the phases to seconds, with less exact results.")
     ] = False,

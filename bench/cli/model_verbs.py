@@ -184,7 +184,7 @@ def validate_verb(
         typer.Argument(help="A recording in any known format; or many, as paths or URLs, with --out-dir."),
     ] = None,
     out_dir: OutDir = None,
-    page: Annotated[Path | None, typer.Option(help="HTML file for a page with plots.")] = None,
+    page: Annotated[Path | None, typer.Option(metavar="FILE.html", help="HTML file for a page with plots.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a model against another recording than that of its identification, or against many.
@@ -222,7 +222,7 @@ def validate_verb(
 def simulate_verb(
     model: Annotated[Path, typer.Argument(help="Model from identify.")],
     drive: Annotated[Path, typer.Argument(help="File with a drive column, in any format of recordings.")],
-    out: Annotated[Path, typer.Option(help="CSV or Parquet file for drive and output.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="CSV or Parquet file for drive and output.")],
     reading: dict[str, Any],
     start: Start | None = None,
     as_json: AsJson = False,

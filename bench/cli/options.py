@@ -5,6 +5,7 @@ import inspect
 import math
 import os
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,8 +25,9 @@ def grouped(group: str, options: Mapping[str, Any], make: Callable[..., Any] = d
 
     def decorate(verb: Verb) -> Verb:
         signature = inspect.signature(verb, eval_str=True)
+        defaults = vars(make) if is_dataclass(make) else {}
         added = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=getattr(make, name, None), annotation=kind)
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=defaults.get(name), annotation=kind)
             for name, kind in options.items()
         ]
         parameters = [*(parameter for name, parameter in signature.parameters.items() if name != group), *added]

@@ -61,15 +61,21 @@ OPTIONS = {name: option for name, option in SET_OPTIONS.items() if name not in (
 def problems_verb(
     context: typer.Context,
     options: dict[str, str],
-    problem_set: Annotated[str | None, typer.Option("--set", help="List the problems of this set.")] = None,
+    problem_set: Annotated[
+        str | None, typer.Option("--set", metavar="SET", help="List the problems of this set.")
+    ] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Check every proof again in exact arithmetic.")] = False,
     source: Annotated[
-        Path | None, typer.Option("--from", help="Folder with saved problems, instead of making them.")
+        Path | None,
+        typer.Option("--from", metavar="FOLDER", help="Folder with saved problems, instead of making them."),
     ] = None,
     export: Annotated[
-        Path | None, typer.Option(help="Folder to write the problems to, as NPZ and as a test set of qpbenchmark.")
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Folder to write the problems to, as NPZ and as a test set of qpbenchmark."
+        ),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Number of problems; all by default.")] = None,
+    limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Number of problems; all by default.")] = None,
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:

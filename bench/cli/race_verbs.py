@@ -268,6 +268,7 @@ def resume_verb(
         typer.Option(
             "--solver",
             "--test-set",
+            metavar="FILE.py",
             help="Python file that the race was given with this option, repeatable. A run folder is data: it does not "
             "choose the code that runs.",
         ),

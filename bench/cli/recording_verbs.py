@@ -21,12 +21,14 @@ from piezo_model.units import quantity, shown
 
 
 def excite_verb(
-    span: Annotated[str, typer.Option("--range", help="Lowest and highest drive, such as 0:100.")],
-    rate: Annotated[float, typer.Option(callback=positive, help="Samples per second.")],
-    out: Annotated[Path, typer.Option(help="CSV or Parquet file for the drive.")],
-    seconds: Annotated[float, typer.Option(callback=positive, help="Duration in s.")] = 60.0,
-    unit: Annotated[str, typer.Option(help="Unit of the drive, for the name of its column.")] = "V",
-    page: Annotated[Path | None, typer.Option(help="HTML file for a picture of the drive.")] = None,
+    span: Annotated[str, typer.Option("--range", metavar="LOW:HIGH", help="Lowest and highest drive, such as 0:100.")],
+    rate: Annotated[float, typer.Option(metavar="HZ", callback=positive, help="Samples per second.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="CSV or Parquet file for the drive.")],
+    seconds: Annotated[float, typer.Option(metavar="SECONDS", callback=positive, help="Duration in s.")] = 60.0,
+    unit: Annotated[str, typer.Option(metavar="UNIT", help="Unit of the drive, for the name of its column.")] = "V",
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="HTML file for a picture of the drive.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a drive to record: a model identified from it has hysteresis, creep, drift and dynamics determined."""

@@ -56,8 +56,8 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
 
 
 def combine_verb(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of one-shot races.")],
-    out: Annotated[Path, typer.Option(help="Folder for the report, which must be new.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B", help="Folders of one-shot races.")],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the report, which must be new.")],
     as_json: AsJson = False,
 ) -> None:
     """Put runs of several machines, instruction sets or versions side by side, on the problems that all of them have.
@@ -74,16 +74,25 @@ def combine_verb(
 
 
 def history_verb(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B [...]", help="Folders of runs, oldest first.")],
-    solver: Annotated[str, typer.Option(help="Name of the solver.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B", help="Folders of runs, oldest first.")],
+    solver: Annotated[str, typer.Option(metavar="NAME", help="Name of the solver.")],
     most_iterations: Annotated[
-        float, typer.Option(min=1.0, help=f"Exit with status {FAILED} if iterations grow by more than this ratio.")
+        float,
+        typer.Option(
+            metavar="RATIO", min=1.0, help=f"Exit with status {FAILED} if iterations grow by more than this ratio."
+        ),
     ] = 1.05,
     most_time: Annotated[
-        float, typer.Option(min=1.0, help=f"Exit with status {FAILED} if times grow by more than this ratio.")
+        float,
+        typer.Option(
+            metavar="RATIO", min=1.0, help=f"Exit with status {FAILED} if times grow by more than this ratio."
+        ),
     ] = 1.25,
     asv: Annotated[
-        Path | None, typer.Option(help="Folder of results of airspeed velocity (asv), to which the runs are added.")
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Folder of results of airspeed velocity (asv), to which the runs are added."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -118,10 +127,11 @@ def compare_verb(
     context: typer.Context,
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUN_A RUN_B [RUN_C ...]", help="Folders of runs; each is compared with the first."),
+        typer.Argument(metavar="RUN_A RUN_B", help="Folders of runs; each is compared with the first."),
     ],
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the comparison; compare-A-B beside the last run by default.")
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Folder for the comparison; compare-A-B beside the last run by default."),
     ] = None,
     fail_on: Annotated[
         Literal["nothing", "regression", "difference"],
@@ -130,12 +140,16 @@ def compare_verb(
             "runs are too noisy to tell."
         ),
     ] = "nothing",
-    smallest: Annotated[float, typer.Option(help="Smallest ratio of times, above 1, that matters.")] = SMALLEST,
+    smallest: Annotated[
+        float, typer.Option(metavar="RATIO", help="Smallest ratio of times, above 1, that matters.")
+    ] = SMALLEST,
     versions: Annotated[
         bool,
         typer.Option("--versions", help="Compare two Python files with a version of a solver each, timed interleaved."),
     ] = False,
-    problem_set: Annotated[str, typer.Option("--set", help="With --versions: the problem set.")] = "measured",
+    problem_set: Annotated[
+        str, typer.Option("--set", metavar="SET", help="With --versions: the problem set.")
+    ] = "measured",
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -202,33 +216,44 @@ def deploy_verb(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(help="Folder of a one-shot race or of a stream.")],
     out: Annotated[
-        Path | None, typer.Option(help="File for the compensator; compensator.json in the run by default.")
+        Path | None,
+        typer.Option(metavar="FILE.json", help="File for the compensator; compensator.json in the run by default."),
     ] = None,
     accuracy: Annotated[
-        float, typer.Option(min=0.0, help="Largest relative cost gap and constraint violation on any problem.")
+        float,
+        typer.Option(metavar="GAP", min=0.0, help="Largest relative cost gap and constraint violation on any problem."),
     ] = 1e-9,
     deadline: Annotated[
-        float | None, typer.Option(min=0.0, help="Deadline in µs; the model's sampling period by default.")
+        float | None,
+        typer.Option(metavar="US", min=0.0, help="Deadline in µs; the model's sampling period by default."),
     ] = None,
     misses: Annotated[
         int,
         typer.Option(
-            min=0, help="Missed deadlines allowed beyond those that a solver that does nothing misses in the run."
+            metavar="N",
+            min=0,
+            help="Missed deadlines allowed beyond those that a solver that does nothing misses in the run.",
         ),
     ] = 0,
     lane: Annotated[
         list[Lane] | None,
-        typer.Option(help="Lane that the controller can use, repeatable; kernel and direct by default."),
+        typer.Option(
+            metavar="|".join(Lane), help="Lane that the controller can use, repeatable; kernel and direct by default."
+        ),
     ] = None,
     model: Annotated[
         Path | None,
-        typer.Option(help="Model of your actuator from identify; not needed if the race used your recording."),
+        typer.Option(
+            metavar="FILE.json",
+            help="Model of your actuator from identify; not needed if the race used your recording.",
+        ),
     ] = None,
     problem: Annotated[
         str | None,
         typer.Option(
+            metavar="SET/NAME",
             help="Use the model of this problem of the run, set/name; by default that of your recording, if the race "
-            "used one."
+            "used one.",
         ),
     ] = None,
     simulated: Annotated[bool, typer.Option("--simulated", help="Allow the model of a simulated actuator.")] = False,
