@@ -114,9 +114,7 @@ def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, alo
 
 def first_view(table: pd.DataFrame) -> str:
     """The default view; "" for an empty table or one without views."""
-    if "view" not in table:
-        return ""
-    names = dict.fromkeys(map(str, table["view"]))  # min takes the first of equals
+    names = dict.fromkeys(map(str, table.get("view", ())))  # min takes the first of equals
     return min(names, key=lambda name: (not name.startswith("paper,"), "scaled" not in name), default="")
 
 

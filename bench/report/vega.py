@@ -86,14 +86,12 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
     """Specification of a plot that fills the width of the page."""
     shown = table[table[[*plot.where]].isin(dict(plot.where)).all(axis=1)] if plot.where else table
     views = list(dict.fromkeys(map(str, shown["view"]))) if "view" in shown else []
-    params: list[dict[str, Any]] = []
-    if len(views) > 1:
-        params.append(
-            {"name": "view", "value": first_view(shown), "bind": {"input": "select", "options": views, "name": "Show "}}
-        )
-    if any(mark.sought for mark in plot.marks):
-        bind = {"input": "search", "name": "Find a line ", "placeholder": "name"}
-        params.append({"name": "sought", "value": "", "bind": bind})
+    select = {"input": "select", "options": views, "name": "Show "}
+    search = {"input": "search", "name": "Find a line ", "placeholder": "name"}
+    params = [
+        *([{"name": "view", "value": first_view(shown), "bind": select}] if len(views) > 1 else []),
+        *([{"name": "sought", "value": "", "bind": search}] if any(mark.sought for mark in plot.marks) else []),
+    ]
     # Vega merges the legends of colour, dash and shape only within one mark
     first = next((mark for mark in plot.marks if mark.by and plot.legend), None)
     rules = [
@@ -206,15 +204,16 @@ def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict
 def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
     """The plots one below the other in dark ink on white, in the default view."""
     parts = [specification(table, plot) for plot in plots]
-    # parameters belong to the complete drawing, and are not bound to controls
-    params: dict[str, dict[str, Any]] = {}
-    for part in parts:
-        params |= {param["name"]: {"name": param["name"], "value": param["value"]} for param in part.pop("params")}
-        part["width"] = WIDTH
-        part.pop("config")
+    # parameters and configuration belong to the complete drawing, and no parameter is bound to a control
+    params = {
+        param["name"]: {"name": param["name"], "value": param["value"]} for part in parts for param in part["params"]
+    }
     config = {**CONFIG, "background": "white", "aria": False, "font": "sans-serif"}
     whole = {
-        "vconcat": parts,
+        "vconcat": [
+            {**{key: value for key, value in part.items() if key not in ("params", "config")}, "width": WIDTH}
+            for part in parts
+        ],
         "title": first_view(table),
         "params": [*params.values()],
         "config": config,
