@@ -16,6 +16,7 @@ from command_line import CommandLine
 from conftest import Race
 
 from bench.cli.app import VERBS
+from bench.cli.options import RECORDING
 from bench.cli.race_verbs import KIND_OPTIONS, SETTING_OF
 from bench.problems import sets
 from bench.races.kind import kinds
@@ -220,22 +221,8 @@ def test_every_option_of_a_race_is_in_the_table_of_a_kind() -> None:
     assert known == set(VALUES)
     settings = {name.replace("_", "-") for name in KIND_OPTIONS}
     assert settings <= known
-    assert {option.replace("_", "-") for option in SETTING_OF} - {
-        "input",
-        "output",
-        "input-unit",
-        "output-unit",
-        "resample",
-        "sample-time",
-        "sample-rate",
-        "header-row",
-        "decimal",
-        "time-unit",
-        "from-s",
-        "to-s",
-        "decimate",
-        "strict",
-    } <= known  # these go with time and sheet
+    others = RECORDING.keys() - {"time", "sheet"}  # which stand for all of a recording
+    assert {option.replace("_", "-") for option in SETTING_OF.keys() - others} <= known
 
 
 @pytest.mark.parametrize("option", VALUES)
