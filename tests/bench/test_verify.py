@@ -101,6 +101,16 @@ def test_one_iteration_in_ten_more_is_found_exactly_and_the_same_run_is_not(
     assert "later, direct, " in found.stdout
 
 
+def test_the_first_run_of_a_history_is_compared_with_none(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    first, same = clean_race.run.path, clean_race.copied(tmp_path / "same").path
+    rows = [line.split() for line in piezobench.run("history", first, same, "--solver", "osqp").stdout.splitlines()]
+    compared = {row[0]: row[-3:] for row in rows}
+    assert compared[first.name] == ["–", "–", "–"]
+    assert "–" not in compared["same"]
+
+
 def test_the_newest_run_is_printed_as_names_units_and_values(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
