@@ -7,6 +7,9 @@ the floor of all times.
 In the first scaling every setting of every solver is measured on every problem, in the others only the defaults. A
 wrapper shows the cost of another way to call a library, so it is measured at its defaults and at one more setting, the
 one for a cost gap nearest to 1e-8.
+
+Where solvers are added to a finished run, its fastest ones are timed again beside them, which tells how far the machine
+is what it was.
 """
 
 import math
@@ -15,11 +18,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import FLOOR, ONESHOT, Measurements
+from bench.derived.ranking import PACE, ranking
 from bench.messages import user_cache
 from bench.messages.progress import Progress
 from bench.messages.race_error import RaceError
-from bench.messages.task import NO_SETTING, PAPER, Setting, Start, Task, limited, settings_ladder
+from bench.messages.task import NO_SETTING, PAPER, Setting, Start, Task, Tier, limited, settings_ladder
 from bench.problems.protocol import RaceProblem
 from bench.processes.worker import ChildSettings
 from bench.races import null_solver
@@ -29,7 +33,8 @@ from bench.races.oneshot.first_pass import FirstPass
 from bench.races.oneshot.second_pass import second_pass
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.run_problems import problems_of, save_certificates
-from bench.store import Run
+from bench.report.words import joined, marked
+from bench.store import Anchor, Run
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import decoded
 from solvers import find
@@ -38,6 +43,8 @@ from solvers.registry import FAMILIES, Described, Entry
 
 EXPONENT = 8.0
 """Exponent of the cost gap at which wrappers are compared."""
+ANCHORS = 2
+"""Number of solver lanes that are timed again, the fastest of the run."""
 FEWEST_JUDGED, JUDGED = 3, 24
 """Number of timed answers of a task that are judged at least, and of a setting over all problems."""
 
@@ -159,3 +166,37 @@ def first_pass_settings(solver: Described, given: str = "") -> Sequence[Setting]
         return every
     nearest = min(range(len(solver.exponents)), key=lambda rung: abs(solver.exponents[rung] - EXPONENT))
     return [setting for setting in every if setting.is_default or setting.rung == nearest]
+
+
+def anchors(run: Run) -> list[Anchor]:
+    """The fastest lanes of different solvers that reach 1e-9 on all problems and are installed."""
+    found: dict[str, Anchor] = {}
+    for line in ranking(Measurements.of(run)):
+        high = line.results.get(Tier.HIGH)
+        if high is None or not high.reached or line.partial or line.name == PACE or line.lane in FAMILIES:
+            continue
+        try:
+            find(line.solver, line.lane)
+        except KeyError:  # from a file of the user's, whose code a run does not choose
+            continue
+        found.setdefault(line.solver, {"solver": line.solver, "lane": line.lane, "setting": high.setting})
+    return [*found.values()][:ANCHORS]
+
+
+def drift(run: Run, measurements: Measurements) -> Iterator[str]:
+    """For each session a sentence on what the null solver and the anchors took in it, over what they took before."""
+    every = run.rows(ONESHOT)
+    before = measurements.rows.set_index("task").answer_us
+    for number, session in enumerate(run.sessions, 1):
+        rows = every[(every.session == number) & (every.timed == "hot")]
+        times = []
+        for solver, lane in [(FLOOR, ""), *((anchor["solver"], anchor["lane"]) for anchor in session["anchors"])]:
+            again = rows[(rows.solver == solver) & (rows.lane.eq(lane) if lane else True)].set_index("task").answer_us
+            ratio = (again / before.reindex(again.index)).median()
+            times.append(f"{marked(solver)}{lane and f' ({lane})'} {ratio:.2f}")
+        added = {*zip(rows.solver, rows.lane, strict=True)} - {(a["solver"], a["lane"]) for a in session["anchors"]}
+        names = joined(sorted(f"{marked(solver)} ({lane})" for solver, lane in added if solver != FLOOR))
+        yield (
+            f"{names} joined later; beside them, what was timed again took this many times as long as before: "
+            f"{joined(times)}."
+        )

@@ -14,8 +14,7 @@ from bench.derived.verdict import below_rounding, notes, verdict
 from bench.messages.columns import Column
 from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
-from bench.races.oneshot.race import OneshotRace
-from bench.races.oneshot.sessions import anchors, drift
+from bench.races.oneshot.race import OneshotRace, anchors, drift
 from bench.races.oneshot.settings import AnytimeSettings, OneshotSettings
 from bench.races.settings import settings_of
 from bench.report.report import Report, Table
