@@ -184,12 +184,11 @@ class Dynamics:
             taps = np.pad(taps, (0, size - taps.size)) + np.pad(part, (0, size - part.size))
         return whole, taps
 
-    def pole_pairs(self, sample_time: float, speed: float = 1.0) -> list[tuple[Vector, Vector]]:
-        """D_i(z) / D_i(1), and R_i(z) / R_i(1) of ``speed`` times the frequency, of each mode; three coefficients
-        each."""
+    def pole_pairs(self, sample_time: float) -> list[tuple[Vector, Vector]]:
+        """D_i(z) / D_i(1) and R_i(z) / R_i(1) of each mode, three coefficients each."""
         pairs = []
         for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True):
-            D, R = _poles(f, zeta, sample_time), _poles(speed * f, REFERENCE_DAMPING, sample_time)
+            D, R = _poles(f, zeta, sample_time), _poles(f, REFERENCE_DAMPING, sample_time)
             pairs.append((D / D.sum(), R / R.sum()))
         return pairs
 

@@ -1,21 +1,21 @@
 """The dynamics of a stage as the core's prefilter takes them (``core/prefilter.h``): constants and states.
 
-Behind the sensor the learner inverts the modes, too: F_s replaces their poles by faster ones, of SPEED times the
-frequency and the damping 0.7, so that F_s y is the output of a static actuator after the group delay at frequency 0 of
-F_s G. The drive is late by the next whole sample, and F_s y by the rest of it, by linear interpolation.
+Behind the sensor the learner inverts the modes, too: F y is the output of a static actuator after the group delay at
+frequency 0 of F G. The drive is late by the next whole sample, and F y by the rest of it, by linear interpolation.
+Faster poles than those of F would follow fast scans a little better, and amplify noise and what an error of the
+frequency leaves of the resonance.
 """
 
 import math
 
 import numpy as np
 
-from piezo_model.dynamics import HIGHEST, Dynamics
+from piezo_model.dynamics import Dynamics
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
-SPEED = 2.0
 FORGOTTEN = 1e-4
-"""Share of the largest part of the response of F_s that counts as the end of it."""
+"""Share of the largest part of the response of F that counts as the end of it."""
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
 MODE = 9
 """Numbers of a mode."""
@@ -34,27 +34,24 @@ class Prefilter:
         if dynamics is None:
             return
         self.modes = len(dynamics.frequencies_Hz)
-        slow, fast = (
-            dynamics.pole_pairs(sample_time, speed)
-            for speed in (1.0, min(SPEED, HIGHEST / (sample_time * max(dynamics.frequencies_Hz, default=HIGHEST))))
-        )
-        lag = max(0.0, dynamics.group_delay(sample_time) + sum(float(np.arange(3) @ (D - R)) for D, R in fast))
+        pairs = dynamics.pole_pairs(sample_time)
+        lag = max(0.0, dynamics.group_delay(sample_time) + sum(float(np.arange(3) @ (D - R)) for D, R in pairs))
         late, (whole, taps) = math.ceil(lag), dynamics.zeros(sample_time)
-        h = self._response(fast, late - lag)
+        h = self._response(pairs, late - lag)
         self.ring = 1 + max(late, whole)
         decay = math.exp(-sample_time / dynamics.amplifier_lag_s) if dynamics.amplifier_lag_s else 0.0
         forgotten = 1 + int(np.flatnonzero(np.abs(h) > FORGOTTEN * np.max(np.abs(h)))[-1])
-        modes = [_constants(D, R) for pairs in (slow, slow, fast) for D, R in pairs]
+        modes = [_constants(D, R) for D, R in 3 * pairs]
         self.constants = np.concatenate(
             [*modes, [decay, whole, late, late - lag, forgotten], taps, np.zeros(TAPS - taps.size)]
         )
         """As they stand in the core, which has the states behind them."""
         self.noise_gains = np.array([h @ h, 1.0 / np.sum(np.convolve(h, THIRD_DIFFERENCE) ** 2)])
-        """What F_s makes of the variance of white noise, and one over what it makes of that of third differences."""
+        """What F makes of the variance of white noise, and one over what it makes of that of third differences."""
 
     @staticmethod
     def _response(pairs: list[tuple[Vector, Vector]], fraction: float) -> Vector:
-        """Impulse response h of F_s and the interpolation, as long as it lasts."""
+        """Impulse response h of F and the interpolation, as long as it lasts."""
         from scipy.signal import lfilter  # which a model without dynamics need not import
 
         longest = max((-30.0 / math.log(R[2] / R[0]) for _, R in pairs), default=0.0)

@@ -24,8 +24,8 @@
  *
  * With dynamics the learner's y passed F and an interpolation (prefilter.h), so that its noise is h * e with the
  * impulse response h. Its variance is sigma^2 sum h^2, that of its third differences sigma^2 sum (h * (1, -3, 3, -1))^2
- * instead of 20 sigma^2; the two sums are constants of the actuator. x is late by more samples than h lasts, so
- * integral action, by which x depends on earlier noise, correlates neither with the noise of the row.
+ * instead of 20 sigma^2; the two sums are constants of the actuator. x is late by as many samples as most of h lasts,
+ * so integral action, by which x depends on earlier noise, hardly correlates with the noise of the row.
  *
  * Third differences see the noise at high frequencies: of coloured noise (an autoregression of 0.9) they find 6 %, and
  * the rest stays in P. Of a sensor that is quantised, they find the steps as far as the output crosses them in each

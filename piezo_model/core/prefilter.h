@@ -3,9 +3,9 @@
  *
  *     F(z) = product over the modes of  D(z) / D(1)  R(1) / R(z)
  *
- * inverts the modes before the reference, and again, with faster R, behind the sensor: the learner's y is that of a
- * static actuator whose drive is late by the lag of all of it. The error of integral action is that against the output
- * which F is for: y_ref late, through the amplifier's lag, R(1) / R(z) of each mode and the zeros of the stage.
+ * inverts the modes before the reference, and again behind the sensor: the learner's y is that of a static actuator
+ * whose drive is late by the lag of all of it. The error of integral action is that against the output which F is for:
+ * y_ref late, through the amplifier's lag, R(1) / R(z) of each mode and the zeros of the stage.
  *
  * A mode's states are q = R(1) / R(z) u and its first difference; the input u determines the second one. D(z) / D(1) q
  * is the output, so q is the modal displacement of the stage: where a limit held the drive, the second difference is

@@ -35,7 +35,7 @@ from bench.cli.export_verbs import _opened
 from bench.export.building import EXACT, WARNINGS
 from bench.export.c_source import FLOAT_BOUND, export
 from bench.export.settings import ExportError, ExportSettings, Precision, initialiser, literal
-from piezo_model import Compensator, SelfLearningCompensator
+from piezo_model import Compensator, Dynamics, SelfLearningCompensator
 from piezo_model.deployment import Deployment
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
@@ -269,8 +269,12 @@ int main(void)
 """
 
 
-def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(tmp_path: Path) -> None:
-    model, other, y_ref = a_model(), a_model(seed=5), references(1000)
+@pytest.mark.parametrize("dynamics", [None, DYNAMICS], ids=["static", "ringing"])
+def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(
+    dynamics: Dynamics | None, tmp_path: Path
+) -> None:
+    model, other = (replace(a_model(seed=seed), dynamics=dynamics) for seed in (0, 5))
+    y_ref = references(1000)
     y_ref = np.where(np.isfinite(y_ref), y_ref, 1.0)
     write_sources(tmp_path, model, ExportSettings())
     blend_time_s = 0.003

@@ -132,7 +132,8 @@ piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high,
 /* Gain of the integral action per second, from 0 to 1 / PIEZO_SAMPLE_TIME_S. */
 piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second);
 
-/* The states of the actuator, to save over a restart of the controller. Learning restarts from them. */
+/* The states of the actuator, to save over a restart of the controller. Learning restarts from them,
+ * and the delays of the dynamics begin in balance. */
 void piezo_get_state(const piezo_axis *axis, piezo_state *state);
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state);
 
