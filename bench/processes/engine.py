@@ -9,14 +9,13 @@ import os
 import signal
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from bench.messages.race_error import RaceError
 from bench.processes.forked_child import warm_up
@@ -25,15 +24,6 @@ from bench.processes.worker import ChildSettings
 from bench.timing import cores
 from solvers.registry import Entry
 
-
-class Work(Protocol):
-    """Tasks of a race that one worker does in one go; it is picklable."""
-
-    def do(self, pool: SolverPool, tell: Callable[[Any], None]) -> None:
-        """Do the tasks; ``tell`` is called with each of them before it starts."""
-
-
-P = TypeVar("P", bound=Work)
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -74,29 +64,30 @@ class Workers:
         return self.backend is Backend.LOCAL and self.count == 1
 
 
-def distribute(parts: Sequence[P], entries: Sequence[Entry], settings: ChildSettings, workers: Workers) -> Iterator[P]:
-    """Do the parts of a race on several workers, which release their cores at the end; yields each part when it is
-    done, in any order."""
-    yield from parallel_map(
-        partial(work, entries=tuple(entries), settings=settings), parts, workers, at_end=close_workers
-    )
+def parallel_map(function: Callable[[T], R], items: Iterable[T], workers: Workers) -> Iterator[R]:
+    """Call a picklable function with each item; yields the results in any order."""
+    with started(workers) as map_unordered:
+        yield from map_unordered(function, items)
 
 
-def parallel_map(
-    function: Callable[[T], R], items: Iterable[T], workers: Workers, at_end: Callable[[], None] | None = None
-) -> Iterator[R]:
-    """Call a picklable function with each item; yields the results in any order.
+@contextmanager
+def started(
+    workers: Workers, at_end: Callable[[], None] | None = None
+) -> Iterator[Callable[[Callable[[T], R], Iterable[T]], Iterator[R]]]:
+    """Start workers; the function that is given calls a picklable function with each item on them, and yields the
+    results in any order.
 
     A cluster repeats an item whose worker was lost; the loss of a local worker is a ChildProcessError, and the caller
     says how to continue. ``at_end`` is called in each worker of a cluster; local workers end instead.
     """
     if workers.is_one:
-        yield from map(function, items)
+        yield map
         return
     with _local(workers.count) if workers.backend is Backend.LOCAL else _cluster(workers.scheduler, at_end) as executor:
         try:
-            for done in as_completed([executor.submit(function, item) for item in items]):
-                yield done.result()
+            yield lambda function, items: (
+                done.result() for done in as_completed([executor.submit(function, item) for item in items])
+            )
         except BrokenProcessPool:
             raise ChildProcessError("a worker was killed, perhaps for want of memory") from None
 
@@ -190,8 +181,8 @@ _workers: dict[int, _Worker] = {}
 """By thread; solvers stay from part to part of a race."""
 
 
-def work(part: P, entries: tuple[Entry, ...], settings: ChildSettings) -> P:
-    """Do one part with the solvers of this thread; those of another race are closed."""
+def work(part: Any, entries: tuple[Entry, ...], settings: ChildSettings) -> Any:
+    """Do one part of a race with the solvers of this thread, and return it; those of another race are closed."""
     thread = threading.get_ident()
     worker = _workers.get(thread)
     if worker is None or worker.key != (entries, settings):

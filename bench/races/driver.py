@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -194,13 +195,15 @@ def drive(race: Race[Any], workers: Workers) -> None:
         field = field_of(run, pool)
         if not workers.is_one:
             pool.close()
+        map_unordered = resources.enter_context(engine.started(workers, engine.close_workers))
         for parts in race.phases(field):
             total += sum(len(part.tasks) for part in parts)
             if workers.is_one:
                 for part in parts:
                     part.do(pool, tell)
             else:
-                for part in engine.distribute(parts, entries, settings, workers):
+                function = partial(engine.work, entries=entries, settings=settings)
+                for part in map_unordered(function, parts):
                     for task in part.tasks:
                         tell(task)
     race.finish()

@@ -17,9 +17,11 @@ Sources: H. A. David and H. N. Nagaraja, Order Statistics, 3rd edition 2003, sec
 Pearson, Biometrika 26 (1934) 404 to 413.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,6 +50,7 @@ class Percentile:
         return f"p{100.0 * self.q:.10g}"
 
 
+@cache
 def needed(q: float) -> int:
     """Fewest samples whose range covers the q-quantile.
 
@@ -58,11 +61,7 @@ def needed(q: float) -> int:
     """
     if not 0.0 < q < 1.0:
         raise ValueError(f"a percentile lies between 0 and 1 as a share, not at {q}")
-    tail = max(q, 1.0 - q)
-    count = max(1, math.floor(math.log(1.0 - CONFIDENCE) / math.log(tail)))
-    while q**count + (1.0 - q) ** count > 1.0 - CONFIDENCE:
-        count += 1
-    return count
+    return next(count for count in itertools.count(1) if q**count + (1.0 - q) ** count <= 1.0 - CONFIDENCE)
 
 
 def ranks(samples: int, q: float) -> tuple[int, int]:

@@ -90,6 +90,7 @@ def test_a_race_that_lost_a_worker_says_how_to_continue_and_keeps_its_run(
 
 LONG = """
 import time
+from functools import partial
 from pathlib import Path
 from bench.processes import engine
 from bench.processes.worker import ChildSettings
@@ -102,7 +103,8 @@ class Part:
         time.sleep(0.5)
 
 def race():
-    list(engine.distribute([Part(), Part()], [], ChildSettings(), engine.Workers(2)))
+    work = partial(engine.work, entries=(), settings=ChildSettings())
+    list(engine.parallel_map(work, [Part(), Part()], engine.Workers(2)))
 """
 
 
