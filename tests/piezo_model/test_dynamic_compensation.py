@@ -242,6 +242,11 @@ def test_noise_of_a_hundredth_of_the_range_does_not_bias_what_is_learned_and_thr
         assert error(1.2) > 20.0 * best_percent()
 
 
+def test_cyclic_operation_needs_no_subtraction_at_noise_of_a_hundredth_of_the_range() -> None:
+    learner = learner_of(ONE, mode="cyclic", reset_s=0.1, build_s=2.0, learn_s=0.4)
+    assert learned(learner, 50.0, 0.4, seconds=5.5) < 4.0 * best_percent()
+
+
 @pytest.mark.parametrize("mode", ["continuous", "cyclic"])
 def test_step_run_replay_and_a_saved_learner_give_the_same_bits(mode: str, tmp_path: Path) -> None:
     options = {"mode": mode, "integral_gain": 300.0, "rate_limit": 5e4, "build_s": 0.3, "learn_s": 0.1}
