@@ -63,6 +63,8 @@ APART = 0.1
 STEPS, FOLD_STEPS = 6, 1
 PERIODS, SHORTEST = 3.0, 20
 """Periods, and fewest samples, of a block."""
+RINGING = 0.5
+"""RMS of a further mode at which the model does not describe the stage, per cent of the output's range."""
 NOTABLE = 0.1
 """Smallest share of the squares that a mode explains in the scan at which it is worth a sentence if it is not kept."""
 
@@ -86,9 +88,18 @@ class DynamicsFinding:
     moves_Hz: tuple[tuple[float, float], ...]
     """Lowest and highest frequency of each mode, which differ if it depends on amplitude or position."""
 
+    also_rings: tuple[float, float] = (0.0, 0.0)
+    """Frequency in Hz of a further mode, and RMS per cent of the output's range by which the output rings there."""
+
     @property
     def refusal(self) -> str | None:
         """The reason against a linear model; None without one."""
+        frequency, share = self.also_rings
+        if share > RINGING:
+            return (
+                f"the output also rings near {frequency:.3g} Hz, by {share:.2g} % of the range, and two modes do not "
+                "describe it; record with a drive so smooth that it does not excite that resonance"
+            )
         for zeta, (low, high) in zip(self.damping, self.moves_Hz, strict=True):
             if high - low > zeta * low:
                 return (
@@ -117,6 +128,8 @@ class DynamicsFinding:
         for zeta, (lowest, highest) in zip(self.damping, self.moves_Hz, strict=True):
             if highest - lowest > NOTABLE * zeta * lowest:
                 yield f"It moves from {lowest:.5g} to {highest:.5g} Hz with the amplitude or the position."
+        if self.also_rings[1] > 0.0:
+            yield f"The output also rings near {self.also_rings[0]:.3g} Hz, which is not in the model."
         without, behind = self.held_out_percent
         yield (
             f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; with "
@@ -166,13 +179,20 @@ def separate(
     prepared = prepare(inverse)
     trials = Trials.of(head, inverse, prepared, solving)
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
-    best = trials.best(none, Parameters(begin, T, free=True))
+    best, rest = trials.best(none, Parameters(begin, T, free=True))
     if best is None:
         return Separated(recording, prepare(recording))
-    finding = trials.judge(none, best, peak.gain)
+    finding = trials.judge(none, best, peak.gain, rest)
     if not finding.kept:
         return Separated(recording, prepare(recording), finding=finding)
     return replace(trials.separated(recording, prepared, best), finding=finding)
+
+
+def _beside(spectra: Spectra, g: Dynamics) -> Peak | None:
+    """The mode that explains the most beside those of G; None without one."""
+    peak = spectra.peak([*zip(g.frequencies_Hz, g.damping, strict=True)])
+    apart = all(abs(math.log(peak.frequency_Hz / f)) > APART for f in g.frequencies_Hz)
+    return peak if apart and _is_plausible(peak) else None
 
 
 def _is_plausible(peak: Peak) -> bool:
@@ -233,9 +253,9 @@ class Trials:
         held = not np.all(fit.free[self.structure.d :][: 2 * modes])
         return self.fit(found(fit), fit) if held and (near is None or fit.cost < near.cost) else fit
 
-    def best(self, none: ForwardFit, one: Parameters) -> ForwardFit | None:
-        """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode;
-        None if one gains nothing over no mode."""
+    def best(self, none: ForwardFit, one: Parameters) -> tuple[ForwardFit | None, Peak | None]:
+        """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode,
+        None if one gains nothing over no mode, and a mode that the scan shows beside its own."""
 
         def better(best: ForwardFit, parameters: Parameters) -> ForwardFit:
             other = self.searched(parameters, best)
@@ -244,20 +264,20 @@ class Trials:
             return other if inside and best.improved_by(other, unknowns) else best
 
         best = self.searched(one)
-        g = found(best).start
-        best = better(best, replace(one, start=g, residual=True))
+        best = better(best, replace(found(best), residual=True))
         if not none.improved_by(best, found(best).vector.size - found(none).vector.size):
-            return None
-        mode = g.frequencies_Hz[0], g.damping[0]
-        second = Spectra(self.recording).peak([mode])
-        if _is_plausible(second) and abs(math.log(second.frequency_Hz / mode[0])) > APART:
-            own = (*mode, 1.0 - SHARE), (second.frequency_Hz, second.damping, 0.8 * SHARE)
+            return None, None
+        spectra, g = Spectra(self.recording), found(best).start
+        if (rest := _beside(spectra, g)) is not None:
+            own = (g.frequencies_Hz[0], g.damping[0], 1.0 - SHARE), (rest.frequency_Hz, rest.damping, 0.8 * SHARE)
             f, zeta, gains = zip(*sorted(own), strict=True)
             two = replace(g, frequencies_Hz=f, damping=zeta, gains=gains)
             best = better(best, replace(one, start=two, residual=True))
-        return better(best, replace(found(best), with_lag=True))
+            if found(best).start.frequencies_Hz[1:]:
+                rest = _beside(spectra, found(best).start)
+        return better(best, replace(found(best), with_lag=True)), rest
 
-    def judge(self, none: ForwardFit, best: ForwardFit, gain: float) -> DynamicsFinding:
+    def judge(self, none: ForwardFit, best: ForwardFit, gain: float, rest: Peak | None) -> DynamicsFinding:
         """Decide whether the dynamics are kept."""
         g, T, count = found(best).start, self.recording.sample_time, int(np.count_nonzero(self.counted))
         block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
@@ -277,16 +297,21 @@ class Trials:
             reason = "its frequency is uncertain"
         elif not falls:
             reason = "the error on held-out data does not fall"
-        moves = [(f, f) for f in g.frequencies_Hz]
-        if falls:
-            parameters = found(best)
-            moves = [
-                movement(best, mode, T, lambda further: self.fit(parameters, best, steps=1, further=further))
-                for mode in range(modes)
-            ]
         scale = 100.0 * abs(self.structure.y_scale) / float(np.ptp(self.recording.y[self.counted]))
+        moves, also = [(f, f) for f in g.frequencies_Hz], (0.0, 0.0)
+        parameters = found(best)
+
+        def step(further: Columns) -> ForwardFit:
+            return self.fit(parameters, best, steps=1, further=further)
+
+        if falls:
+            moves = [movement(best, mode, T, step) for mode in range(modes)]
+        if falls and rest is not None:
+            cost = step(_ringing(best, rest, T)).cost
+            if cost < 0.5 * best.cost:
+                also = rest.frequency_Hz, scale * math.sqrt(best.cost - cost)
         without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
-        return _finding(best, (without, behind), gain, reason, moves)
+        return replace(_finding(best, (without, behind), gain, reason, moves), also_rings=also)
 
     def _held_out(self, fitted: ForwardFit, block: int) -> Vector:
         """Sum of squares on each block, for fits that have not used it and its like."""
@@ -315,6 +340,13 @@ def found(fit: ForwardFit) -> Parameters:
     """The dynamics of a fit that was made with some."""
     assert fit.parameters is not None
     return fit.parameters
+
+
+def _ringing(fit: ForwardFit, peak: Peak, T: float) -> Columns:
+    """The deflection by a mode, and that one sample late."""
+    late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
+    signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in (fit.static[part] for part in fit.parts)]
+    return Columns(np.concatenate(signals), np.full(2, -np.inf), np.full(2, np.inf))
 
 
 def _deviations(fit: ForwardFit) -> Vector:

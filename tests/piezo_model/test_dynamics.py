@@ -340,6 +340,25 @@ def test_a_strongly_damped_mode_is_in_the_model(drive: str, damping: float) -> N
     assert model.report["fit"]["rms_percent"] < 0.3
 
 
+def with_three_modes(drive: str, gains: tuple[float, float, float], noise_um: float) -> Recording:
+    three = zip((180.0, 430.0, 800.0), (0.01, 0.01, 0.02), gains, strict=True)
+    return made("maxwell_slip", drive, list(three), noise_um, size=SIZE // 2)
+
+
+@pytest.mark.parametrize(("drive", "gains"), [("steps", (0.6, 0.25, 0.15)), ("binary", (0.5, 0.25, 0.25))])
+def test_a_third_resonance_in_the_driven_band_is_refused_with_its_frequency(
+    drive: str, gains: tuple[float, float, float]
+) -> None:
+    with pytest.raises(IdentificationError, match=r"the output also rings near 80. Hz, by 0[.]\d+ % of the range"):
+        identify(with_three_modes(drive, gains, 0.02), n=5, m=3)
+
+
+def test_a_third_resonance_that_rings_little_is_said_to_be_left_out() -> None:
+    model = identify(with_three_modes("binary", (0.7, 0.24, 0.06), 0.002), n=5, m=3)
+    assert len(model.dynamics.frequencies_Hz) == 2
+    assert any(re.match("The output also rings near 80. Hz", sentence) for sentence in model.report["sentences"])
+
+
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
     recording = made("relay_preisach", "triangle", [(400.0, 0.24, 1.0)], 0.05, size=SIZE // 2)
     model = identify(recording, force=True)
