@@ -34,7 +34,7 @@ from piezo_model.identification.error_model import IdentificationError, Solving,
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.moving import movement
 from piezo_model.identification.resonance import Peak, Spectra
-from piezo_model.identification.selection import state_on, with_orders
+from piezo_model.identification.selection import state_on, union_of, with_orders
 from piezo_model.identification.start import Prepared
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -57,7 +57,8 @@ SAMPLES = 100_000
 DELAY, SHARE = 0.7, 0.05
 """Where fits begin: the delay in samples, and the share of residual compliance beside two modes, and of the second."""
 ORDERS = 12, 3
-"""Orders n and m of the fits: what plays are too few for is taken for dynamics, and moves the frequency."""
+"""Orders n and m that the fits have beside those of the start: what plays are too few for is taken for dynamics, and
+moves the frequency."""
 APART = 0.1
 """Smallest difference of the logarithms of two frequencies."""
 STEPS, FOLD_STEPS = 6, 1
@@ -228,6 +229,7 @@ class Trials:
         """From the start of a static stage, that of the recording through an inverse, of which both may be longer."""
         own, counted = prepared.structure, counted_from(recording, prepared.skip)
         s = with_orders(own, *ORDERS, own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s))
+        s = union_of([own, s])
         states = [state_on(own, state, s) for state in prepared.fit.states]
         began = accumulate(inverse.head(recording.length), counted, s, states, solving)
         return cls(recording, counted, s, states, s.inverse_slope_map @ solving.optimum(began), solving)

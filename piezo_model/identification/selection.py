@@ -115,6 +115,15 @@ def with_orders(s: ModelStructure, n: int, m: int, rates: Sequence[float]) -> Mo
     return replace(s, play_thresholds=thresholds[0], dead_zone_thresholds=thresholds[1], creep_rates=tuple(rates))
 
 
+def union_of(structures: Sequence[ModelStructure]) -> ModelStructure:
+    """The last structure with the thresholds of all."""
+    return replace(
+        structures[-1],
+        play_thresholds=tuple(sorted({r for s in structures for r in s.play_thresholds})),
+        dead_zone_thresholds=tuple(sorted({r for s in structures for r in s.dead_zone_thresholds})),
+    )
+
+
 def state_on(s: ModelStructure, state: OperatorState, other: ModelStructure) -> OperatorState:
     """Memory curve of a structure read at the thresholds of another one; creep rests with the plays."""
     play = memory_curve(s, state, other.thresholds)
@@ -140,11 +149,7 @@ def select(
     orders = [with_orders(fit.structure, n, m, rates) for n, m in product(ns, ms)]
     most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
     orders = [s for s in orders if s.d < most] or orders[:1]
-    union = replace(
-        orders[0],
-        play_thresholds=tuple(sorted({r for s in orders for r in s.play_thresholds})),
-        dead_zone_thresholds=tuple(sorted({r for s in orders for r in s.dead_zone_thresholds})),
-    )
+    union = union_of(orders)
     gram, moved = _gram(recording, counted, fit, union, solving)
     noise = noise_floor(recording, counted, fit.error)
     independent = max(fit.independent, determined.independent, np.count_nonzero(counted) * fit.cost / noise)

@@ -17,6 +17,7 @@ from piezo_model import (
     HysteresisCreepModel,
     IdentificationError,
     ModelError,
+    ModelStructure,
     OperatorState,
     Recording,
     identify,
@@ -244,6 +245,20 @@ def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kin
     assert chosen["error_percent"] < 2.0 * model.report["fit"]["rms_percent"]  # not behind an inverse that adds noise
     low, high = model.report["dynamics"]["intervals"]["frequencies_Hz"][0]
     assert low < 500.0 < high
+
+
+@pytest.mark.parametrize("drive", ["triangle", "sweep"])
+def test_a_stage_of_the_given_structure_has_its_frequency_damping_and_delay(drive: str) -> None:
+    s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (100.0, 10.0, 1.0), T, offset=True)
+    x = DRIVES[drive](SIZE, 5)
+    y = plants.get("dense_prandtl_ishlinskii", sample_time=T).run(x)
+    truth = identify(x, y, s, dynamics="ignore", lag="ignore", force=True)
+    noise = 0.02 * np.random.default_rng(6).standard_normal(SIZE)
+    found = identify(x, through_modes(truth.simulate(x, truth.start), MODE, DELAY_S) + noise, s).dynamics
+    assert found is not None
+    assert found.frequencies_Hz[0] == pytest.approx(500.0, rel=5e-4)
+    assert found.damping[0] == pytest.approx(0.01, rel=0.02)
+    assert found.delay_s == pytest.approx(DELAY_S, abs=0.05 * T)
 
 
 @pytest.mark.parametrize("seed", [3, 15])
