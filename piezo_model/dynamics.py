@@ -4,7 +4,7 @@
 
     G(s) = e^(−τs) ( Σ g_i ω_i² / (s² + 2 ζ_i ω_i s + ω_i²) + 1 − Σ g_i )
 
-with at most two lightly damped modes ω_i = 2π f_i. Their gains g_i are shares of the static gain; the rest is residual
+with at most two modes ω_i = 2π f_i. Their gains g_i are shares of the static gain; the rest is residual
 compliance, of modes far above the driven band. T_a is the lag of the amplifier, and τ the delay of the output.
 
 G is discretised exactly for an input that is held between samples, with the output at the end of the interval:
