@@ -56,7 +56,7 @@ SAMPLES = 100_000
 """Samples from the start that decide."""
 DELAY, SHARE = 0.7, 0.05
 """Where fits begin: the delay in samples, and the share of residual compliance beside two modes, and of the second."""
-ORDERS = 12, 3
+ORDERS = 20, 5
 """Orders n and m that the fits have beside those of the start: what plays are too few for is taken for dynamics, and
 moves the frequency."""
 APART = 0.1
