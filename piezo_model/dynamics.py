@@ -265,11 +265,12 @@ class Stream:
             return v
         if self.balance is None:
             self.balance, self.states = v[0].copy(), self._at_rest(*v.shape[1:])
-        y = np.zeros_like(v)
-        for i, (b, a) in enumerate(self._parts):
-            part, self.states[i] = lfilter(b, a, v - self.balance, axis=0, zi=self.states[i])
-            y += part
-        return np.asarray(y + self.balance)
+        moved = v - self.balance
+        filtered = [lfilter(b, a, moved, axis=0, zi=zi) for (b, a), zi in zip(self._parts, self.states, strict=True)]
+        outputs, self.states = map(list, zip(*filtered, strict=True))
+        y = reduce(np.add, outputs)
+        y += self.balance
+        return np.asarray(y)
 
 
 def _poles(f: float, zeta: float, sample_time: float) -> Vector:

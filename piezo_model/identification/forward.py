@@ -44,7 +44,7 @@ from piezo_model.simulation import Arrays, advance, all_weights, arrays_of, behi
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
-CHUNK = 16_384
+CHUNK = 4096
 """Largest number of samples whose rows are held at once."""
 GRAM_SAMPLES = 1_000_000
 """Samples of a Gram matrix."""
