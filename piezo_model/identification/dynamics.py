@@ -68,6 +68,8 @@ RINGING = 0.5
 """RMS of a further mode at which the model does not describe the stage, per cent of the output's range."""
 NOTABLE = 0.1
 """Smallest share of the squares that a mode explains in the scan at which it is worth a sentence if it is not kept."""
+LIGHTLY_DAMPED = 0.25
+"""Largest damping of a mode that is not kept to be worth a sentence: with more, what the hysteresis leaves is alike."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,9 @@ class DynamicsFinding:
 
     def sentences(self) -> Iterator[str]:
         """What a user should know."""
-        faint = not self.kept and (self.gain < NOTABLE or self.held_out_percent[1] > self.held_out_percent[0])
-        if faint or self.refusal is not None:
+        notable = self.gain >= NOTABLE and self.held_out_percent[1] <= self.held_out_percent[0]
+        evident = notable and max(self.damping) < LIGHTLY_DAMPED
+        if self.refusal is not None or not (self.kept or evident):
             return
         if not self.kept:
             yield (
