@@ -16,6 +16,7 @@ from bench.cli.options import (
     RateLimit,
     SolverName,
     Start,
+    StartOfModel,
     XStart,
     check_writable,
     files_of,
@@ -224,7 +225,7 @@ def simulate_verb(
     drive: Annotated[Path, typer.Argument(help="File with a drive column, in any format of recordings.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="CSV or Parquet file for drive and output.")],
     reading: dict[str, Any],
-    start: Start | None = None,
+    start: StartOfModel = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute the output of the model for a drive."""

@@ -223,13 +223,13 @@ SET_OPTIONS = {
 """Options of problem sets."""
 
 
-Start = Annotated[
-    StartChoice,
-    typer.Option(
-        "--start",
-        help="States before the first sample: of a stage that has settled (rest), or those that "
-        "identify found before its recording (recording).",
-    ),
+_STATES = (
+    "States before the first sample: of a stage that has settled (rest), or those that identify found before its "
+    "recording (recording)"
+)
+Start = Annotated[StartChoice, typer.Option("--start", help=f"{_STATES}.")]
+StartOfModel = Annotated[
+    StartChoice | None, typer.Option("--start", help=f"{_STATES}; by default recording, if the model has them.")
 ]
 STARTS = {
     "recording": "Begins with the states that identify found before its recording.",

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from bench.cli.options import AsJson, check_writable, positive, reads_a_recording, recording_of
+from bench.cli.options import AsJson, check_writable, positive, reads_a_recording, recording_of, require
 from bench.report.console import console, print_json, print_result, print_table
 from piezo_model import checks
 from piezo_model.recordings import Recording, RecordingError, write_table
@@ -18,6 +18,9 @@ from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import Table
 from piezo_model.signals import SWEPT, excitation
 from piezo_model.units import quantity, shown
+
+MOST_SAMPLES = 100_000_000
+"""Samples of the longest drive that is written."""
 
 
 def excite_verb(
@@ -35,6 +38,11 @@ def excite_verb(
     check_writable(out)
     check_writable(page, "--page", [out])
     low, high = _limits(span)
+    require(
+        rate * seconds <= MOST_SAMPLES,
+        "--rate, --seconds",
+        f"{rate * seconds:.3g} samples are more than the {MOST_SAMPLES:.0e} of the longest drive",
+    )
     try:
         drive = excitation(duration_s=seconds, sample_time=1.0 / rate, low=low, high=high)
     except ValueError as error:

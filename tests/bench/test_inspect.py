@@ -159,6 +159,7 @@ def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
         (("--range", "9:1", "--rate", "500"), "--range: '9:1' is not two numbers in ascending order"),
         (("--range", "0:1", "--rate", "10"), "gives 600 samples, and an excitation needs 2000"),
         (("--range", "0:1", "--rate", "0"), "must be positive, not 0"),
+        (("--range", "0:1", "--rate", "1e9"), "6e+10 samples are more than"),
     ],
 )
 def test_an_impossible_drive_is_refused_and_nothing_written(
