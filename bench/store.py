@@ -301,7 +301,7 @@ class Run:
 
     def rows_so_far(self) -> list[Row]:
         """The rows of all finished tasks, during the race."""
-        return [row for path in self._task_files() for row in _load(path)[0]]
+        return [row for path in self._task_files() if zipfile.is_zipfile(path) for row in _load(path)[0]]
 
     def _notes_file(self, name: str) -> Path:
         return self.path / "tasks" / f"{name}.json"
@@ -351,12 +351,20 @@ class Run:
     def machines(self) -> dict[str, Machine]:
         """The machines that made rows, with their versions and instruction sets, by the column ``machine``."""
         settings, folder = self.settings, self.path / "machines"
-        if "machine" in settings:
-            return {machine.name(settings["machine"]): settings["machine"]}
+        older = {machine.name(settings["machine"]): settings["machine"]} if "machine" in settings else {}
         found = {path.stem: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
-        if not found:
+        if not (older or found):
             raise RunError(f"{folder} has no machine, and each that made rows of a run is described there")
-        return found
+        return older | found
+
+    def check_machines(self, rows: pd.DataFrame) -> None:
+        """RunError unless each machine that made the rows is described; an older run describes only one."""
+        unknown = sorted(set(rows.machine).difference(self.machines))
+        if unknown and "machine" not in self.settings:
+            raise RunError(
+                f"{self.path / 'machines'} has no {unknown[0]}.json, the machine that made some rows of the run; "
+                "restore it, or race again"
+            )
 
     @property
     def machine_names(self) -> list[str]:
@@ -371,7 +379,11 @@ class Run:
 
     def rows(self, schema: Schema) -> pd.DataFrame:
         """The table of a finished run."""
-        return self._table(schema.file, schema.arrow, ("task", *schema.order))
+        table, settings = self._table(schema.file, schema.arrow, ("task", *schema.order)), self.settings
+        if "machine" in settings:
+            table["machine"] = table.machine.replace("", machine.name(settings["machine"]))
+        self.check_machines(table)
+        return table
 
     def times(self) -> pd.DataFrame:
         """The raw times of a finished run."""

@@ -14,6 +14,7 @@ name of the solver (lane direct by default), its value is the class:
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
@@ -271,6 +272,8 @@ def describe(entry: Entry) -> Described:
             reason = f"its class names the distribution {cls.distribution!r}, which is not installed"
             return Described(entry.name, entry.lane, absent=reason)
         version = ""
+    if entry.path is not None:  # a user's own file changes without its package
+        version = f"{version}+{hashlib.sha256(entry.path.read_bytes()).hexdigest()[:8]}".lstrip("+")
     version = f"{version}, {cls.built_with}" if cls.built_with else version
     ladder = tuple({**cls.fixed_settings, **rung} for rung in cls.ladder(1.0))
     return Described(

@@ -7,6 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import pandas as pd
 import typer
 
 from bench.cli.options import SET_OPTIONS, WORKERS, AsJson, Seed, grouped, on_workers, refuse, require, set_options
@@ -291,6 +292,8 @@ def resume_verb(
                 if file in used
                 else f"{run}: the race did not use {file}"
             )
+        if rows := opened.rows_so_far():
+            opened.check_machines(pd.DataFrame(rows))
         _finish(opened, workers, as_json)
 
 

@@ -72,17 +72,25 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
 
 def described_by(run: Run, pool: SolverPool) -> list[Described]:
     """The solvers, described where they run. RaceError if one has another version than in the run: resumed, added to or
-    spread over machines, a run has one version of each solver lane."""
-    described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
+    spread over machines, a run has one version of each solver lane, and a file that is added again may have changed."""
+    children = [child for child in pool.children.values() if child.entry is not null_solver.ENTRY]
+    described = [child.describe() for child in children]
     field = run.settings.get("field", {})
-    for solver in described:
+    for child, solver in zip(children, described, strict=True):
         was = field.get(lane := f"{solver.name} ({solver.lane})", solver.version)
-        if not solver.absent and was.partition(",")[0] != solver.version.partition(",")[0]:
+        if solver.absent or _release(was) == _release(solver.version):
+            continue
+        if not (child.entry.path and run.session) or run.rows_so_far():
             raise RaceError(
                 f"{run.path} raced {lane} in version {was}, and {os.uname().nodename} has {solver.version}; begin a "
                 "new run"
             )
     return described
+
+
+def _release(version: str) -> str:
+    """A version without the compiler and its flags."""
+    return version.partition(",")[0]
 
 
 def field_of(run: Run, pool: SolverPool) -> list[Described]:
@@ -92,7 +100,9 @@ def field_of(run: Run, pool: SolverPool) -> list[Described]:
     field = [solver for solver in described if not solver.absent]
     versions = {f"{solver.name} ({solver.lane})": solver.version for solver in field}
     absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
-    run.note(field=versions | before.get("field", {}), absent=before.get("absent", {}) | absent)
+    noted = before.get("field", {})
+    same = {lane: was for lane, was in noted.items() if _release(was) == _release(versions.get(lane, was))}
+    run.note(field=versions | same, absent=before.get("absent", {}) | absent)
     present = {solver.name for solver in field}
     for solver in described:
         if solver.name in run.settings_in_force["solvers"] and solver.name not in present:

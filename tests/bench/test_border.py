@@ -322,6 +322,9 @@ def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
     words = ("resume", run, "--solver", "mine.py", "--solver", "other.py")
     assert f"the race did not use {tmp_path / 'other.py'}" in piezobench(*words, folder=tmp_path).refusal
     assert not (tmp_path / "HARMED").exists()
+    Run(run).note(field={**Run(run).settings["field"], "mine (direct)": "0badc0de"})
+    assert "raced mine (direct) in version 0badc0de, and" in piezobench(*words[:-2], folder=tmp_path).refusal
+    Run(run).note(field={})
     piezobench.run(*words[:-2], folder=tmp_path)
     assert "mine" in set(Run(run).rows(ONESHOT).solver)
 

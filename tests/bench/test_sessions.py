@@ -1,6 +1,7 @@
 """Solvers are added to a finished run, and one of them again after a change."""
 
 import json
+import shutil
 from pathlib import Path
 
 import faulty_solvers
@@ -47,7 +48,10 @@ def test_an_added_solver_has_rows_of_its_session_and_those_of_the_others_stay(
 
     # changed, and added once more on one problem: the last session counts
     problem = before.problem.iloc[0]
+    version = run.settings["field"]["mine (direct)"]
+    file.write_text(file.read_text() + "# changed\n")
     again = added(piezobench, race, "--solver", file, "--problem", problem)
+    assert again.settings["field"]["mine (direct)"] != version
     found = Measurements.of(again)
     mine = found.every[found.every.solver == "mine"]
     assert set(mine.session) == {2}
@@ -64,6 +68,23 @@ def test_what_cannot_be_added_is_refused_and_the_run_stays(piezobench: CommandLi
     ):
         assert sentence in piezobench("race", "--into", race.run.path, *words).refusal
     assert {path.name for path in race.run.path.iterdir()} == before
+
+
+def test_a_run_knows_the_machine_of_each_of_its_rows_and_is_refused_without_it(
+    piezobench: CommandLine, race: Race, tmp_path: Path
+) -> None:
+    shutil.copytree(race.run.path, tmp_path / "run")
+    (path,) = (tmp_path / "run" / "machines").iterdir()
+    path.rename(path.with_name("0.json"))
+    assert f"machines has no {path.stem}.json" in piezobench("report", tmp_path / "run").refusal
+
+    # an older run describes one machine in run.json, and has others where solvers were added to it
+    path.with_name("0.json").rename(path)
+    older = Run(tmp_path / "run")
+    described = json.loads(path.read_text())
+    older.note(machine={**described, "processor": "An abacus"})
+    assert {each["processor"] for each in older.machines.values()} == {"An abacus", described["processor"]}
+    assert older.machine_of(older.rows(ONESHOT)) == described
 
 
 def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
