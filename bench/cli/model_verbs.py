@@ -253,6 +253,7 @@ def simulate_verb(
         "forced": loaded.warning,
     }
     lines = [
+        read.describe("input"),
         loaded.warning,
         given.units,
         STARTS[began].format(quantity(s.x_centre + s.x_scale * state.play[0], s.input_unit)),
@@ -323,6 +324,7 @@ def compensate_verb(
     misses = quantity(result["largest_error"], result["output_unit"], 3)
     lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))
     lines = [
+        result["reading"],
         f"The model follows {100.0 * result['share_followed']:.3g} % of the reference, {follows}; elsewhere it misses "
         f"by up to {misses}."
         if result["share_followed"] < 1.0

@@ -196,6 +196,7 @@ class Compensating(WithModel):
         error, span = np.abs(model.simulate(x, state) - late), 2.0 * abs(s.y_scale)
         return {
             "forced": model.warning,
+            "reading": read.describe(),
             "units": reference.units,
             "start": self.start,
             "lag_s": lag,

@@ -361,9 +361,9 @@ class Reference(Source):
         (gain,), units = self._conversions({role: (self.unit, unit)})
         return replace(self, values=gain * self.values, unit=unit or self.unit, units=units)
 
-    def describe(self) -> str:
+    def describe(self, role: str = "reference") -> str:
         """Describe in a sentence the samples, and the columns that were guessed."""
-        signal = self._describe_signal("reference", self.unit, (float(self.values.min()), float(self.values.max())))
+        signal = self._describe_signal(role, self.unit, (float(self.values.min()), float(self.values.max())))
         return (
             f"{self.name}: {self.form}; {self.values.size} samples, {self._describe_period()}; "
             f"{signal}{self._describe_guesses()}" + "".join(f"; {remark}" for remark in self.remarks)

@@ -101,6 +101,18 @@ def test_a_reference_and_a_drive_at_another_rate_are_for_the_model_at_that_rate(
     np.testing.assert_allclose(column(tmp_path / "y.csv", 2), slow.simulate(x), rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("verb", "table", "guessed"),
+    [("simulate", "stage.csv", "input 'voltage_V'"), ("compensate", "wanted.csv", "reference 'reference_um'")],
+)
+def test_the_column_that_was_guessed_is_named(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, verb: str, table: str, guessed: str
+) -> None:
+    said = piezobench.run(verb, desk / "model.json", desk / table, "--out", tmp_path / "out.csv").stdout
+    assert f"; {guessed} from" in said
+    assert f"guessed: time, {guessed.split()[0]} by name" in said
+
+
 @pytest.mark.parametrize("part", ["compensator", "learning"])
 def test_the_export_at_a_rate_is_that_of_the_model_at_that_rate(
     piezobench: CommandLine, desk: Path, tmp_path: Path, part: str
