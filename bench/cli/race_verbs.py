@@ -244,10 +244,9 @@ def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> 
     refuse(context, {*context.params} - ADDING, "is for a new race; --into adds solvers to one on the same problems")
     require("solvers" in values or "solver_files" in values, "--into", "needs --solver: the solvers to add")
     run = open_run(path)
-    kind = kind_of(run)
     kept = {name: value for name, value in values.items() if value and name in KEPT}
     changed: Any = {"solvers": (), "solver_files": (), "limit": 0, "given": {}, "named_only": True, **kept}
-    kind.add(run, replace(settings_of(run, kind.settings), **changed))
+    kind_of(run).add(run, **changed)
     return run
 
 

@@ -62,14 +62,15 @@ class Kind:
         self.race.entries(settings)
         return Run.create(results, {"race": self.name, "settings": asdict(settings)}, name)
 
-    def add(self, run: Run, settings: RaceSettings) -> None:
-        """Begin to add solvers to a finished run; RaceError if that cannot be done."""
+    def add(self, run: Run, **changed: Any) -> None:
+        """Begin to add solvers to a finished run, with changed settings; RaceError if that cannot be done."""
         if self.anchors is None or not run.is_finished(self.schema):
             raise RaceError(
-                f"{run.path}: solvers are added to a one-shot race, and this is a {self.name} race"
+                f"{run.path}: solvers are added to a one-shot race, and this race is of the kind {self.name}"
                 if self.anchors is None
                 else f"{run.path}: the race is not finished, so resume it first"
             )
+        settings = replace(settings_of(run, self.settings), **changed)
         self.race.entries(settings)
         run.reopen(asdict(settings), self.anchors(run))
 

@@ -181,6 +181,11 @@ def test_a_damaged_loop_race_beside_a_one_shot_race_is_named_in_its_verdict(run:
     assert re.match(r"The loop race beside this run cannot be read: \S*loop\.parquet: cannot be read \(", said)
 
 
+def test_a_solver_is_not_added_to_a_loop_race(piezobench: CommandLine, run: Run) -> None:
+    refusal = piezobench("race", "--into", run.path, "--solver", "daqp").refusal
+    assert "solvers are added to a one-shot race, and this race is of the kind loop" in refusal
+
+
 @pytest.mark.parametrize("settings", [{"learn_steps": [0]}, {"learn_steps": []}, {"windows": 0}])
 def test_a_run_without_windows_or_learning_phases_is_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(settings))):
