@@ -29,7 +29,7 @@ from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
 from piezo_model.identification.creep import candidate_rates
-from piezo_model.identification.dynamics_parameters import Parameters
+from piezo_model.identification.dynamics_parameters import SMALLEST_GAIN, Parameters
 from piezo_model.identification.error_model import IdentificationError, Solving, States, accumulate, counted_from, spans
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.moving import movement
@@ -56,6 +56,8 @@ SAMPLES = 100_000
 """Samples from the start that decide."""
 DELAY, SHARE = 0.7, 0.05
 """Where fits begin: the delay in samples, and the share of residual compliance beside two modes, and of the second."""
+WHOLE = 0.7
+"""Share of the static gain above which fits begin without residual compliance."""
 ORDERS = 20, 5
 """Orders n and m that the fits have beside those of the start: what plays are too few for is taken for dynamics, and
 moves the frequency."""
@@ -178,12 +180,13 @@ def separate(
     peak = Spectra(head).peak() if choice == "estimate" and Spectra.can_be_of(head) else None
     if peak is None or not _is_plausible(peak):
         return Separated(recording, prepare(recording))
-    begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), DELAY * T)
+    share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
+    begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
     inverse = _through_inverse(recording, begin)
     prepared = prepare(inverse)
     trials = Trials.of(head, inverse, prepared, solving)
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
-    best, rest = trials.best(none, Parameters(begin, T, free=True))
+    best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0))
     if best is None:
         return Separated(recording, prepare(recording))
     finding = trials.judge(none, best, peak.gain, rest)
@@ -269,7 +272,7 @@ class Trials:
             return other if inside and best.improved_by(other, unknowns) else best
 
         best = self.searched(one)
-        best = better(best, replace(found(best), residual=True))
+        best = best if one.residual else better(best, replace(found(best), residual=True))
         if not none.improved_by(best, found(best).vector.size - found(none).vector.size):
             return None, None
         spectra, g = Spectra(self.recording), found(best).start
