@@ -54,10 +54,10 @@ SIGNIFICANT = 4.0
 """Smallest gain on held-out data, in its standard errors."""
 SAMPLES = 100_000
 """Samples from the start that decide."""
-DELAY, SHARE = 0.7, 0.05
-"""Where fits begin: the delay in samples, and the share of residual compliance beside two modes, and of the second."""
+DELAY = 0.7
+"""Delay in samples with which fits begin."""
 WHOLE = 0.7
-"""Share of the static gain above which fits begin without residual compliance."""
+"""Share of the static gain below which a fit begins with the residual compliance of the scan, too."""
 ORDERS = 20, 5
 """Orders n and m that the fits have beside those of the start: what plays are too few for is taken for dynamics, and
 moves the frequency."""
@@ -271,13 +271,17 @@ class Trials:
             unknowns = parameters.vector.size - found(best).vector.size
             return other if inside and best.improved_by(other, unknowns) else best
 
-        best = self.searched(one)
-        best = best if one.residual else better(best, replace(found(best), residual=True))
+        best = self.searched(replace(one, start=replace(one.start, gains=(1.0,)), residual=False))
+        best = better(best, replace(found(best), residual=True))
+        if one.residual:
+            best = min(best, self.searched(one), key=lambda fit: fit.cost)
         if not none.improved_by(best, found(best).vector.size - found(none).vector.size):
             return None, None
         spectra, g = Spectra(self.recording), found(best).start
         if (rest := _beside(spectra, g)) is not None:
-            own = (g.frequencies_Hz[0], g.damping[0], 1.0 - SHARE), (rest.frequency_Hz, rest.damping, 0.8 * SHARE)
+            second = min(max(rest.share, SMALLEST_GAIN), 0.5)
+            first = 1.0 - second - SMALLEST_GAIN
+            own = (g.frequencies_Hz[0], g.damping[0], first), (rest.frequency_Hz, rest.damping, second)
             f, zeta, gains = zip(*sorted(own), strict=True)
             two = replace(g, frequencies_Hz=f, damping=zeta, gains=gains)
             best = better(best, replace(one, start=two, residual=True))

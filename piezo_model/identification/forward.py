@@ -56,7 +56,7 @@ NUDGE = 1e-6
 """Difference of initial states for their derivatives, normalised units."""
 MIN_SLOPE, MAX_SLOPE = 1e-3, 1e6
 """Bounds of the slopes of S⁻¹; beyond the upper one, a sum of weights is lost in rounding."""
-SHORTEST_STEP = 0.05
+SHORTEST_STEP = 0.002
 CONVERGED = 1e-5
 """Relative decrease of the cost that ends the fit."""
 EXACT = 1e-24
