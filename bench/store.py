@@ -357,13 +357,13 @@ class Run:
             raise RunError(f"{folder} has no machine, and each that made rows of a run is described there")
         return older | found
 
-    def check_machines(self, rows: pd.DataFrame) -> None:
+    def check_machines(self, rows: pd.DataFrame, file: str) -> None:
         """RunError unless each machine that made the rows is described; an older run describes only one."""
         unknown = sorted(set(rows.machine).difference(self.machines))
         if unknown and "machine" not in self.settings:
             raise RunError(
-                f"{self.path / 'machines'} has no {unknown[0]}.json, the machine that made some rows of the run; "
-                "restore it, or race again"
+                f"{self.path / file}: column 'machine' has {unknown[0]!r}, and {self.path / 'machines'} has "
+                f"no {unknown[0]}.json; restore it, or race again"
             )
 
     @property
@@ -377,12 +377,16 @@ class Run:
         known = rows.machine[rows.machine.isin(machines)]
         return machines[known.mode().iloc[0]] if len(known) else next(iter(machines.values()))
 
+    def table(self, schema: Schema) -> pd.DataFrame:
+        """The table of a finished run as it is stored."""
+        return self._table(schema.file, schema.arrow, ("task", *schema.order))
+
     def rows(self, schema: Schema) -> pd.DataFrame:
-        """The table of a finished run."""
-        table, settings = self._table(schema.file, schema.arrow, ("task", *schema.order)), self.settings
+        """The table of a finished run, each row with a machine that the run describes."""
+        table, settings = self.table(schema), self.settings
         if "machine" in settings:
             table["machine"] = table.machine.replace("", machine.name(settings["machine"]))
-        self.check_machines(table)
+        self.check_machines(table, schema.file)
         return table
 
     def times(self) -> pd.DataFrame:

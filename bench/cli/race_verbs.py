@@ -292,7 +292,7 @@ def resume_verb(
                 else f"{run}: the race did not use {file}"
             )
         if rows := opened.rows_so_far():
-            opened.check_machines(pd.DataFrame(rows))
+            opened.check_machines(pd.DataFrame(rows), "tasks")
         _finish(opened, workers, as_json)
 
 

@@ -180,7 +180,7 @@ READERS = {
         ModelError,
     ),
     "run, JSON": Reader(documents(run_document()), "run/run.json", lambda path: open_run(path.parent), RunError),
-    "rows, Parquet": Reader(rows(), "run/rows.parquet", lambda path: Run(path.parent).rows(ONESHOT), RunError),
+    "rows, Parquet": Reader(rows(), "run/rows.parquet", lambda path: Run(path.parent).table(ONESHOT), RunError),
     "program, NPZ": Reader(
         damaged(next((REFERENCE / "problems").glob("*.npz")).read_bytes()), "p.npz", RaceProblem.load, ProblemFileError
     ),

@@ -470,7 +470,7 @@ def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line
     call = piezobench("compensate", "model.json", "path.csv", "--out", "drive.csv", folder=desk)
     assert (call.status, call.stderr) == (0, "")
     assert call.stdout.splitlines()[-1] == "Drive: drive.csv"
-    assert "of the reference" in call.stdout.splitlines()[0]
+    assert "of the reference" in call.stdout
     assert (desk / "drive.csv").read_text().startswith("time_s,drive_V\n")
     time, drive = np.loadtxt(desk / "drive.csv", delimiter=",", skiprows=1, unpack=True)
     wanted = np.loadtxt(desk / "path.csv", delimiter=",", skiprows=1)[:, 1]
