@@ -71,7 +71,8 @@ RINGING = 0.5
 NOTABLE = 0.1
 """Smallest share of the squares that a mode explains in the scan at which it is worth a sentence if it is not kept."""
 LIGHTLY_DAMPED = 0.25
-"""Largest damping of a mode that is not kept to be worth a sentence: with more, what the hysteresis leaves is alike."""
+"""Largest damping of a mode beside another, and of one that is not kept to be worth a sentence: with more, what the
+hysteresis leaves is alike."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ def _beside(spectra: Spectra, g: Dynamics) -> Peak | None:
     """The mode that explains the most beside those of G; None without one."""
     peak = spectra.peak([*zip(g.frequencies_Hz, g.damping, strict=True)])
     apart = all(abs(math.log(peak.frequency_Hz / f)) > APART for f in g.frequencies_Hz)
-    return peak if apart and _is_plausible(peak) else None
+    return peak if apart and peak.damping < LIGHTLY_DAMPED and _is_plausible(peak) else None
 
 
 def _is_plausible(peak: Peak) -> bool:
