@@ -162,8 +162,12 @@ class Dynamics:
     def lag_s(self, sample_time: float) -> float:
         """Time by which :meth:`reference` lags a slow reference."""
         samples = self.amplifier_lag_s and 1.0 / math.expm1(sample_time / self.amplifier_lag_s)
-        samples += sum(float(np.arange(3) @ (D - R)) for D, R in self.pole_pairs(sample_time))
-        return (samples + self.group_delay(sample_time)) * sample_time
+        return (samples + self.delay_behind_inverse(sample_time)) * sample_time
+
+    def delay_behind_inverse(self, sample_time: float) -> float:
+        """Samples by which G F delays a slow signal."""
+        pairs = self.pole_pairs(sample_time)
+        return self.group_delay(sample_time) + sum(float(np.arange(3) @ (D - R)) for D, R in pairs)
 
     def group_delay(self, sample_time: float) -> float:
         """Samples by which G alone delays a slow signal."""

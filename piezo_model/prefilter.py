@@ -35,9 +35,12 @@ class Prefilter:
             return
         self.modes = len(dynamics.frequencies_Hz)
         pairs = dynamics.pole_pairs(sample_time)
-        lag = max(0.0, dynamics.group_delay(sample_time) + sum(float(np.arange(3) @ (D - R)) for D, R in pairs))
+        lag = max(0.0, dynamics.delay_behind_inverse(sample_time))
         late, (whole, taps) = math.ceil(lag), dynamics.zeros(sample_time)
-        h = self._response(pairs, late - lag)
+        longest = max((-30.0 / math.log(R[2] / R[0]) for _, R in pairs), default=0.0)
+        pulse = np.zeros(math.ceil(longest) + MODE)
+        pulse[:2] = 1.0 - (late - lag), late - lag
+        h = dynamics.inverse(pulse, sample_time, 0.0)  # the impulse response of the interpolation and F
         self.ring = 1 + max(late, whole)
         decay = math.exp(-sample_time / dynamics.amplifier_lag_s) if dynamics.amplifier_lag_s else 0.0
         forgotten = 1 + int(np.flatnonzero(np.abs(h) > FORGOTTEN * np.max(np.abs(h)))[-1])
@@ -48,18 +51,6 @@ class Prefilter:
         """As they stand in the core, which has the states behind them."""
         self.noise_gains = np.array([h @ h, 1.0 / np.sum(np.convolve(h, THIRD_DIFFERENCE) ** 2)])
         """What F makes of the variance of white noise, and one over what it makes of that of third differences."""
-
-    @staticmethod
-    def _response(pairs: list[tuple[Vector, Vector]], fraction: float) -> Vector:
-        """Impulse response h of F and the interpolation, as long as it lasts."""
-        from scipy.signal import lfilter  # which a model without dynamics need not import
-
-        longest = max((-30.0 / math.log(R[2] / R[0]) for _, R in pairs), default=0.0)
-        h = np.zeros(math.ceil(longest) + MODE)
-        h[:2] = 1.0 - fraction, fraction
-        for D, R in pairs:
-            h = lfilter(D, R, h)
-        return np.asarray(h)
 
     def with_states(self, values: Vector) -> Vector:
         """The constants of the model with the states of a saved prefilter."""

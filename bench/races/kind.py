@@ -156,31 +156,26 @@ def with_run(report: Report, run: Run, title: str) -> Report:
 
 def environment(run: Run) -> list[tuple[str, str]]:
     """Names and texts about machine, versions and settings."""
-    settings, machines = run.settings, run.machines.values()
+    settings = run.settings
     field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
     absent = ", ".join(settings.get("absent", {}))
     chosen = ", ".join(
         f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], {}, None, "")
     )
-    return [
-        (name, text)
-        for name, text in (
-            *(
-                pair
-                for each in machines
-                for pair in (
-                    ("machine", f"{each['processor']}, {each['cores']} cores, {each['system']}"),
-                    ("Python", f"{each['python']}; {', '.join(map(' '.join, each['versions'].items()))}"),
-                    ("commit", each.get("environment", {}).get("commit", "")),
-                )
-            ),
-            ("settings", chosen),
-            ("solvers", field),
-            ("absent", absent),
-            ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
-        )
-        if text
+    told: list[tuple[str, str]] = []
+    for each in run.machines.values():
+        told += [
+            ("machine", f"{each['processor']}, {each['cores']} cores, {each['system']}"),
+            ("Python", f"{each['python']}; {', '.join(map(' '.join, each['versions'].items()))}"),
+            ("commit", each.get("environment", {}).get("commit", "")),
+        ]
+    told += [
+        ("settings", chosen),
+        ("solvers", field),
+        ("absent", absent),
+        ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
     ]
+    return [(name, text) for name, text in told if text]
 
 
 def _text(value: Any) -> str:

@@ -93,8 +93,7 @@ class DynamicsFinding:
     """Share of the whitened squares that the mode explains in the scan."""
     moves_Hz: tuple[tuple[float, float], ...]
     """Lowest and highest frequency of each mode, which differ if it depends on amplitude or position."""
-
-    also_rings: tuple[float, float] = (0.0, 0.0)
+    also_rings: tuple[float, float]
     """Frequency in Hz of a further mode, and RMS per cent of the output's range by which the output rings there."""
 
     @property
@@ -324,7 +323,7 @@ class Trials:
             if cost < 0.5 * best.cost:
                 also = rest.frequency_Hz, scale * math.sqrt(best.cost - cost)
         without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
-        return replace(_finding(best, (without, behind), gain, reason, moves), also_rings=also)
+        return _finding(best, (without, behind), gain, reason, moves, also)
 
     def _held_out(self, fitted: ForwardFit, block: int) -> Vector:
         """Sum of squares on each block, for fits that have not used it and its like."""
@@ -373,6 +372,7 @@ def _finding(
     gain: float,
     reason: str,
     moves_Hz: Sequence[tuple[float, float]],
+    also_rings: tuple[float, float],
 ) -> DynamicsFinding:
     """What a fit says of its dynamics, with intervals at 95 %."""
     parameters, deviations = found(fit), DEVIATIONS * _deviations(fit)
@@ -398,4 +398,5 @@ def _finding(
         reason,
         gain,
         tuple(moves_Hz),
+        also_rings,
     )

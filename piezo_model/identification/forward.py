@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,9 +139,9 @@ class ForwardFit(Trial):
         """Number of independent samples in the error."""
         return independent_samples(self.errors)
 
-    @property
+    @cached_property
     def covariance(self) -> Matrix:
-        """That of (v, further, θ), as of the intervals of the weights; 0 for those that are not free."""
+        """That of (v, further, θ); 0 for those that are not free."""
         samples, time = sum(error.size for error in self.errors), autocorrelation_time(self.errors)
         return self.cost * time / samples * inverse_over(self.P, self.free)
 

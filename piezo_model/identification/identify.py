@@ -325,12 +325,9 @@ class Fitting:
         if final.drift is not None:
             recording = replace(recording, y=recording.y - s.y_scale * (final.drift.signals @ fit.further))
         ignored = self.options.dynamics == "ignore"
-        verdict, dynamics = (
-            check_adequacy(recording, fit, skip, self.solving, found, dynamics_ignored=ignored),
-            self.separated.finding,
-        )
-        moving = None if dynamics is None else dynamics.refusal
-        return replace(verdict, refusal=moving or verdict.refusal), found
+        verdict = check_adequacy(recording, fit, skip, self.solving, found, dynamics_ignored=ignored)
+        refusal = None if self.separated.finding is None else self.separated.finding.refusal
+        return replace(verdict, refusal=refusal or verdict.refusal), found
 
 
 def _reported(

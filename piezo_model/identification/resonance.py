@@ -110,16 +110,24 @@ class Spectra:
         c = scale * np.linalg.solve(P * np.outer(scale, scale) + RIDGE * np.eye(m * p), q * scale)
         return c, float(q @ c)
 
-    def left(self, modes: Sequence[Mode]) -> tuple[float, float]:
-        """The whitened squares that modes leave, and the share of the last mode in the static gain."""
+    def left(self, modes: Sequence[Mode]) -> float:
+        """The whitened squares that modes leave."""
+        return self._total - self._explained(self._shapes(modes))[1]
+
+    def _share(self, modes: Sequence[Mode]) -> float:
+        """The share of the last mode in the static gain."""
+        shapes = self._shapes(modes)
+        gains = self._explained(shapes)[0].reshape(len(shapes), -1).sum(axis=1)
+        return float(gains[-2:].sum() / gains.sum())
+
+    def _shapes(self, modes: Sequence[Mode]) -> Matrix:
+        """Two taps behind each mode of unit static gain, after those of residual compliance."""
         shapes = [self._q**tap for tap in range(TAPS)]
         for f, zeta in modes:
             D = Dynamics((f,), (zeta,), (1.0,), 0.0).pole_pairs(self.sample_time)[0][0]
-            g = D.sum() / (D[0] + D[1] * self._q + D[2] * self._q**2)
+            g = 1.0 / (D[0] + D[1] * self._q + D[2] * self._q**2)
             shapes += [g, g * self._q]
-        c, explained = self._explained(np.array(shapes))
-        gains = c.reshape(len(shapes), -1).sum(axis=1)
-        return self._total - explained, float(gains[-2:].sum() / gains.sum())
+        return np.array(shapes)
 
     def peak(self, known: Sequence[Mode] = ()) -> Peak:
         """The mode that explains the most beside the known ones."""
@@ -129,7 +137,7 @@ class Spectra:
             for zeta in (DAMPINGS[1:2] if known else DAMPINGS)
             for f in np.exp(np.arange(np.log(ends[0]), np.log(ends[1]), max(np.log(RATIO), zeta))).tolist()
         ]
-        first = min((self.left([*known, mode])[0], *mode) for mode in tried)
+        first = min((self.left([*known, mode]), *mode) for mode in tried)
 
         def mode(at: Vector) -> Mode:
             return float(np.clip(np.exp(at[0]), *ends)), float(np.clip(np.exp(at[1]), *DAMPING_ENDS))
@@ -137,14 +145,14 @@ class Spectra:
         begin = np.log(first[1:])
         simplex = begin + np.array([[0.0, 0.0], [0.67 * np.log(RATIO), 0.0], [0.0, 0.5]])
         found = minimize(
-            lambda at: self.left([*known, mode(at)])[0],
+            lambda at: self.left([*known, mode(at)]),
             begin,
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "maxfev": 80},
         )
-        (f, zeta), before = mode(found.x), self.left(known)[0]
+        (f, zeta), before = mode(found.x), self.left(known)
         gain = 1.0 - float(found.fun) / before if before > 0.0 else 0.0
-        return Peak(f, zeta, gain, ends[0] * MARGIN < f < ends[1] / MARGIN, self.left([*known, (f, zeta)])[1])
+        return Peak(f, zeta, gain, ends[0] * MARGIN < f < ends[1] / MARGIN, self._share([*known, (f, zeta)]))
 
 
 def _segment(recording: Recording) -> int:
