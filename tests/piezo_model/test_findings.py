@@ -16,6 +16,7 @@ def resonance(low: float, high: float) -> str:
         "",
         0.5,
         ((low, low),),
+        (0.0, 0.0),
     )
     return next(kept.sentences())
 
