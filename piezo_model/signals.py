@@ -241,7 +241,7 @@ def excitation(*, duration_s: float, sample_time: float, low: float, high: float
     """
     count = times(duration_s, sample_time, low, high).size
     if count < FEWEST:
-        raise ValueError(f"duration_s = {duration_s} gives {count} samples, and an excitation needs {FEWEST}")
+        raise ValueError(f"{duration_s:g} s gives {count} samples, and an excitation needs {FEWEST}")
     rest, hold = np.full(count // 50, low), count // 6
     triangles = [
         decaying_triangle(duration_s=share * duration_s, sample_time=sample_time, low=low, high=high, final_share=0.1)

@@ -124,6 +124,8 @@ def live_verb(
     else:
         wanted = constant(centre if set_point is None else set_point)
     settings = LiveSettings(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
+    if beyond := settings.out_of_reach():
+        console.print(beyond)
     sentences, status = run(settings, record, (host, port) if page else None)
     for sentence in sentences:
         console.print(sentence)

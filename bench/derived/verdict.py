@@ -72,7 +72,9 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
     fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in lanes)
     more = f"; fastest {fastest}" if fastest else ""
     fewer = f"; {solver_lanes(len(partial))} raced on fewer problems and not counted" if partial else ""
-    machine = f" ({core}; drift {100.0 * drift:.0f} %)" if core else ""
+    hosts = measurements.every.host.nunique()
+    there = f"times of {measurements.host}, one of {hosts} machines; " if hosts > 1 else ""
+    machine = f" ({there}{core}; drift {100.0 * drift:.0f} %)" if core else ""
     reached = f"{solver_lanes(len(reach), len(judged), 'reach')} {TIER_NAMES[at]} on {problems}"
     yield f"{reached}{chosen}{more}{fewer}{machine}."
     yield from _known(judged, at)

@@ -4,17 +4,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.reference import Reference
 from piezo_model import HysteresisCreepModel, ModelStructure, checks
 from piezo_model.deployment import open_model
 from piezo_model.model import ModelError
+from piezo_model.units import quantity
 
 Learn = Literal["continuous", "cyclic", "off"]
 N, M = 5, 3
 """Orders of the model that a run without a file learns."""
 CREEP_TIMES_S = (0.1, 1.0, 10.0)
 """Reciprocals of its creep rates."""
+SWEPT, BEYOND = 1_000, 0.01
+"""Samples of the sweep through the drive's limits, and largest excess over the outputs that it reaches, as a share of
+them, that is not mentioned: creep reaches a little further."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,16 @@ class LiveSettings:
     def limit_s(self) -> float:
         """Longest time from a sample to the next, and longest silence of the sensor: samples are a period apart."""
         return self.declared.timeout_s + 1.0 / self.rate
+
+    def out_of_reach(self) -> str:
+        """What of the reference the stage cannot follow by its first model, in a sentence; empty if it can."""
+        up, wanted = np.linspace(*self.declared.x_limits, SWEPT), self.reference.samples
+        y = self.model.static.simulate(np.concatenate([up, up[::-1]]))
+        low, high = y.min() - BEYOND * np.ptp(y), y.max() + BEYOND * np.ptp(y)
+        if low <= wanted.min() and wanted.max() <= high:
+            return ""
+        ends = [quantity(float(end), self.declared.output_unit, 3) for x in (wanted, y) for end in (x.min(), x.max())]
+        return "The reference goes from {} to {}, and the stage, by its model, from {} to {}.".format(*ends)
 
 
 def first_model(

@@ -151,9 +151,10 @@ def _wanted(table: Table, time: int | None, unit: float, period: float, options:
     since = (times - times[:1]) * unit
     inside = np.flatnonzero((since >= low) & (since <= high))
     if inside.size < 2:
+        span = f"after --from {low:g}" if high == math.inf else f"between --from {low:g} and --to {high:g}"
         raise RecordingError(
-            f"{table.path}: has {inside.size} rows between --from {low:g} and --to {high:g} seconds after its first "
-            f"time; it lasts {np.nanmax(since):g} s"
+            f"{table.path}: has {inside.size} rows {span}, seconds after its first time; it lasts "
+            f"{np.nanmax(since):g} s"
         )
     return slice(int(inside[0]), int(inside[-1]) + 1, options.decimate)
 

@@ -133,8 +133,8 @@ def test_a_start_outside_of_the_limits_or_beside_the_states_of_a_recording_is_re
 ) -> None:
     out = tmp_path / "x.csv"
     for words, sentence in (
-        (("--x-start", 40, "--high", 30), "x_start must be within the limits of the drive"),
-        (("--x-start", "nan"), "x_start must be within the limits of the drive"),
+        (("--x-start", 40, "--high", 30), "--x-start must be within the limits of the drive"),
+        (("--x-start", "nan"), "--x-start must be within the limits of the drive"),
         (("--x-start", 40, "--start", "recording"), "--x-start: is for --start rest"),
     ):
         call = piezobench("compensate", desk / "model.json", desk / "wanted.csv", *words, "--out", out)

@@ -127,6 +127,15 @@ def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_re
         assert of_run <= 1.1 * error_of_model("same_range.csv")
 
 
+@pytest.mark.parametrize(("words", "is_said"), [(("--sine", "5Hz:30um"), True), (("--sine", "5Hz:19um"), False)])
+def test_a_reference_that_the_stage_cannot_reach_is_followed_and_said_to_be(
+    words: tuple[object, ...], is_said: bool, piezobench: CommandLine
+) -> None:
+    said = piezobench.run("live", "--simulate", "duhem", "--no-page", "--seconds", 0.1, *words).stdout
+    assert ("The reference goes from -30 µm to 30 µm, and the stage, by its model, from -20" in said) == is_said
+    assert "The stage is at rest; the time is over." in said
+
+
 def test_a_simulated_stage_follows_the_clock_if_the_loop_is_late() -> None:
     stage = Simulated("maxwell_slip", sample_time=0.05, noise=0.0).make()
     stage.exchange(100.0)

@@ -140,6 +140,8 @@ def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_mac
         "With reservation: in one fifth of the race the machine took 200 % more or less time for a fixed piece of work"
     )
     assert second.endswith("(clang 18, AVX2; drift 200 %).")
+    _, several = verdict(measured([*field(), row(solver="osqp", host="elsewhere")]), CORE, 2.0)
+    assert several.endswith("(times of here, one of 2 machines; clang 18, AVX2; drift 200 %).")
     assert "box_active_set† 0.9 µs" in second
     assert "box_active_set† 2 µs beside daqp 7 µs" in second
     assert not any("reservation" in sentence for sentence in verdict(measured(field()), CORE, 0.09))

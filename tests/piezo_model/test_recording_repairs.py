@@ -154,7 +154,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "lost decimal marks of the sensor": (table(T, X, Y * 1e6), {}, "a decimal mark lost, or is its unit another"),
     "lost decimal marks of the times": (table(np.round(T * 1e6), X, Y, digits=12), {}, "one sample every 5000 s; is a"),
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
-    "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows between --from 50 and --to inf"),
+    "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows after --from 50, seconds"),
     "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "lasts 9.995 s by its time column"),
     "a length for a unit of time": (table(T, X, Y, header=()), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
     "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "neither plain text"),
