@@ -23,6 +23,8 @@ settings.register_profile("drawn", deadline=None, max_examples=100 if ALL else 2
 settings.register_profile("repeated", settings.get_profile("drawn"), derandomize=True)
 settings.load_profile("repeated")
 
+pytest_plugins = ["small_races"]
+
 SHARING = {
     "small races": (
         "border",
@@ -74,7 +76,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if LONG_TO_MAKE.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("slow")
-        if mark := item.get_closest_marker("sample"):
+        if isinstance(item, pytest.Function) and (mark := item.get_closest_marker("sample")):
             cases[item.function] += 1
             if cases[item.function] > mark.args[0]:
                 item.add_marker("slow")

@@ -218,7 +218,9 @@ def test_the_commands_from_a_recording_to_a_controller_work_as_printed(stage: Pa
 
 
 def test_every_verb_and_option_that_the_readme_shows_exists() -> None:
-    verbs = typer.main.get_command(command_line()).commands
+    command = typer.main.get_command(command_line())
+    assert isinstance(command, typer.core.TyperGroup)
+    verbs = command.commands
     shown = [words for block in blocks("sh") for words in documents.commands(block) if words[0] == "piezobench"]
     assert {words[1] for words in shown} >= {"race", "compare", "deploy", "experiment", "identify", "export-c"}
     for words in shown:

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine
-from conftest import Race, raced
 from measured_rows import measured, row
+from small_races import Race, raced
 
 import solvers
 from bench.derived.anytime import anytime, sentences
@@ -112,4 +112,4 @@ def test_a_limit_of_iterations_is_put_on_the_tightest_setting(race: Race) -> Non
     texts = limited(race, "osqp").setting
     assert len(texts) > 1
     for settings in map(json.loads, texts):
-        assert settings == osqp.fixed_settings | osqp.ladder(1.0)[-1] | {"max_iter": settings["max_iter"]}
+        assert settings == {**osqp.fixed_settings, **osqp.ladder(1.0)[-1], "max_iter": settings["max_iter"]}

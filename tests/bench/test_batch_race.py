@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine
-from conftest import assert_harmless, killed_and_resumed
 from programs import that_load
+from small_races import assert_harmless, killed_and_resumed
 
 from bench.messages.progress import silent
 from bench.races.batch import report

@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from command_line import CommandLine
-from conftest import Race
 from hostile_files import (
     DEEP,
     LONG,
@@ -26,6 +25,7 @@ from hostile_files import (
 )
 from pyarrow import parquet
 from qpsolvers import Problem
+from small_races import Race
 
 from bench.derived.measurements import ONESHOT
 from bench.messages import user_cache

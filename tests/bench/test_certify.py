@@ -20,7 +20,7 @@ from scipy.sparse import csc_matrix
 
 from bench.problem_files import read
 from bench.problem_files.npz import packed_program
-from bench.problem_files.program import fields_of
+from bench.problem_files.program import ReadProgram, fields_of
 from bench.problems.boxes import Boxes
 from solvers.certificate import certify
 from solvers.certificate_document import document
@@ -263,7 +263,9 @@ def test_a_call_that_mixes_a_program_with_a_set_is_refused(
 def test_the_programs_of_the_public_set_have_the_same_bits_everywhere() -> None:
     digest = hashlib.sha256()
     for name, source in Boxes().sources():
-        qp = source().qp
+        program = source()
+        assert isinstance(program, ReadProgram)
+        qp = program.qp
         digest.update(name.encode())
         for array in (qp.P, qp.q, qp.lb, qp.ub):
             digest.update(np.ascontiguousarray(array).tobytes())

@@ -6,8 +6,8 @@ import cheating_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
-from conftest import Race, race_of
 from qpsolvers import Problem
+from small_races import Race, race_of
 
 from bench.messages.task import NO_SETTING, Setting, Status, Task, Tier
 from bench.problems.fresh import FreshData, mixture

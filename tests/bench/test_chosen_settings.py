@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 import pytest
 from command_line import CommandLine
-from conftest import Race
 from measured_rows import ladder, row, table
+from small_races import Race
 
 from bench.derived.measurements import ONESHOT
 from bench.derived.tiers import tier_settings

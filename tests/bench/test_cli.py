@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
-from conftest import Race
+from small_races import Race
 from typer.main import get_command
 
 from bench.cli.app import VERBS, command_line

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine
-from conftest import assert_harmless
+from small_races import assert_harmless
 
 from bench.messages.progress import silent
 from bench.messages.task import NO_SETTING, Task, Tier

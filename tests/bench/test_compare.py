@@ -13,10 +13,10 @@ import pytest
 import slowed_solver
 from browser import Browser
 from command_line import CommandLine
-from conftest import Change, Race
 from measured_rows import ladder, table
 from programs import that_load
 from simulated_pairs import pair, ratios
+from small_races import Change, Race
 
 from bench.comparison import report as comparison
 from bench.comparison.compare import (

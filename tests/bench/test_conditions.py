@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import Race
+from small_races import Race
 
 from bench.processes import sentinel
 from bench.timing import cores, machine

@@ -13,9 +13,9 @@ import pyarrow as pa
 import pytest
 import slowed_solver
 from command_line import CommandLine
-from conftest import Race, change_machine, raced
 from measured_rows import row
 from pyarrow import parquet
+from small_races import Race, change_machine, raced
 
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import QUANTILES, Candidate, Rule

@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from command_line import CommandLine, kill_worker, wait_until_gone
-from conftest import MACHINES, SMALL, THIRD, TWO_CORES, Race, checkout, commit_of, commits, saved
 from programs import library
+from small_races import MACHINES, SMALL, THIRD, TWO_CORES, Race, checkout, commit_of, commits, saved
 from test_store import of_first_answers
 
 from bench.derived.measurements import ONESHOT

@@ -455,8 +455,8 @@ def test_a_compensator_of_deploy_keeps_its_limits_and_its_solver(
         folder = tmp_path / options[1]
         assert piezobench("export-c", "daqp.json", folder, *options, folder=desk).status == 0
         assert (folder / "piezo_learner.c").exists() == (options[0] != "--part")
-    refusal = piezobench("export-c", "deployed.json", tmp_path / "f", "--solver", "projected_difference", folder=desk)
-    assert "the C does not learn with projected_difference in continuous mode" in refusal.refusal
+    call = piezobench("export-c", "deployed.json", tmp_path / "f", "--solver", "projected_difference", folder=desk)
+    assert "the C does not learn with projected_difference in continuous mode" in call.refusal
     assert not (tmp_path / "f").exists()
 
 

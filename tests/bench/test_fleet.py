@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine, Finished, kill_worker, wait_until_gone
-from conftest import TWO_CORES
+from small_races import TWO_CORES
 
 from bench.cli.fleet import process
 from bench.fleet.fleet import items_of, run_all

@@ -30,8 +30,9 @@ from bench.problem_files import read
 from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.equilibration import equilibrated
+from bench.problems.foreign import Foreign
 from bench.problems.proofs import isolated, proof, proven
-from bench.problems.protocol import SCALINGS
+from bench.problems.protocol import SCALINGS, Scaling
 from bench.store import Run
 from solvers.certificate import NotCertified, verify
 
@@ -329,7 +330,7 @@ def test_saved_problems_keep_their_forms_and_proofs_to_the_last_bit(
 @pytest.mark.parametrize("scaling", SCALINGS)
 @pytest.mark.parametrize("name", ["drawn.mat", "dense"])
 def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
-    foreign: dict[str, RaceProblem], name: str, scaling: str
+    foreign: dict[str, RaceProblem], name: str, scaling: Scaling
 ) -> None:
     problem = foreign[name]
     form = problem.forms[scaling]
@@ -359,7 +360,7 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
         shutil.copy(whole, tmp_path / name)
     (tmp_path / "two.v1.Mps.gz").write_bytes(gzip.compress(whole.read_bytes()))
     (tmp_path / "folder.lp").mkdir()
-    found = make("foreign", options={"folder": str(tmp_path)})
+    found = Foreign(folder=str(tmp_path))
     assert [name for name, _ in found.sources()] == ["drawn", "one", "two.v1"]
     assert len(found.names()) == 3
     assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}

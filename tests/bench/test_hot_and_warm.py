@@ -7,9 +7,9 @@ import faulty_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
-from conftest import Race, raced
 from measured_rows import ladder, row, table
 from qpsolvers import Problem
+from small_races import Race, raced
 
 from bench.messages.task import NO_SETTING, Row, Status, Task, settings_ladder
 from bench.problems.fresh import FreshData

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from browser import WIDTHS, Browser
 from command_line import CommandLine
-from conftest import Race, assert_harmless
+from small_races import Race, assert_harmless
 
 from bench.derived.measurements import ONESHOT
 from bench.derived.summary import summary

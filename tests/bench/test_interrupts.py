@@ -20,8 +20,8 @@ from command_line import (
     wait_until_gone,
     without_waiting,
 )
-from conftest import TWO_CORES, Race
 from exported_loops import a_model
+from small_races import TWO_CORES, Race
 
 from piezo_model import Recording, identify, plants
 from piezo_model.recordings.writer import write_table

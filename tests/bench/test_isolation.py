@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine, command_lines
-from conftest import Race
+from small_races import Race
 
 from bench.messages.race_error import RaceError
 from bench.messages.task import NO_SETTING, Status, Task, Tier

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
-from conftest import Race, race_of
+from small_races import Race, race_of
 
 from bench.derived.summary import misses
 from bench.problem_files.miss import Miss

@@ -10,8 +10,8 @@ import faulty_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
-from conftest import Race, race_of, saved
 from qpsolvers import Problem
+from small_races import Race, race_of, saved
 
 from bench.derived.measurements import ONESHOT
 from bench.messages.task import PAPER, settings_ladder

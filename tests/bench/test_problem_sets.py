@@ -11,7 +11,7 @@ from measured_rows import judged
 
 from bench.messages.task import Outcome, Status
 from bench.problems import RaceProblem, all_sets, make, sets
-from bench.problems.protocol import SCALINGS
+from bench.problems.protocol import SCALINGS, Scaling
 from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed
 from bench.races.run_problems import raced
 from bench.races.settings import RaceSettings
@@ -99,7 +99,7 @@ def test_proofs_are_counted_and_singular_problems_and_shifts_listed_which_a_prox
 
 @pytest.mark.parametrize("scaling", SCALINGS)
 def test_weights_are_not_judged_if_the_optimum_is_not_unique(
-    excitation: tuple[str, dict[str, RaceProblem]], scaling: str
+    excitation: tuple[str, dict[str, RaceProblem]], scaling: Scaling
 ) -> None:
     for problem in excitation[1].values():
         form = problem.forms[scaling]
@@ -115,7 +115,7 @@ def test_snapshots_of_the_drift_follow_each_other_every_quarter_of_a_second(drif
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
-def test_a_warm_start_is_the_optimum_before_it_and_feasible(drift: list[RaceProblem], scaling: str) -> None:
+def test_a_warm_start_is_the_optimum_before_it_and_feasible(drift: list[RaceProblem], scaling: Scaling) -> None:
     for before, problem in pairwise(drift):
         form = problem.forms[scaling]
         np.testing.assert_allclose(form.to_weights @ form.starts["warm"], before.optimal_weights, rtol=0.0, atol=1e-9)

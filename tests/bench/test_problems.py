@@ -8,7 +8,7 @@ import pytest
 from program_files import same_problem
 
 from bench.problems import RaceProblem, find, sets
-from bench.problems.protocol import SCALINGS
+from bench.problems.protocol import SCALINGS, Scaling
 from solvers.certificate import verify
 
 
@@ -23,7 +23,9 @@ def first(request: pytest.FixtureRequest, paper: list[RaceProblem]) -> RaceProbl
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
-def test_the_certificate_of_a_problem_is_accepted(first: RaceProblem, paper: list[RaceProblem], scaling: str) -> None:
+def test_the_certificate_of_a_problem_is_accepted(
+    first: RaceProblem, paper: list[RaceProblem], scaling: Scaling
+) -> None:
     for problem in (first, paper[1]):
         verify(problem.forms[scaling].qp, problem.forms[scaling].certificate)
 

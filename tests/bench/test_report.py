@@ -5,8 +5,8 @@ from html import unescape
 
 import pandas as pd
 import pytest
-from conftest import Race
 from faulty_solvers import MARKUP
+from small_races import Race
 
 from bench import rendering
 from bench.races.kind import kind_of

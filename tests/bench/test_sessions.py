@@ -7,7 +7,7 @@ from pathlib import Path
 import faulty_solvers
 import pytest
 from command_line import CommandLine
-from conftest import Race, race_of
+from small_races import Race, race_of
 
 from bench.derived.measurements import ONESHOT, Measurements
 from bench.store import Run

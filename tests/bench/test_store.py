@@ -20,8 +20,8 @@ import killed_run
 import pandas as pd
 import pytest
 from command_line import CommandLine, wait_until_gone
-from conftest import SMALL, TASKS, THIRD, Race
 from killed_run import PLAIN
+from small_races import SMALL, TASKS, THIRD, Race
 
 from bench import problems
 from bench.derived.measurements import ONESHOT

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine
-from conftest import assert_harmless, killed_and_resumed
+from small_races import assert_harmless, killed_and_resumed
 
 from bench.messages.progress import silent
 from bench.messages.task import Outcome, Status, Tier

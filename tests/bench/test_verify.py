@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine
-from conftest import Race
+from small_races import Race
 
 
 def test_an_honest_run_agrees_in_every_row(piezobench: CommandLine, clean_race: Race) -> None:

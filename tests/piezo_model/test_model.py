@@ -102,11 +102,11 @@ def test_nothing_of_a_model_can_be_changed_in_place_nor_of_a_copy_of_it(
 
 
 def test_a_model_keeps_nothing_of_what_it_was_made_from(model: HysteresisCreepModel) -> None:
-    report, start = {"fit": {"rms": 1.0}, "sentences": ["one"]}, OperatorState.settled_at(model.structure, 0.3)
-    made = replace(model, report=report, start=start)
+    fit, sentences, start = {"rms": 1.0}, ["one"], OperatorState.settled_at(model.structure, 0.3)
+    made = replace(model, report={"fit": fit, "sentences": sentences}, start=start)
     before = made.to_dict()
-    report["fit"]["rms"], start.play[:] = 2.0, 9.0
-    report["sentences"].append("two")
+    fit["rms"], start.play[:] = 2.0, 9.0
+    sentences.append("two")
     assert made.to_dict() == before
 
 

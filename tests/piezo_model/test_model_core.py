@@ -184,11 +184,11 @@ def recorded(plant: plants.Plant, faulty: bool) -> tuple[Vector, Vector]:
     y = np.empty_like(y_ref)
     for i in range(COUNT):
         actuator = plants.Sensor(plants.get("relay_preisach", sample_time=T), noise_um=2e-4 * np.ptp(y_range), seed=i)
-        sensor = FaultySensor(actuator, seed=i) if faulty and i % 2 else actuator
+        measure = FaultySensor(actuator, seed=i) if faulty and i % 2 else actuator.run
         x = np.mean(plant.x_range) + 0.45 * np.ptp(plant.x_range) * (y_ref[:, i] - y_range.mean()) / (
             0.5 * np.ptp(y_range)
         )
-        y[:, i] = (sensor if faulty and i % 2 else sensor.run)(x)
+        y[:, i] = measure(x)
     return y_ref, y
 
 

@@ -11,6 +11,7 @@ from test_stage import stage, wander
 
 from piezo_model import Dynamics, plants
 from piezo_model.operators import creep, dead_zone, play
+from piezo_model.plants.bouc_wen import BoucWen
 from piezo_model.signals import decaying_triangle, multi_sine
 
 
@@ -239,7 +240,7 @@ def test_preisach_equals_a_plane_of_single_relays():
 
 
 def test_bouc_wen_solves_its_equation():
-    plant = plants.get("bouc_wen", creep_share=0.0, exponent=1.0)
+    plant = BoucWen(creep_share=0.0, exponent=1.0)
     u = np.linspace(-1.0, 1.0, 1001)
     h = plant.stiffness * (u - plant.run(75.0 + 75.0 * u) / 20.0)
     h0 = h[0]

@@ -1,6 +1,7 @@
 """Batches of box programs: the answers of single programs, whatever the other programs and the number of threads."""
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def test_every_answer_is_that_of_the_single_solver_to_the_bit(d: int) -> None:
         np.testing.assert_array_equal(x[b], single.solve())
 
 
-ONE_P = {
+ONE_P: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "definite": lambda P: P,
     "singular": np.ones_like,
     "nearly singular": lambda P: np.ones_like(P) + 1e-14 * np.eye(len(P)),

@@ -16,6 +16,7 @@ from qpsolvers import Problem
 import solvers
 from solvers import Lane
 from solvers.arrays import address
+from solvers.codegen._embedded import Embedded
 from solvers.protocol import Solver, Unsupported
 
 FOLDER = Path(solvers.__file__).parent / "codegen"
@@ -212,6 +213,7 @@ def test_an_unknown_setting_and_data_that_are_not_finite_are_refused() -> None:
 @pytest.mark.parametrize("name", OURS)
 def test_our_c_solves_nothing_after_a_refused_set_up_or_before_its_data(name: str) -> None:
     solver, given = ready(name), PAIR.problems[0]
+    assert isinstance(solver, Embedded)
     c, loop, x, lb = solver._library, solver._loop, solver.solve().copy(), given.lb.copy()
     settings = np.array([15200.0, 0.5])
     lb[0] = np.nan

@@ -5,6 +5,7 @@ import re
 import tracemalloc
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from qpsolvers import Problem
 from solvers import Solver, Unsupported, get
 
 EYE, ONES, ZEROS, ROWS = np.eye(2), np.ones(2), np.zeros(2), np.ones((4, 3))
-SETTINGS = {
+SETTINGS: dict[str, dict[str, Any]] = {
     "box_active_set": {},
     "projected_difference": {"steps": 20},
     "accelerated_projection": {"diagonal_scaling": True},
@@ -67,7 +68,7 @@ def test_a_problem_that_cannot_be_solved_is_refused_in_one_sentence_and_leaves_a
     np.testing.assert_array_equal(solver.solve(), x)
 
 
-NOT_DATA = {
+NOT_DATA: dict[str, tuple[dict[str, Any], str]] = {
     "P of another size": ({"P": np.eye(3), "q": np.zeros(2)}, "P must be of shape (2, 2), and not (3, 3)"),
     "P of one column": ({"P": np.ones((2, 1))}, "P must be of shape (2, 2), and not (2, 1)"),
     "P of one dimension": ({"P": np.ones(4)}, "P must be of shape (2, 2), and not (4,)"),
@@ -196,7 +197,7 @@ def test_inputs_are_not_written_and_may_change_afterwards(name: str) -> None:
     np.testing.assert_allclose(solver.solve(kept[-1]), x, rtol=0, atol=1e-12)
 
 
-AS_GIVEN = {
+AS_GIVEN: dict[str, Callable[[np.ndarray], Any]] = {
     "contiguous": np.array,
     "Fortran": np.asfortranarray,
     "strided": lambda a: np.repeat(a, 2, axis=-1)[..., ::2],

@@ -1,3 +1,5 @@
+"""Small races that tests share, what they need of a cluster, and changed copies of them."""
+
 import json
 import os
 import shutil
