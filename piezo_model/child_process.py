@@ -50,10 +50,9 @@ class Child:
     """
 
     def __init__(self) -> None:
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115  it has no name and need not be removed
-        fcntl.fcntl(self._log, fcntl.F_SETFL, os.O_APPEND)
         self._connection: Connection | None = None
         self._lifeline: Connection | None = None
+        self._log: Any = None
         self._process: Any = None
 
     @property
@@ -84,6 +83,8 @@ class Child:
         if self._connection is None:
             self._connection, lent = Pipe()
             alive, self._lifeline = Pipe(duplex=False)
+            self._log = tempfile.TemporaryFile()  # noqa: SIM115  it has no name and need not be removed
+            fcntl.fcntl(self._log, fcntl.F_SETFL, os.O_APPEND)
             with lent, alive:
                 self._start(lent, alive)
         try:
@@ -126,8 +127,8 @@ class Child:
     def _lost(self) -> LostError:
         """Close, and describe how the process ended."""
         code, log = self._exit_code(GRACE_S), self._log.fileno()
-        self.close()
         printed = os.pread(log, LAST_BYTES, max(os.fstat(log).st_size - LAST_BYTES, 0))
+        self.close()
         last_words = "".join(printed.decode(errors="replace").strip().splitlines()[-1:])[:200]
         how = signal.Signals(-code).name if code is not None and code < 0 else f"exit status {code}"
         return LostError(how + (f", after printing {last_words!r}" if last_words else ""), last_words)
@@ -155,6 +156,7 @@ class Child:
             with suppress(ProcessLookupError):  # the usual case: its group is empty
                 os.killpg(self._process.pid, signal.SIGKILL)
             self._lifeline.close()
+            self._log.close()
 
     def __enter__(self) -> Self:
         return self
@@ -163,7 +165,6 @@ class Child:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-        self._log.close()
 
 
 def serve(connection: Connection, alive: Connection) -> None:

@@ -155,7 +155,7 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
         times = interleave(tasks, children, unit, FreshData(unit, 12), seed)
         orders.append((tmp_path / "order").read_text())
         for child in children.values():
-            child.__exit__(None, None, None)
+            child.close()
         assert [(task.solver, measured.outcome.solve_ns.size) for task, measured in times] == [
             ("one", 12),
             ("two", 12),
