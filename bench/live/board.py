@@ -50,6 +50,7 @@ INTEGERS = (
     "failed",  # 1 if the stage failed
     "rescued",  # 1 if the process that stood by has taken over
     "over",  # 1 if no process drives the stage any more
+    "core",  # of the loop, once it has one
 )
 
 

@@ -20,12 +20,13 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 
 from bench.live.board import FOLLOW, Board, State, bin_of
 from bench.live.controller import Controller
 from bench.live.device import Device
 from bench.live.settings import LiveSettings
+from bench.timing import cores
 from bench.timing.schedule import SPIN_NS, wait_until
 
 LEAD_NS = 20_000_000
@@ -173,10 +174,12 @@ def null_loop(board: Board, rate: float, spin_ns: int) -> None:
     board.set(null_missed=missed, null_samples=samples)
 
 
-def main(settings: LiveSettings, board: Board, core: int, lock: Connection) -> None:
-    """Process of the loop; ``lock`` is that of its core, which is released when this process ends."""
+def main(settings: LiveSettings, board: Board) -> None:
+    """Process of the loop, which has a core of its own until it ends."""
     handle_signals(lambda *_: board.set(stop=1))
-    os.sched_setaffinity(0, {core})
+    core = cores.claim()
+    board.set(core=core.number)
+    os.sched_setaffinity(0, {core.number})
     spin_ns = real_time(settings.rate)
     null_loop(board, settings.rate, spin_ns)
     board.drive[0] = settings.declared.rest

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pint
 
 from piezo_model.recordings import read_reference
 from piezo_model.units import shown
@@ -95,6 +94,8 @@ def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> 
     parts = text.split(":")
     if not fewest <= len(parts) <= len(units):
         raise ReferenceError(f"{option} {text}: {fewest} parts between colons are needed")
+    import pint  # which takes long, and the processes of a run do not need
+
     registry: Any = pint.UnitRegistry()
     values = []
     for part, unit in zip(parts, units, strict=False):

@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Thread
@@ -45,40 +44,39 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
         from bench.live.page import listen  # which imports the plots
 
         serve = listen(settings, board, page)
-    with cores.claim() as core:
-        resource_tracker.ensure_running()  # which the first start would do, and unblock the signals
-        signal.pthread_sigmask(signal.SIG_BLOCK, loop.ENDING)  # also in the processes, until they handle them
-        process = _start(loop.main, settings, board, core.number, Connection(os.dup(core.fileno())))
-        rescuer = _start(loop.stand_by, settings, board, process.pid) if stage.reopens else None
-        try:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, loop.ENDING)
-            _wait_until_open(settings, board, process)
-            loop.handle_signals(lambda number, _: received.append(number))
-            # keeps the threads of this process off the loop's core
-            os.sched_setaffinity(0, set(cores.usable()) - {core.number} or {core.number})
-            columns = (
-                "time_s",
-                *(
-                    f"{name}_{unit}"
-                    for name, unit in (
-                        ("reference", stage.output_unit),
-                        ("drive", stage.input_unit),
-                        ("displacement", stage.output_unit),
-                    )
-                ),
-            )
-            recorded = recording and ThreadPoolExecutor().submit(record, board, recording, columns)
-            if serve is not None:
-                Thread(target=serve, daemon=True).start()
-            sentence = _watch(settings, board, process, rescuer, received)
-        finally:
-            board.set(stop=1, over=1)
-            if board.state == State.STARTING:  # it has not driven the stage, and now does not
-                process.kill()
-        reversed_output = [event for event in board.last_events() if REVERSED in event]
-        sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(settings, board), *reversed_output]
-        unrecorded = recording is not None and not recording.exists()
-        return sentences, 128 + received[0] if received else int(board.failed or unrecorded)
+    resource_tracker.ensure_running()  # which the first start would do, and unblock the signals
+    signal.pthread_sigmask(signal.SIG_BLOCK, loop.ENDING)  # also in the processes, until they handle them
+    process = _start(loop.main, settings, board)
+    rescuer = _start(loop.stand_by, settings, board, process.pid) if stage.reopens else None
+    try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, loop.ENDING)
+        _wait_until_open(settings, board, process)
+        loop.handle_signals(lambda number, _: received.append(number))
+        # keeps the threads of this process off the loop's core
+        os.sched_setaffinity(0, set(cores.usable()) - {board.core} or {board.core})
+        columns = (
+            "time_s",
+            *(
+                f"{name}_{unit}"
+                for name, unit in (
+                    ("reference", stage.output_unit),
+                    ("drive", stage.input_unit),
+                    ("displacement", stage.output_unit),
+                )
+            ),
+        )
+        recorded = recording and ThreadPoolExecutor().submit(record, board, recording, columns)
+        if serve is not None:
+            Thread(target=serve, daemon=True).start()
+        sentence = _watch(settings, board, process, rescuer, received)
+    finally:
+        board.set(stop=1, over=1)
+        if board.state == State.STARTING:  # it has not driven the stage, and now does not
+            process.kill()
+    reversed_output = [event for event in board.last_events() if REVERSED in event]
+    sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(settings, board), *reversed_output]
+    unrecorded = recording is not None and not recording.exists()
+    return sentences, 128 + received[0] if received else int(board.failed or unrecorded)
 
 
 def _start(target: Callable[..., None], *arguments: Any) -> BaseProcess:

@@ -10,8 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 
 import numpy as np
 import pyarrow as pa
@@ -33,7 +36,7 @@ from piezo_model.recordings.formats.arrow import whole_batches
 EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
 LIVE = (sys.executable, "-m", "bench", "live")
 LIMIT, SLOPE = 150.0, 3_000.0
-ENDS_DRAWN, SEED = 50, 0
+ENDS_DRAWN, SEED, AT_ONCE = 50, 0, 4
 FAULTY = """{stage}
 import pathlib, time
 mark = pathlib.Path({mark!r})
@@ -85,9 +88,8 @@ class Stage:
 
 @pytest.fixture
 def stage(tmp_path: Path) -> Iterator[Stage]:
-    made = Stage(tmp_path)
-    yield made
-    made.close()
+    with closing(Stage(tmp_path)) as made:
+        yield made
 
 
 def free_port() -> int:
@@ -227,11 +229,44 @@ def recorded(path: Path) -> pa.Table:
     return parquet.read_table(path) if path.exists() else pa.Table.from_batches(whole_batches(stream_beside(path)))
 
 
+@pytest.fixture(scope="module")
+def ended(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[dict[tuple[str, int], Future[None]]]:
+    """The drawn runs that this session tests, several at once, since each waits for most of its time."""
+    calls = SimpleQueue[CommandLine]()
+
+    def ends(kind: str, seed: int) -> None:
+        piezobench, folder = calls.get(), tmp_path_factory.mktemp("end")
+        try:
+            with closing(Stage(folder)) as stage:
+                keeps_what_it_promises(kind, seed, stage, piezobench, folder)
+        finally:
+            calls.put(piezobench)
+
+    cases = [
+        (item.callspec.params["kind"], item.callspec.params["seed"])
+        for item in request.session.items
+        if isinstance(item, pytest.Function) and "ended" in item.fixturenames
+    ]
+    with ExitStack() as stack:
+        for _ in range(min(AT_ONCE, len(cases))):
+            calls.put(stack.enter_context(closing(CommandLine(tmp_path_factory.mktemp("calls")))))
+        threads = ThreadPoolExecutor(AT_ONCE)
+        stack.callback(threads.shutdown, cancel_futures=True)
+        yield {case: threads.submit(ends, *case) for case in cases}
+
+
 @pytest.mark.sample(3)
 @pytest.mark.parametrize(("kind", "seed"), drawn())
 def test_however_and_whenever_a_run_ends_it_keeps_what_it_promises(
-    kind: str, seed: int, stage: Stage, piezobench: CommandLine, tmp_path: Path
+    kind: str, seed: int, ended: dict[tuple[str, int], Future[None]]
 ) -> None:
+    ended[kind, seed].result()
+
+
+def keeps_what_it_promises(kind: str, seed: int, stage: Stage, piezobench: CommandLine, tmp_path: Path) -> None:
+    """Run to this end, whose circumstances the seed draws, and check what it promises."""
     end, chance, record, port = ENDS[kind], random.Random(f"{kind} {seed}"), tmp_path / "run.parquet", free_port()
     rate = chance.choice((10, 100, 500, 2000))
     before = 1 if seed < 0 or chance.random() < 0.3 else chance.randrange(rate // 2, rate)
