@@ -38,7 +38,8 @@ STATES = {
     State.ENDED: "at rest; the run is over",
 }
 LINE, REFERENCE, MEASURED = "straight line, by the model in use", "reference", "measured"
-COLOURS = {LINE: RED, REFERENCE: GREY, MEASURED: BLUE}
+LOOKS = {LINE: (RED, 1.6), REFERENCE: (GREY, 5.0), MEASURED: (BLUE, 1.6)}
+"""Colour and width of each line; a measurement that follows the reference would hide a narrow one."""
 REQUESTS = {"stop": {"stop": 1}, "learn": {"learning": 1}, "pause": {"learning": 0}}
 """Integers of the board that a request sets, by name; the others are set points."""
 LONGEST = 100
@@ -53,8 +54,8 @@ def plots(settings: LiveSettings) -> dict[str, Plot]:
         return Plot(
             x,
             Axis("y", y),
-            (Mark("line", "name", along="k"),),
-            colours={name: COLOURS[name] for name in names},
+            [Mark("line", "name", where={"name": [name]}, size=LOOKS[name][1], along="k") for name in names],
+            colours={name: LOOKS[name][0] for name in names},
             height=200,
         )
 
@@ -78,13 +79,14 @@ def plots(settings: LiveSettings) -> dict[str, Plot]:
 def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], tuple[float, float]]:
     """Columns of the table of each plot, and the RMS errors: measured, and of a straight line by the model in use.
 
-    The straight line is a drive proportional to the reference, over the ranges of the model.
+    The straight line is a drive proportional to the reference, over the ranges of the model, which begins a window
+    earlier than what is shown.
     """
-    model = board.shown_model()
-    s, samples = model.structure, board.read(max(0, board.head - round(WINDOW_S * settings.rate)))[1]
-    t, reference, _, measured = samples.T
-    line = model.simulate(s.x_centre + s.x_scale * np.clip((reference - s.y_centre) / s.y_scale, -1.0, 1.0))
-    errors, thin = {LINE: line - reference, MEASURED: measured - reference}, max(1, len(samples) // MOST_POINTS)
+    model, window = board.shown_model(), round(WINDOW_S * settings.rate)
+    s, samples = model.structure, board.read(max(0, board.head - 2 * window))[1]
+    drive = s.x_centre + s.x_scale * np.clip((samples[:, 1] - s.y_centre) / s.y_scale, -1.0, 1.0)
+    t, reference, _, measured, line = np.column_stack([samples, model.simulate(drive)])[-window:].T
+    errors, thin = {LINE: line - reference, MEASURED: measured - reference}, max(1, t.size // MOST_POINTS)
 
     def lines(x: Vector, series: Mapping[str, Vector]) -> dict[str, Any]:
         """The lines one after the other, so that the last one is drawn on top."""
