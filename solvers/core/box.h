@@ -93,10 +93,10 @@ CORE_INLINE real box_cost(real diagonal)
 /* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not finite, not symmetric to
  * rounding or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
-/* Switch to box_proximal.c; OK, or INDEFINITE if P has a pivot <= 0 with the proximal term. */
-CORE_API int box_regularise(Box *s);
 /* M = P with the proximal term, swept on the free variables, and U empty; 0 if a pivot is not positive. */
 CORE_API int box_sweep_free(Box *s);
+/* Switch to box_proximal.c; OK, or INDEFINITE if P has a pivot <= 0 with the proximal term. */
+CORE_API int box_regularise(Box *s);
 
 /* The state of a solve. */
 typedef struct {
