@@ -182,7 +182,6 @@ def test_a_cap_of_exchanges_ends_at_a_feasible_point_from_which_warm_solves_reac
     assert 0.5 * (x - best) @ P @ (x - best) <= 1e-13 * np.abs(q) @ np.abs(best) + 1e-300
 
 
-INF = np.inf
 CONTRADICTED = {5741}
 """Programs that are refused though their optimum is certified, a miss: a Hilbert matrix of 20, four eigenvalues
 negative by rounding."""

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sysconfig
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -247,29 +248,34 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(req
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ((), TypeError, "takes 3 arguments, not 0"),
-        ((None, np.zeros(2), np.zeros(2)), TypeError, "bytes-like object is required"),
-        ((block(10_000), np.zeros(2, np.float32), np.zeros(2)), TypeError, "argument 2 holds numbers of type f, not d"),
-        ((block(10_000), np.zeros(2, ">f8"), np.zeros(2)), TypeError, "argument 2 holds numbers of type >d, not d"),
-        ((block(10_000), np.zeros(4)[::2], np.zeros(2)), ValueError, "contiguous"),
-        ((block(10_000), np.zeros((1, 2)), np.zeros(2)), ValueError, "argument 2 has not the shape"),
-        ((block(10_000), np.zeros(2), np.zeros(3)), ValueError, "argument 3 has not the shape"),
-        ((block(100), np.zeros(2), np.zeros(2)), ValueError, "the state has room for 100 bytes and needs"),
-        ((block(10_000)[1:], np.zeros(2), np.zeros(2)), ValueError, "not the state"),
-        ((np.zeros(2000), np.zeros(2), np.zeros(2)), TypeError, "argument 1 holds numbers of type d, not B"),
-        ((bytes(10_000), np.zeros(2), np.zeros(2)), BufferError, "writable"),
-    ],
-)
-def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, error, message):
-    with pytest.raises(error, match=message):
-        bindings.descent_setup(*arguments)
-
-
-@pytest.mark.parametrize(
     ("call", "error", "message"),
     [
+        *(
+            (partial(bindings.descent_setup, *arguments), error, message)
+            for arguments, error, message in (
+                ((), TypeError, "takes 3 arguments, not 0"),
+                ((None, np.zeros(2), np.zeros(2)), TypeError, "bytes-like object is required"),
+                (
+                    (block(10_000), np.zeros(2, np.float32), np.zeros(2)),
+                    TypeError,
+                    "argument 2 holds numbers of type f, not d",
+                ),
+                (
+                    (block(10_000), np.zeros(2, ">f8"), np.zeros(2)),
+                    TypeError,
+                    "argument 2 holds numbers of type >d, not d",
+                ),
+                ((block(10_000), np.zeros(4)[::2], np.zeros(2)), ValueError, "contiguous"),
+                ((block(10_000), np.zeros((1, 2)), np.zeros(2)), ValueError, "argument 2 has not the shape"),
+                ((block(10_000), np.zeros(2), np.zeros(3)), ValueError, "argument 3 has not the shape"),
+                ((block(100), np.zeros(2), np.zeros(2)), ValueError, "the state has room for 100 bytes and needs"),
+                ((block(10_000)[1:], np.zeros(2), np.zeros(2)), ValueError, "not the state"),
+                ((np.zeros(2000), np.zeros(2), np.zeros(2)), TypeError, "argument 1 holds numbers of type d, not B"),
+                ((bytes(10_000), np.zeros(2), np.zeros(2)), BufferError, "writable"),
+            )
+        ),
+        (lambda: bindings.descent_answer(block(bindings.descent_bytes(3))), ValueError, "not the state"),
+        (lambda: bindings.descent_answer(a_state()[:-8].copy()), ValueError, "not the state"),
         (lambda: bindings.descent_bytes(-1), ValueError, "argument 1 must be from 0 to 10000, not -1"),
         (lambda: bindings.descent_bytes(10_001), ValueError, "argument 1 must be from 0 to 10000, not 10001"),
         (lambda: bindings.descent_bytes(2.5), TypeError, "float"),
@@ -296,7 +302,7 @@ def test_arguments_that_do_not_fit_are_refused_and_nothing_is_read(arguments, er
         (lambda: many(P=4, last=1, room=8), ValueError, "not the state|has room for"),
     ],
 )
-def test_each_mark_of_an_argument_is_checked(call, error, message):
+def test_arguments_that_do_not_fit_their_marks_are_refused_and_nothing_is_read(call, error, message):
     with pytest.raises(error, match=message):
         call()
 
@@ -340,16 +346,6 @@ def test_every_argument_of_a_table_is_marked_as_the_parser_reads_it(module):
         assert text.endswith(".")
         for argument in arguments.split(", ") if arguments else ():
             assert mark.fullmatch(argument), (function.__name__, argument)
-
-
-def test_a_block_that_is_not_a_state_or_is_truncated_is_refused():
-    state = block(bindings.descent_bytes(3))
-    with pytest.raises(ValueError, match="not the state"):
-        bindings.descent_answer(state)
-    bindings.descent_setup(state, np.zeros(3), np.ones(3))
-    bindings.descent_answer(state)
-    with pytest.raises(ValueError, match="not the state"):
-        bindings.descent_answer(state[:-8].copy())
 
 
 ROOT = Path(__file__).parents[2]
