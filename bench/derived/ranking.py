@@ -25,8 +25,8 @@ from typing import Any
 import pandas as pd
 
 from bench.derived.measurements import HOT, INTERLEAVED, Measurements
-from bench.derived.statistics import TYPICAL, worst
-from bench.derived.tiers import PROBLEM, TARGETS, right, supported
+from bench.derived.statistics import TYPICAL
+from bench.derived.tiers import PROBLEM, TARGETS, distance, right, supported
 from bench.messages.columns import Column, combined
 from bench.messages.task import PAPER, Status, Tier
 from bench.report.report import Table
@@ -52,7 +52,7 @@ class Line:
     """By tier what ``tier_settings`` says, with ``us``, the median over the problems, and whether one setting has
     ``reached`` the tier."""
     default_gap: float
-    """Largest cost gap of its defaults; NaN if an answer is missing."""
+    """Largest gap or violation of its defaults, timed answers included; infinite if an answer is missing."""
     partial: int = 0
     """Number of problems that it was raced on if it was not raced on all of them, else 0."""
 
@@ -74,7 +74,8 @@ def ranking(measurements: Measurements) -> list[Line]:
     )
     rows = rows[rows.start == "cold"]
     us = with_pace(rows).groupby(["name", "lane", "tier"]).answer_us.agg(TYPICAL)
-    gaps = rows[rows.is_default].drop_duplicates("task").groupby(["solver", "lane"]).cost_gap.agg(worst)
+    defaults = supported(field[field.is_default & (field.start == "cold")])
+    gaps = distance(defaults).groupby([defaults.solver, defaults.lane]).max()
     lines = []
     cold = with_pace(supported(field[field.start == "cold"]))
     raced = cold.drop_duplicates(["name", "solver", "lane", *PROBLEM])
