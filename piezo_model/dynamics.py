@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
+from piezo_model.core import bindings
 from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
@@ -130,33 +131,25 @@ class Dynamics:
 
     def stream(self, sample_time: float, level: float | None = None) -> Stream:
         """A filter of the consecutive parts of a signal as of :meth:`filter`."""
-        return Stream(self._parts(sample_time), None if level is None else np.array(level))
+        return Stream(self._parts(sample_time), level)
 
-    def amplified(self, x: Vector, sample_time: float, level: float) -> Vector:
+    def amplified(self, x: Vector, sample_time: float, level: float | None = None) -> Vector:
         """The drive x_a (N,) behind the amplifier for x (N,), balanced at ``level`` before it."""
         if self.amplifier_lag_s == 0.0:
             return x
-        from scipy.signal import lfilter
-
         p = math.exp(-sample_time / self.amplifier_lag_s)
-        return np.asarray(lfilter([1.0 - p], [1.0, -p], x - level) + level)
+        return Stream([(np.array([1.0 - p]), np.array([1.0, -p]))], level)(x)
 
     def inverse(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
         """F y_ref (N,): what the static model has to put out so that the output is :meth:`reference`."""
-        from scipy.signal import lfilter
-
         y = np.asarray(y_ref, dtype=np.float64)
-        level = float(y[0]) if level is None else level
-        y = y - level
         for D, R in self.pole_pairs(sample_time):
-            y = lfilter(D, R, y)
-        return np.asarray(y + level)
+            y = Stream([(D / R[0], R / R[0])], level)(y)
+        return y
 
     def reference(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
         """The output G F y_ref (N,) that the inverse is for, with the lag of the amplifier."""
-        y = np.asarray(y_ref, dtype=np.float64)
-        level = float(y[0]) if level is None else level
-        behind = self.amplified(self.inverse(y, sample_time, level), sample_time, level)
+        behind = self.amplified(self.inverse(y_ref, sample_time, level), sample_time, level)
         return self.filter(behind, sample_time, level)
 
     def lag_s(self, sample_time: float) -> float:
@@ -192,7 +185,7 @@ class Dynamics:
         """D_i(z) / D_i(1) and R_i(z) / R_i(1) of each mode, three coefficients each."""
         pairs = []
         for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True):
-            D, R = _poles(f, zeta, sample_time), _poles(f, REFERENCE_DAMPING, sample_time)
+            D, R = poles(f, zeta, sample_time), poles(f, REFERENCE_DAMPING, sample_time)
             pairs.append((D / D.sum(), R / R.sum()))
         return pairs
 
@@ -242,7 +235,7 @@ class Dynamics:
         whole, part = divmod(self.delay_s / sample_time, 1.0)
         begins, parts = np.zeros(int(whole)), []
         for f, zeta, gain in zip(self.frequencies_Hz, self.damping, self.gains, strict=True):
-            a = _poles(f, zeta, sample_time)
+            a = poles(f, zeta, sample_time)
             pulse = np.diff(_step_response(sample_time * (np.arange(4.0) - part), f, zeta))
             parts.append((np.concatenate([begins, gain * np.convolve(a, pulse)[:3]]), a))
         if (rest := 1.0 - sum(self.gains)) > 1e-12:
@@ -251,33 +244,28 @@ class Dynamics:
 
 
 class Stream:
-    """Parallel filters, numerator and denominator of each, of the parts of a signal (N,) or of columns (N, k)."""
+    """Parallel filters, numerator and denominator of each with a_0 = 1, of the parts of a signal (N,) or of columns
+    (N, k), balanced before the first sample at a level, by default that sample."""
 
-    def __init__(self, parts: Sequence[tuple[Vector, Vector]], balance: Vector | None) -> None:
-        self._parts, self.balance = parts, balance
-        self.states: list[Matrix] = [] if balance is None else self._at_rest()
-        """State of each filter; none before the first part if that has to give the balance."""
-
-    def _at_rest(self, *columns: int) -> list[Matrix]:
-        return [np.zeros((max(len(b), len(a)) - 1, *columns)) for b, a in self._parts]
+    def __init__(self, parts: Sequence[tuple[Vector, Vector]], level: float | None) -> None:
+        self._parts, self._level = parts, level
+        self._states: list[Matrix] = []
 
     def __call__(self, v: Matrix) -> Matrix:
         """The next part of the output."""
-        from scipy.signal import lfilter  # which a model without dynamics need not import
-
         if not len(v):
             return v
-        if self.balance is None:
-            self.balance, self.states = v[0].copy(), self._at_rest(*v.shape[1:])
-        moved = v - self.balance
-        filtered = [lfilter(b, a, moved, axis=0, zi=zi) for (b, a), zi in zip(self._parts, self.states, strict=True)]
-        outputs, self.states = map(list, zip(*filtered, strict=True))
-        y = reduce(np.add, outputs)
-        y += self.balance
-        return np.asarray(y)
+        x = np.ascontiguousarray(v).reshape(len(v), -1)
+        if not self._states:
+            self._balance = x[0].copy() if self._level is None else np.full(x.shape[1], self._level)
+            self._states = [np.zeros((1 + max(map(len, part)), x.shape[1])) for part in self._parts]
+        y = np.tile(self._balance, (len(x), 1))
+        for (b, a), state in zip(self._parts, self._states, strict=True):
+            bindings.filter(b, a, state, self._balance, x, y)
+        return y.reshape(v.shape)
 
 
-def _poles(f: float, zeta: float, sample_time: float) -> Vector:
+def poles(f: float, zeta: float, sample_time: float) -> Vector:
     """Denominator (3,) of a mode."""
     w = 2.0 * math.pi * f * sample_time
     return np.array(

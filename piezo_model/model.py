@@ -204,7 +204,7 @@ class HysteresisCreepModel(Immutable):
         state = self.initial_state() if state is None else state
         OperatorState.require(state, self.structure)
         drive = checks.vectors(x=x)[0]  # type: ignore[arg-type]
-        return simulation.respond(self.structure, self.arrays, self.dynamics, drive, state)[1]
+        return simulation.respond(self.structure, self.arrays, self.dynamics, drive, state)
 
     def advance(self, x: ArrayLike, state: OperatorState) -> tuple[Vector, OperatorState]:
         """Output of the model for a part of a signal; ModelError for a model with dynamics.

@@ -47,18 +47,22 @@ def full_gram(upper: Vector, s: ModelStructure) -> Matrix:
     return np.asarray(gram + np.triu(gram, 1).T)
 
 
-def regressor_rows(
-    structure: ModelStructure, state: OperatorState, x: Vector, y: Vector, *, slopes: bool = False
-) -> Matrix:
-    """Rows (x, Ξ) of samples in the structure's units, shape (N, d + 1), in normalised units and weight or slope
-    coordinates; advances the state."""
-    stride = padded(structure.d + 2) + 8  # the core writes blocks of eight beyond the last column
-    core, rows = new_basis(structure), np.empty((x.size, stride))
-    if slopes:
-        write_slope_regressors(core, structure)
-    core["play"][:], core["creep"][:] = state.play, state.creep
-    bindings.basis_rows(
-        core.block, *(np.ascontiguousarray(v) for v in (structure.unit_input(x), structure.unit_output(y))), rows
-    )
-    state.play[:], state.creep[:] = core["play"], core["creep"]
-    return rows[:, : structure.d + 1].copy()
+class Regressors:
+    """Rows (x, Ξ) of consecutive samples from the states before them, in normalised units and weight or slope
+    coordinates."""
+
+    def __init__(self, structure: ModelStructure, state: OperatorState, *, slopes: bool = False) -> None:
+        self._d, self._core = structure.d, new_basis(structure)
+        if slopes:
+            write_slope_regressors(self._core, structure)
+        self._core["play"][:], self._core["creep"][:] = state.play, state.creep
+
+    def rows(self, unit_x: Vector, unit_y: Vector) -> Matrix:
+        """The rows (N, d + 1) of the next samples (N,)."""
+        rows = np.empty((unit_x.size, padded(self._d + 2) + 8))  # the core writes blocks of eight beyond the last one
+        bindings.basis_rows(self._core.block, unit_x, unit_y, rows)
+        return rows[:, : self._d + 1]
+
+    def advance(self, unit_x: Vector) -> None:
+        """Pass over the next samples (N,)."""
+        bindings.basis_advance(self._core.block, unit_x)

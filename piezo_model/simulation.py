@@ -49,13 +49,23 @@ def behind_amplifier(s: ModelStructure, dynamics: Dynamics | None, x: Vector, st
     return x if dynamics is None else dynamics.amplified(x, s.sample_time, before)
 
 
-def respond(
+def before_dynamics(
     s: ModelStructure, arrays: Arrays, dynamics: Dynamics | None, x: Vector, state: OperatorState
-) -> tuple[Vector, Vector]:
-    """Outputs (N,) before and behind the dynamics, in the structure's units; the dynamics are balanced at the states
-    before the first sample."""
-    static = advance(s, arrays, behind_amplifier(s, dynamics, x, state), state)[0]
+) -> Vector:
+    """Output (N,) before the dynamics for an input (N,), in the structure's units."""
+    return advance(s, arrays, behind_amplifier(s, dynamics, x, state), state)[0]
+
+
+def behind_dynamics(
+    s: ModelStructure, arrays: Arrays, dynamics: Dynamics | None, static: Vector, state: OperatorState
+) -> Vector:
+    """Output (N,) behind the dynamics for that before them; they are balanced at the states before the first sample."""
     if dynamics is None:
-        return static, static
+        return static
     balance = advance(s, arrays, np.array([s.x_centre + s.x_scale * state.play[0]]), state)[0]
-    return static, dynamics.filter(static, s.sample_time, float(balance[0]))
+    return dynamics.filter(static, s.sample_time, float(balance[0]))
+
+
+def respond(s: ModelStructure, arrays: Arrays, dynamics: Dynamics | None, x: Vector, state: OperatorState) -> Vector:
+    """Output (N,) of a model for an input (N,), in the structure's units."""
+    return behind_dynamics(s, arrays, dynamics, before_dynamics(s, arrays, dynamics, x, state), state)

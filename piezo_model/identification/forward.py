@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,16 @@ from piezo_model.identification.error_model import Solving, States, spans
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
-from piezo_model.regressors import regressor_rows
-from piezo_model.simulation import Arrays, advance, all_weights, arrays_of, behind_amplifier, respond
+from piezo_model.regressors import Regressors
+from piezo_model.simulation import (
+    Arrays,
+    all_weights,
+    arrays_of,
+    before_dynamics,
+    behind_amplifier,
+    behind_dynamics,
+    respond,
+)
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
@@ -200,17 +208,15 @@ def simulate(
     s: ModelStructure, arrays: Arrays, recording: Recording, states: States, dynamics: Dynamics | None = None
 ) -> Vector:
     """Output (N,) of a model in its unit, from the given states before each part."""
-    return responses(s, arrays, recording, states, dynamics)[1]
+    return _by_parts(recording, recording.x, states, partial(respond, s, arrays, dynamics))
 
 
-def responses(
-    s: ModelStructure, arrays: Arrays, recording: Recording, states: States, dynamics: Dynamics | None
-) -> tuple[Vector, Vector]:
-    """Outputs (N,) before and behind the dynamics, as of `simulate`."""
+def _by_parts(
+    recording: Recording, signal: Vector, states: States, respond: Callable[[Vector, OperatorState], Vector]
+) -> Vector:
+    """A response to a signal (N,), from the states before each part of a recording."""
     parts = zip(spans(recording), states, strict=True)
-    outputs = [respond(s, arrays, dynamics, recording.x[part], state) for part, state in parts]
-    static = np.concatenate([before for before, _ in outputs])
-    return static, static if dynamics is None else np.concatenate([behind for _, behind in outputs])
+    return np.concatenate([respond(signal[part], state) for part, state in parts])
 
 
 def fit_forward(
@@ -259,23 +265,28 @@ def fit_forward(
     sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
     n, d, k = s.n * len(free_parts), s.d, further.low.size
     low, high = _bounds(s, n, further, creep_limits, parameters)
-    theta = np.zeros(0) if parameters is None else parameters.vector
+    theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
     unit_y = s.unit_output(recording.y)
 
-    def trial(z: Vector) -> Trial:
-        solving.passes += 1
+    def trial(z: Vector, static: Vector | None = None) -> Trial:
+        """The trial of z, of which the output before the dynamics may be known."""
         begun = list(states)
         for part, slopes in zip(free_parts, z[d : d + n].reshape(len(free_parts), s.n), strict=True):
             begun[part] = state_with_slopes(sweeps[part], s, slopes)
         arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
-        dynamics = None if parameters is None else parameters.at(z[d + n + k :])
-        before, behind = responses(s, arrays, recording, begun, dynamics)
-        static = s.unit_output(before)
-        y_model = static if behind is before else s.unit_output(behind)
+        g = None if parameters is None else parameters.at(z[d + n + k :])
+        if static is None:
+            solving.passes += 1
+            before = partial(before_dynamics, s, arrays, g)
+            static = s.unit_output(_by_parts(recording, recording.x, begun, before))
+        y_model = static
+        if g is not None:
+            behind = partial(behind_dynamics, s, arrays, g)
+            y_model = s.unit_output(_by_parts(recording, s.y_centre + s.y_scale * static, begun, behind))
         error = unit_y - y_model - further.signals @ z[d + n : d + n + k]
         own = error if counted.all() else error[counted]
-        return Trial(z, begun, dynamics, static, y_model, error, float(own @ own) / own.size)
+        return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size)
 
     known = np.zeros(z.size, dtype=bool)
     known[:d] = weights_known
@@ -284,9 +295,9 @@ def fit_forward(
     for _ in range(0 if known.all() else steps):
         solving.passes += 1
         z, nudges = best.z, np.where(best.z + STEP <= high, STEP, -STEP)
-        nudged = (trial(z + np.where(np.arange(z.size) == i, nudges, 0.0)) for i in range(d + n + k, z.size))
         moves = [
-            (other.y_model - best.y_model) / nudge for other, nudge in zip(nudged, nudges[d + n + k :], strict=True)
+            (trial(z + nudge, None if with_lag and nudge[-1] else best.static).y_model - best.y_model) / nudge.sum()
+            for nudge in np.diag(nudges)[d + n + k :]
         ]
         gram, moved = _gram(recording, counted, s, best, free_parts, np.column_stack([further.signals, *moves]))
         P, Je = gram[:-1, :-1], gram[:-1, -1]
@@ -369,10 +380,12 @@ def _gram(
             creeps = change[:, s.slices[2]][:, 1:] if s.creep_rates else 0.0
             first = s.n * free_parts.index(part)
             by_slopes[:, first : first + s.n] = (change[:, : s.n] + creeps) / nudges[part] @ steps
-        return np.hstack([rows[:, 1:], by_slopes]) / slopes[samples, None]
+        J = np.hstack([rows[:, 1:], by_slopes])
+        J /= slopes[samples, None]
+        return J
 
-    y, starts = s.y_centre + s.y_scale * at.static, (at.states, nudged) if free_parts else (at.states,)
-    return gram_of(recording, counted, s, starts, y, columns, beside, slopes=True, dynamics=at.dynamics)
+    starts = (at.states, nudged) if free_parts else (at.states,)
+    return gram_of(recording, counted, s, starts, at.static, columns, beside, slopes=True, dynamics=at.dynamics)
 
 
 def _nudged(s: ModelStructure, state: OperatorState, nudges: Vector) -> OperatorState:
@@ -388,7 +401,7 @@ def gram_of(
     counted: Mask,
     s: ModelStructure,
     starts: Sequence[States],
-    y: Vector,
+    unit_y: Vector,
     columns: Callable[..., Matrix],
     beside: Matrix,
     *,
@@ -402,27 +415,32 @@ def gram_of(
     starts, one after another. They pass the dynamics; those ``beside`` (N, k) do not.
     """
     blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
-    lowest, highest = np.full(s.d, np.inf), np.full(s.d, -np.inf)
-    total, count, plain = np.zeros(()), 0, arrays_of(s, all_weights(s, s.straight_line))
+    size, r = CHUNK // blocks, padded_thresholds(s)
+    lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
+    total, count = np.zeros(()), 0
     for i, part in enumerate(spans(recording)):
-        states, through = [start[i].copy() for start in starts], None
-        drive = behind_amplifier(s, dynamics, recording.x[part], states[0])
-        for k, first in enumerate(range(part.start, part.stop, CHUNK // blocks)):
-            samples = slice(first, min(first + CHUNK // blocks, part.stop))
-            x = drive[first - part.start : samples.stop - part.start]
+        unit_x = s.unit_input(behind_amplifier(s, dynamics, recording.x[part], starts[0][i]))
+        first_play = np.clip(starts[0][i].play, unit_x[0] - r, unit_x[0] + r)
+        lowest = np.minimum(lowest, np.minimum(first_play, unit_x.min() + r))
+        highest = np.maximum(highest, np.maximum(first_play, unit_x.max() - r))
+        regressors, through = [Regressors(s, start[i], slopes=slopes) for start in starts], None
+        for k, first in enumerate(range(part.start, part.stop, size)):
+            samples = slice(first, min(first + size, part.stop))
+            x = unit_x[first - part.start : samples.stop - part.start]
             if k % blocks:
-                states, through = [advance(s, plain, x, state)[1] for state in states], None
+                through = None
+                for each in regressors:
+                    each.advance(x)
                 continue
-            rows = [regressor_rows(s, state, x, y[samples], slopes=slopes) for state in states]
-            lowest = np.minimum(lowest, rows[0][:, 1:].min(axis=0))
-            highest = np.maximum(highest, rows[0][:, 1:].max(axis=0))
-            J = columns(i, samples, *rows)
+            J = columns(i, samples, *(each.rows(x, unit_y[samples]) for each in regressors))
             if dynamics is not None:
                 through = through or dynamics.stream(s.sample_time)
                 J = through(J)
-            chosen = np.hstack([J, beside[samples]])[counted[samples]]
+            chosen = np.hstack([J, beside[samples]])
+            if not counted[samples].all():
+                chosen = chosen[counted[samples]]
             total, count = total + chosen.T @ chosen, count + len(chosen)
-    moved = highest - lowest > STILL
-    moved[s.slices[1]] = True  # a piece of S⁻¹ that the output never enters has a column of zeros
-    moved[s.d - s.offset :] = True
+    plays = (highest - lowest > STILL)[: s.n + 1]
+    moved = np.ones(s.d, dtype=bool)  # a piece of S⁻¹ that the output never enters has a column of zeros
+    moved[s.slices[0]], moved[s.slices[2]] = plays[1:], plays[: s.creep_weights]
     return total / count, moved

@@ -11,13 +11,18 @@ Source: L. Ljung, System Identification, 2nd edition 1999, section 8.4, for spec
 Transactions on Audio and Electroacoustics 15 (1967) 70–73, for the averages.
 """
 
+from __future__ import annotations
+
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from piezo_model.dynamics import HIGHEST, Dynamics
+from piezo_model.dynamics import HIGHEST, poles
 from piezo_model.identification.error_model import spans
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
@@ -34,7 +39,11 @@ RATIO, DAMPINGS = 1.012, (0.004, 0.015, 0.05, 0.3)
 ratios."""
 DAMPING_ENDS, MARGIN = (1e-4, 0.9), 1.1
 RIDGE, FLOOR = 1e-9, 1e-12
+SIMPLEX = np.array([[0.0, 0.0], [0.67 * np.log(RATIO), 0.0], [0.0, 0.5]])
+"""Corners of the first simplex beside the best of the scan, in logarithms of both."""
 MEDIANS = 120
+BATCH = 16
+"""Modes that are tried at once, whose responses fit the cache."""
 TAPS = 3
 """Those of the residual compliance, for a delay of up to two samples."""
 Mode = tuple[float, float]
@@ -72,87 +81,113 @@ class Spectra:
                 S += np.einsum("if,jf->fij", F.conj(), F)
         f = np.fft.rfftfreq(size, self.sample_time)
         used = (f > 1.5 * f[1]) & (f < LAST / self.sample_time)
-        self.f, self.lowest, S = f[used], FIRST_BIN * f[1], S[used]
-        self._q = np.exp(-2j * np.pi * self.f * self.sample_time)
-        p = len(columns) - 1
-        residual = self._residual(S, p)
-        whitening = _octave_median(self.f, residual)[:, None, None]
-        S = S / whitening
-        self._set(S, p)
-        self._total = float(np.sum(S[:, p, p].real))
+        self.f, self.ends, S = f[used], (FIRST_BIN * f[1], HIGHEST / self.sample_time), S[used]
+        lags = np.arange(1 - TAPS, TAPS)
+        self._powers = np.exp(-2j * np.pi * self.sample_time * lags[:, None] * self.f)
+        self._set(S)
+        self._set(S / _octave_median(self.f, self._left_by_static(S))[:, None, None])
 
     @staticmethod
     def can_be_of(recording: Recording) -> bool:
         """Whether a recording is long enough."""
         return _segment(recording) >= SHORTEST
 
-    def _set(self, S: Matrix, p: int) -> None:
-        """Set the spectra of the p inputs with each other, real over imaginary part, and with the output."""
-        inputs = S[:, :p, :p].reshape(-1, p * p)
-        self._S, self._cross = np.vstack([inputs.real, -inputs.imag]), np.ascontiguousarray(S[:, :p, p])
+    def _set(self, S: Matrix) -> None:
+        """Set the spectra: the squares of the output, the spectra of the inputs with it, and with each other, real over
+        imaginary part."""
+        inputs = S[:, :-1, :-1].reshape(self.f.size, -1)
+        self.squares, self.cross = float(np.sum(S[:, -1, -1].real)), np.ascontiguousarray(S[:, :-1, -1])
+        self._S = np.vstack([inputs.real, -inputs.imag])
 
-    def _residual(self, S: Matrix, p: int) -> Vector:
+    def _left_by_static(self, S: Matrix) -> Vector:
         """Squares that the static part with two taps leaves at each frequency."""
-        self._set(S, p)
-        shapes = np.array([np.ones_like(self._q), self._q])
-        c, _ = self._explained(shapes)
-        left = np.vstack([-(c.reshape(2, p).T @ shapes), np.ones(self.f.size)])
+        static = Equations(self).beside(np.ones(self.f.size), 2)
+        left = np.vstack([-(static.coefficients().T @ self.powers(2)), np.ones(self.f.size)])
         return np.asarray(np.maximum(np.einsum("if,fij,jf->f", left.conj(), S, left).real, 0.0))
 
-    def _explained(self, shapes: Matrix) -> tuple[Vector, float]:
-        """Coefficients of least squares of the shapes (m, F) times the p inputs, and the squares that they explain."""
-        m, p = len(shapes), self._cross.shape[1]
-        weights = (shapes.conj()[:, None] * shapes).reshape(m * m, -1)
-        real = np.hstack([weights.real, weights.imag]) @ self._S  # half the work of the complex product
-        P = real.reshape(m, m, p, p).transpose(0, 2, 1, 3).reshape(m * p, m * p)
-        q = (shapes.conj() @ self._cross).real.reshape(m * p)
-        scale = 1.0 / np.sqrt(np.diag(P) + 1e-300)
-        c = scale * np.linalg.solve(P * np.outer(scale, scale) + RIDGE * np.eye(m * p), q * scale)
-        return c, float(q @ c)
+    def powers(self, stop: int, start: int = 0) -> Matrix:
+        """z⁻ᵏ for k from ``start``, shape (stop − start, F)."""
+        return self._powers[TAPS - 1 + start : TAPS - 1 + stop]
 
-    def left(self, modes: Sequence[Mode]) -> float:
-        """The whitened squares that modes leave."""
-        return self._total - self._explained(self._shapes(modes))[1]
+    def products(self, g: Matrix, m: int, h: Matrix, n: int) -> Matrix:
+        """Real products (…, m p, n p) of the p inputs behind each of m taps of g (…, F) and of n taps of h (…, F)."""
+        p, weights = self.cross.shape[1], (g.conj() * h)[..., None, :] * self.powers(n, 1 - m)
+        flat = weights.reshape(-1, self.f.size)  # one matrix for all systems is multiplied sooner than one each
+        sums = (np.hstack([flat.real, flat.imag]) @ self._S).reshape(*weights.shape[:-1], p, p)
+        blocks = sums[..., m - 1 + np.arange(n) - np.arange(m)[:, None], :, :]
+        return blocks.swapaxes(-3, -2).reshape(*h.shape[:-1], m * p, n * p)
 
-    def _share(self, modes: Sequence[Mode]) -> float:
-        """The share of the last mode in the static gain."""
-        shapes = self._shapes(modes)
-        gains = self._explained(shapes)[0].reshape(len(shapes), -1).sum(axis=1)
-        return float(gains[-2:].sum() / gains.sum())
-
-    def _shapes(self, modes: Sequence[Mode]) -> Matrix:
-        """Two taps behind each mode of unit static gain, after those of residual compliance."""
-        shapes = [self._q**tap for tap in range(TAPS)]
-        for f, zeta in modes:
-            D = Dynamics((f,), (zeta,), (1.0,), 0.0).pole_pairs(self.sample_time)[0][0]
-            g = 1.0 / (D[0] + D[1] * self._q + D[2] * self._q**2)
-            shapes += [g, g * self._q]
-        return np.array(shapes)
+    def equations(self, modes: Sequence[Mode]) -> Equations:
+        """Those of modes beside residual compliance."""
+        return reduce(Equations.with_mode, modes, Equations(self).beside(np.ones(self.f.size), TAPS))
 
     def peak(self, known: Sequence[Mode] = ()) -> Peak:
         """The mode that explains the most beside the known ones."""
-        ends = self.lowest, HIGHEST / self.sample_time
-        tried = [
-            (f, zeta)
-            for zeta in (DAMPINGS[1:2] if known else DAMPINGS)
-            for f in np.exp(np.arange(np.log(ends[0]), np.log(ends[1]), max(np.log(RATIO), zeta))).tolist()
-        ]
-        first = min((self.left([*known, mode]), *mode) for mode in tried)
+        others, ends = self.equations(known), self.ends
+        tried = np.array(
+            [
+                (f, zeta)
+                for zeta in (DAMPINGS[1:2] if known else DAMPINGS)
+                for f in np.exp(np.arange(math.log(ends[0]), math.log(ends[1]), max(math.log(RATIO), zeta)))
+            ]
+        )
+        explained = [others.with_mode(tried[i : i + BATCH]).explained() for i in range(0, len(tried), BATCH)]
+        begin = np.log(tried[np.argmax(np.concatenate(explained))])
 
-        def mode(at: Vector) -> Mode:
-            return float(np.clip(np.exp(at[0]), *ends)), float(np.clip(np.exp(at[1]), *DAMPING_ENDS))
+        def mode(at: Vector) -> Vector:
+            return np.clip(np.exp(at), (ends[0], DAMPING_ENDS[0]), (ends[1], DAMPING_ENDS[1]))
 
-        begin = np.log(first[1:])
-        simplex = begin + np.array([[0.0, 0.0], [0.67 * np.log(RATIO), 0.0], [0.0, 0.5]])
         found = minimize(
-            lambda at: self.left([*known, mode(at)]),
+            lambda at: -others.with_mode(mode(at)).explained(),
             begin,
             method="Nelder-Mead",
-            options={"initial_simplex": simplex, "maxfev": 80},
+            options={"initial_simplex": begin + SIMPLEX, "maxfev": 80},
         )
-        (f, zeta), before = mode(found.x), self.left(known)
-        gain = 1.0 - float(found.fun) / before if before > 0.0 else 0.0
-        return Peak(f, zeta, gain, ends[0] * MARGIN < f < ends[1] / MARGIN, self._share([*known, (f, zeta)]))
+        best, before = others.with_mode(mode(found.x)), self.squares - others.explained()
+        gain = 1.0 - (self.squares - best.explained()) / before if before > 0.0 else 0.0
+        gains, (f, zeta) = best.coefficients().sum(axis=-1), mode(found.x).tolist()
+        inside = bool(ends[0] * MARGIN < f < ends[1] / MARGIN)
+        return Peak(f, zeta, float(gain), inside, float(gains[-2:].sum() / gains.sum()))
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations P c = q of least squares of the output by the inputs behind a few responses, each with taps; or
+    those of many systems side by side."""
+
+    spectra: Spectra
+    responses: tuple[tuple[Matrix, int], ...] = ()
+    P: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
+    q: Matrix = field(default_factory=lambda: np.zeros(0))
+
+    def beside(self, g: Matrix, taps: int) -> Equations:
+        """The same with one more response, or one of many (…, F)."""
+        spectra, size, systems = self.spectra, len(self.q), g.shape[:-1]
+        responses = *self.responses, (g, taps)
+        column = np.concatenate([spectra.products(*response, g, taps) for response in responses], axis=-2)
+        P = np.empty((*systems, column.shape[-2], column.shape[-2]))
+        P[..., :size, :size], P[..., :, size:] = self.P, column
+        P[..., size:, :size] = column[..., :size, :].swapaxes(-2, -1)
+        q = np.empty(P.shape[:-1])
+        q[..., :size] = self.q
+        q[..., size:] = ((g[..., None, :] * spectra.powers(taps)).conj() @ spectra.cross).real.reshape(*systems, -1)
+        return Equations(spectra, responses, P, q)
+
+    def with_mode(self, modes: ArrayLike) -> Equations:
+        """The same with two taps of a mode of unit static gain, or of one of many (…, 2)."""
+        D = np.apply_along_axis(lambda mode: poles(mode[0], mode[1], self.spectra.sample_time), -1, modes)
+        return self.beside(D.sum(axis=-1, keepdims=True) / (D @ self.spectra.powers(3)), 2)
+
+    def coefficients(self) -> Matrix:
+        """Those of each tap and input (…, m, p)."""
+        scale = 1.0 / np.sqrt(np.diagonal(self.P, axis1=-2, axis2=-1) + 1e-300)
+        scaled = self.P * scale[..., None] * scale[..., None, :] + RIDGE * np.eye(self.q.shape[-1])
+        c = scale * np.linalg.solve(scaled, (self.q * scale)[..., None])[..., 0]
+        return c.reshape(*c.shape[:-1], -1, self.spectra.cross.shape[1])
+
+    def explained(self) -> Matrix:
+        """The squares that they explain."""
+        return np.sum(self.q * self.coefficients().reshape(self.q.shape), axis=-1)
 
 
 def _segment(recording: Recording) -> int:

@@ -171,7 +171,7 @@ def _gram(
         return rows / slopes[samples, None]
 
     beside = np.column_stack([fit.error, time])
-    return gram_of(recording, chosen, union, [states], s.y_centre + s.y_scale * fit.y_model, columns, beside)
+    return gram_of(recording, chosen, union, [states], fit.y_model, columns, beside)
 
 
 def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:

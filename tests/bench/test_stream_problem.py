@@ -10,8 +10,9 @@ import solvers
 from bench.messages.task import NO_SETTING, Task
 from bench.problems.simulation import Experiment
 from bench.races.stream import worker as stream_worker
-from bench.races.stream.stream_problem import StreamProblem, make, regressor_rows
+from bench.races.stream.stream_problem import StreamProblem, make
 from bench.races.stream.worker import StreamRequest
+from piezo_model.regressors import Regressors
 from solvers import Lane
 from solvers.certificate import certify, verify
 from solvers.forgetting import absorb
@@ -24,7 +25,8 @@ def short() -> StreamProblem:
 
 def test_the_rows_are_those_of_the_data_basis() -> None:
     _, x, y, basis = Experiment("bouc_wen", "multi_sine", n=3, m=2, build_s=0.5).measured(0.5)
-    rows = regressor_rows(basis.structure, basis.state.copy(), x, y)
+    s = basis.structure
+    rows = Regressors(s, basis.state).rows(s.unit_input(x), s.unit_output(y))
     basis.update(x, y)
     np.testing.assert_allclose(rows[:, 1:].T @ rows[:, 1:] / x.size, basis.P, rtol=1e-11, atol=1e-15)
     np.testing.assert_allclose(rows[:, 1:].T @ rows[:, 0] / x.size, basis.q, rtol=1e-11, atol=1e-15)

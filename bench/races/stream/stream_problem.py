@@ -28,7 +28,7 @@ from qpsolvers import Problem
 import solvers
 from bench.problems.protocol import CertifiedForm
 from bench.problems.simulation import SAMPLE_TIME, Experiment
-from piezo_model.regressors import regressor_rows
+from piezo_model.regressors import Regressors
 from solvers.arrays import Index, Matrix, Vector
 from solvers.certificate import certify, exact_cost_gap
 from solvers.forgetting import absorb
@@ -90,7 +90,8 @@ def make(experiment: Experiment, samples: int, time_constant_s: float, certified
     basis.update(x[:built], y[:built])
     form = basis.problem(proximal=experiment.proximal).form("slope", "scaled")
     start = form.qp
-    rows = regressor_rows(structure, basis.state.copy(), x[built:], y[built:])
+    later = structure.unit_input(x[built:]), structure.unit_output(y[built:])
+    rows = Regressors(structure, basis.state).rows(*later)
     rows = np.ascontiguousarray(np.column_stack([rows[:, 1:] @ form.to_weights, rows[:, 0]]))
     reference = solvers.get("box_active_set", "kernel")
     reference.setup(start)
