@@ -142,7 +142,7 @@ class ForwardFit(Trial):
         """Errors of the counted samples of each part, in normalised units."""
         return [self.error[part][self.counted[part]] for part in self.parts]
 
-    @property
+    @cached_property
     def independent(self) -> float:
         """Number of independent samples in the error."""
         return independent_samples(self.errors)

@@ -117,13 +117,10 @@ class Spectra:
         blocks = sums[..., m - 1 + np.arange(n) - np.arange(m)[:, None], :, :]
         return blocks.swapaxes(-3, -2).reshape(*h.shape[:-1], m * p, n * p)
 
-    def equations(self, modes: Sequence[Mode]) -> Equations:
-        """Those of modes beside residual compliance."""
-        return reduce(Equations.with_mode, modes, Equations(self).beside(np.ones(self.f.size), TAPS))
-
     def peak(self, known: Sequence[Mode] = ()) -> Peak:
         """The mode that explains the most beside the known ones."""
-        others, ends = self.equations(known), self.ends
+        residual_compliance, ends = Equations(self).beside(np.ones(self.f.size), TAPS), self.ends
+        others = reduce(Equations.with_mode, known, residual_compliance)
         tried = np.array(
             [
                 (f, zeta)
