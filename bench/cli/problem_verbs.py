@@ -33,7 +33,6 @@ from bench.problem_files.npz import read_answer
 from bench.problem_files.qpbenchmark_set import write_test_set
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.problems.proofs import isolated, require_size, start
-from bench.processes.forked_child import ForkedChild
 from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
@@ -205,8 +204,7 @@ def certify_verb(
     program = read(problem)
     x = None if answer is None else read_answer(answer, program.qp.q.size)
     try:
-        with ForkedChild() as child:
-            found = isolated(child, certified, program.qp, program.constant, x, work)
+        found = isolated(certified, program.qp, program.constant, x, work)
     except OutOfWork as error:
         print(f"piezobench certify: {problem}: {error}", file=sys.stderr)
         raise typer.Exit(NO_PROOF) from None

@@ -28,7 +28,6 @@ from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
 from bench.problems.proofs import isolated, proof, proven, require_size
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
-from bench.processes.forked_child import ForkedChild
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import WORK, NotCertified
 
@@ -61,20 +60,13 @@ class ForeignPrograms(ProblemSet):
 
     def problems(self) -> Iterator[RaceProblem]:
         """Read, scale and certify, several in parallel; failures are left out with the reason."""
-        sources = [(name, read) for name, read in self.sources() if name in self.wanted]
-        with closing(proven(self._made, sources)) as made:
-            for (name, _), problem in zip(sources, made, strict=True):
-                if isinstance(problem, str):
-                    self.left_out[name] = problem
+        calls = [(self.name, name, read, self.work) for name, read in self.sources() if name in self.wanted]
+        with closing(proven(certified, calls)) as made:
+            for (_, name, *_), problem in zip(calls, made, strict=True):
+                if isinstance(problem, NotCertified):
+                    self.left_out[name] = str(problem)
                 else:
                     yield problem
-
-    def _made(self, child: ForkedChild, source: tuple[str, Source]) -> RaceProblem | str:
-        """The problem, or the reason why it is left out."""
-        try:
-            return isolated(child, certified, self.name, *source, self.work)
-        except NotCertified as error:
-            return str(error)
 
 
 def certified(set_name: str, name: str, read: Source, work: float) -> RaceProblem:
@@ -146,8 +138,7 @@ class QpbenchmarkTestSet(ForeignPrograms):
     @cached_property
     def _programs(self) -> list[tuple[str, Problem]]:
         try:
-            with ForkedChild() as child:
-                return isolated(child, read_test_set, str(self.path.resolve()))
+            return isolated(read_test_set, str(self.path.resolve()))
         except NotCertified as error:
             raise ProblemSetError(f"{self.path}: {error}") from None
 

@@ -13,12 +13,11 @@ import hashlib
 import json
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
-from threading import get_ident
 from typing import Any, TypeVar
 
 import numpy as np
@@ -37,7 +36,6 @@ from solvers.arrays import Vector
 from solvers.certificate import WORK, Certificate, NotCertified, certify, verify
 from solvers.exact.problem import DoubleProblem
 
-S = TypeVar("S")
 T = TypeVar("T")
 
 VERSION = 3
@@ -122,8 +120,8 @@ def proof(qp: Problem, begin: Callable[[Problem], Vector] = start, work: float =
     return cached.proof
 
 
-def isolated(child: ForkedChild, function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function of a module that reads or proves programs in a process, which is restarted if it was lost.
+def isolated(function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function of a module that reads or proves programs in a process of its own.
 
     Raises
     ------
@@ -131,42 +129,44 @@ def isolated(child: ForkedChild, function: Callable[..., T], *arguments: Any) ->
         The function raised it, or a ValueError with this sentence; or the process died, possibly for a reason outside
         the program.
     """
-    try:
-        result = child.call(HANG_S, _attempt, function, arguments)
-    except (LateError, LostError) as error:
-        raise NotCertified(f"the process that reads and proves it ended with {error}") from None
+    result = _in_process(ForkedChild(), function, arguments)
     if isinstance(result, NotCertified):
         raise result
     return result
 
 
-def proven(function: Callable[[ForkedChild, S], T], items: Iterable[S]) -> Generator[T]:
-    """The function's results in the order of the items, with one proving process per core; closing the generator ends
-    the processes.
+def proven(function: Callable[..., T], calls: Sequence[tuple[Any, ...]]) -> Generator[T | NotCertified]:
+    """What :func:`isolated` gives or raises for the arguments of each call, in their order, as many at once as there
+    are cores; closing the generator ends the processes.
 
     Examples
     --------
-    >>> list(proven(lambda child, number: number + 1, range(4)))
-    [1, 2, 3, 4]
+    >>> list(proven(pow, [(base, 2) for base in range(4)]))
+    [0, 1, 4, 9]
     """
-    with ExitStack() as stack:
-        children: dict[int, ForkedChild] = {}
+    children, threads = [ForkedChild() for _ in calls], ThreadPoolExecutor(len(cores.usable()))
+    futures = [
+        threads.submit(_in_process, child, function, arguments)
+        for child, arguments in zip(children, calls, strict=True)
+    ]
+    try:
+        for future in futures:
+            yield future.result()
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+        while not all(future.done() for future in futures):
+            for child in children:
+                child.interrupt()  # has no effect on a process that is just starting, so it is repeated
+            time.sleep(0.02)
+        threads.shutdown()
 
-        def begin() -> None:
-            children[get_ident()] = stack.enter_context(ForkedChild())
 
-        threads = ThreadPoolExecutor(len(cores.usable()), initializer=begin)
-        futures = [threads.submit(lambda item: function(children[get_ident()], item), item) for item in items]
+def _in_process(child: ForkedChild, function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotCertified:
+    with child:
         try:
-            for future in futures:
-                yield future.result()
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)
-            while not all(future.done() for future in futures):
-                for child in [*children.values()]:
-                    child.interrupt()  # has no effect on a process that is just starting, so it is repeated
-                time.sleep(0.02)
-            threads.shutdown()
+            return child.call(HANG_S, _attempt, function, arguments)
+        except (LateError, LostError) as error:
+            return NotCertified(f"the process that reads and proves it ended with {error}")
 
 
 def _attempt(function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotCertified:

@@ -31,7 +31,7 @@ from bench.problem_files.program import fields_of
 from bench.problems import ProblemSetError, RaceProblem, make
 from bench.problems.equilibration import equilibrated
 from bench.problems.foreign import Foreign
-from bench.problems.proofs import isolated, proof, proven
+from bench.problems.proofs import proof, proven
 from bench.problems.protocol import SCALINGS, Scaling
 from bench.store import Run
 from solvers.certificate import NotCertified, verify
@@ -376,7 +376,7 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
 @pytest.mark.parametrize("pause", [0.0, 0.05, 0.3, 1.0, 3.0])
 def test_proving_processes_end_with_the_generator_whether_they_start_or_work(pause: float) -> None:
     before = set(multiprocessing.active_children())
-    results = proven(lambda child, seconds: seconds and isolated(child, time.sleep, seconds), [0.0] + 9 * [3600.0])
+    results = proven(time.sleep, [(0.0,)] + 9 * [(3600.0,)])
     with closing(results):
         next(results)
         time.sleep(pause)
@@ -388,6 +388,6 @@ def test_an_interrupt_ends_a_running_proof() -> None:
     try:
         threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
         with pytest.raises(KeyboardInterrupt):
-            next(proven(lambda child, seconds: isolated(child, time.sleep, seconds), [3600.0]))
+            next(proven(time.sleep, [(3600.0,)]))
     finally:
         signal.signal(signal.SIGINT, before)
