@@ -111,12 +111,11 @@ def _timed(
         for names, child in by_name.items()
     ]
     found = interleave(tasks, by_name, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
-    for (_, measured), file in zip(found, files, strict=True):
-        outcome = measured.outcome
+    for (_, outcome), file in zip(found, files, strict=True):
         if outcome.failure or outcome.x is None:
             why = f"{outcome.failure} {outcome.message}".strip()
             raise RaceError(f"{file}: failed at {problem.set_name}/{problem.name}: {why}")
-        us = answers_us(outcome.update_ns, outcome.solve_ns).reshape(BLOCKS, CALLS)
+        us = answers_us(outcome.times["update"], outcome.times["solve"]).reshape(BLOCKS, CALLS)
         times.append(np.median(us, axis=1).clip(min=1e-3))
         gaps.append(max(relative_gap(form, outcome.x)))
     return np.array(times), gaps

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -19,8 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from piezo_model.json_file import decoded
-from solvers.arrays import Vector
-from solvers.protocol import Lane, Nanoseconds, Solver, Unsupported, setting_text
+from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, setting_text
 from solvers.registry import Described
 
 if TYPE_CHECKING:  # a child needs tasks and no model
@@ -223,14 +223,12 @@ class Outcome:
     """Sentences about forbidden actions of the process."""
     preemptions: int = 0
     """Number of preemptions while the process was timed."""
-    setup_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    update_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    solve_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-
-    @property
-    def times(self) -> Mapping[str, Nanoseconds]:
-        """Raw nanoseconds that the race saves, by name."""
-        return {}
+    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
+    """The timed answers. Shape (n, d)."""
+    times: Mapping[str, Nanoseconds] = field(default_factory=dict)
+    """Raw nanoseconds that the race saves, by name."""
+    cpu_ns: float = math.nan
+    """Processor time of the timed calls by the parent's clock, where it matters."""
 
 
 class Request(ABC):

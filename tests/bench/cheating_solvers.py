@@ -152,7 +152,7 @@ def setup(self, problem):
     known = worker.TimedSolver.block
     def forged(bench, P, q, most_ns):
         found = known(bench, P, q, most_ns)
-        found.solve_ns = found.solve_ns // 10
+        found.times["solve"] //= 10
         return found
     worker.TimedSolver.block = forged
 """,

@@ -137,7 +137,7 @@ def test_no_two_programs_are_alike_and_answers_are_judged_by_proven_optima(raced
 
     def judged(answers: np.ndarray) -> dict[str, float]:
         one = np.ones(1, dtype=np.int64)
-        outcome = Batched(found=True, answers=answers, wall_ns=one, cpu_ns=one, programs=one)
+        outcome = Batched(found=True, answers=answers, times={"wall": one, "cpu": one}, programs=one)
         return row_of(raced, programs, 16, 256, 1, outcome)
 
     assert judged(x[1:257])["share_high"] == 1.0
@@ -204,7 +204,7 @@ def test_a_contestant_warms_up_on_programs_that_are_not_timed(
 
 
 def test_a_lazy_answer_is_computed_inside_its_time(families: Families) -> None:
-    assert (timed(Notes, families, 100).wall_ns >= 500_000).all()
+    assert (timed(Notes, families, 100).times["wall"] >= 500_000).all()
 
 
 def test_times_are_medians_of_the_groups_of_calls_and_of_the_repeats(raced: Run) -> None:
@@ -213,8 +213,7 @@ def test_times_are_medians_of_the_groups_of_calls_and_of_the_repeats(raced: Run)
         outcome = Batched(
             found=True,
             answers=np.zeros((3, 18)),
-            wall_ns=2 * np.array(ns),
-            cpu_ns=np.array(ns),
+            times={"wall": 2 * np.array(ns), "cpu": np.array(ns)},
             programs=np.ones(3, dtype=np.int64),
         )
         rows.append(row_of(raced, programs, 1, 1, repeat, outcome))

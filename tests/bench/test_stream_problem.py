@@ -145,11 +145,11 @@ def test_the_compiled_loop_takes_the_rows_forwards_and_backwards(
     assert np.array_equal(
         np.vstack(Recorder.seen[-1]), np.vstack([forwards, backwards, forwards, backwards, forwards[:150]])
     )
-    assert outcome.kernel_ns.size == 950
+    assert outcome.times["service"].size == 950
     assert np.array_equal(outcome.answers, forwards[:, :-1])  # those of the first pass
 
 
 def test_the_compiled_loop_ends_with_the_block_in_which_its_time_is_used_up(
     monkeypatch: pytest.MonkeyPatch, short: StreamProblem
 ) -> None:
-    assert recorded(monkeypatch, short, 0.0).kernel_ns.size == 70
+    assert recorded(monkeypatch, short, 0.0).times["service"].size == 70

@@ -175,7 +175,7 @@ class BatchRace(TaskRace[BatchSettings]):
             name: float(np.mean(errors <= TOLERANCE[tier])) if errors.size else math.nan
             for name, tier in SHARES.items()
         }
-        wall, cpu = (1e-3 * ns / outcome.programs for ns in (outcome.wall_ns, outcome.cpu_ns))
+        wall, cpu = (1e-3 * outcome.times[name] / outcome.programs for name in ("wall", "cpu"))
         return [
             {
                 **shares,

@@ -7,7 +7,6 @@ loading and allocating are not timed; they happen on programs that are not timed
 """
 
 import time
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -21,7 +20,7 @@ from bench.messages.solver_info import real
 from bench.messages.task import Outcome, Request
 from bench.races.batch.contestant import Contestant, OneByOne
 from bench.timing.clock import Effort, no_garbage_collection
-from solvers.arrays import Index, Matrix, Nanoseconds
+from solvers.arrays import Index, Matrix
 from solvers.protocol import Solver
 
 GROUP_NS = 1_000_000
@@ -76,19 +75,11 @@ class Families:
 
 @dataclass
 class Batched(Outcome):
-    """Answers (M, d) to the first M programs of the request, and for each group of calls its times and its number of
-    programs."""
+    """Answers (M, d) to the first M programs of the request, and for each group of calls its wall and CPU time and its
+    number of programs."""
 
-    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    wall_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    cpu_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    programs: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    programs: Index = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     grown_mb: float = float("nan")
-
-    @property
-    def times(self) -> Mapping[str, Nanoseconds]:
-        """Wall time and CPU time of the groups of calls."""
-        return {"wall": self.wall_ns, "cpu": self.cpu_ns}
 
 
 @dataclass(frozen=True)
@@ -140,8 +131,7 @@ class BatchRequest(Request):
         return Batched(
             found=True,
             answers=np.concatenate(answers),
-            wall_ns=wall_ns,
-            cpu_ns=cpu_ns,
+            times={"wall": wall_ns, "cpu": cpu_ns},
             programs=programs,
             grown_mb=memory_mb("VmHWM") - memory_before,
         )

@@ -16,7 +16,7 @@ from bench.processes.sentinel import EVERY_S
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.driver import Part, Tell
-from bench.races.oneshot.measuring import Measurement, row_of, timed
+from bench.races.oneshot.measuring import row_of, timed
 from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
 from bench.timing.clock import Effort
@@ -51,10 +51,10 @@ class Pass(Part):
         pool.sentinel.sample(unless_within_s=EVERY_S)
         return row
 
-    def save(self, run: Run, task: Task, measured: Measurement, fresh: FreshData | None = None) -> Row:
-        """Judge a measurement, and save its row and its raw times."""
-        outcome, row = measured.outcome, row_of(self.problem, task, measured, fresh, self.judged)
-        run.save(task, [row], {"setup": outcome.setup_ns, "update": outcome.update_ns, "solve": outcome.solve_ns})
+    def save(self, run: Run, task: Task, outcome: Outcome, fresh: FreshData | None = None) -> Row:
+        """Judge an outcome, and save its row and its raw times."""
+        row = row_of(self.problem, task, outcome, fresh, self.judged)
+        run.save(task, [row], outcome.times)
         return row
 
 
@@ -83,7 +83,7 @@ class FirstPass(Pass):
                 rows += run.task(task)[0]
             elif end and task.setting.rung >= 0:
                 why = f"a looser setting {end} on this problem"
-                rows.append(self.save(run, task, Measurement(Outcome(str(Status.NOT_RUN), why))))
+                rows.append(self.save(run, task, Outcome(str(Status.NOT_RUN), why)))
             else:
                 rows.append(self.measure(run, pool, task, data, self.settings.effort))
             if task.setting.rung >= 0:

@@ -10,7 +10,7 @@ A row holds the accuracy and the times of one measurement, independent of tiers.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -24,7 +24,7 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge, judge_timed
-from bench.races.oneshot.worker import BlockOutcome, Further, OneShot, TimedSolver
+from bench.races.oneshot.worker import Further, OneShot, TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
 from solvers.arrays import Matrix
@@ -35,17 +35,6 @@ TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
 
 
-@dataclass
-class Measurement:
-    """The outcome of a task with its times, and its timed answers."""
-
-    outcome: Outcome
-    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    cpu_us: float = math.nan
-    """Mean processor time of a call, less the null solver's; NaN if LEAST_SHARE of it is below the median time of a
-    call."""
-
-
 def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
     """Set up the solver of a task, which then waits for blocks; the outcome has its first answer. The certificate and
     the other windows stay here."""
@@ -53,68 +42,65 @@ def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
     return child.ask(OneShot(task, fields_of(form.qp), start, form.unit, child.entry.times_itself))
 
 
-def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: float = math.inf) -> BlockOutcome:
+def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: float = math.inf) -> Outcome:
     """Time a block. No call begins after ``most_ns``. It may be a failure; if the process ended, so did the solver that
     was ready."""
     cpu_ns = child.cpu_ns()
     block = child.ask(Further(task.key, TimedSolver.block, (P, q, most_ns)))
-    if isinstance(block, BlockOutcome):
-        n = len(block.answers) if most_ns < math.inf else len(q)
-        times = (block.update_ns, block.solve_ns)
-        if 0 < n <= len(q) and block.answers.shape == (n, q.shape[1]) and all(ns.shape == (n,) for ns in times):
-            block.cpu_ns = child.cpu_ns() - cpu_ns
-            return block
-    return BlockOutcome(
-        block.failure or "tampered", block.message or "its process sent an answer that was not requested"
-    )
+    n = len(block.answers) if most_ns < math.inf else len(q)
+    shapes = {"answers": block.answers.shape, **{name: ns.shape for name, ns in block.times.items()}}
+    if not block.failure and (
+        n not in range(1, len(q) + 1) or shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,)}
+    ):
+        return Outcome("tampered", "its process sent an answer that was not requested")
+    return replace(block, cpu_ns=child.cpu_ns() - cpu_ns)
 
 
 def timed(
     child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, effort: Effort
-) -> Measurement:
+) -> Outcome:
     """Time a task; ``idle`` is the process of the null solver."""
     outcome = set_up(child, task, form)
     if outcome.failure:
-        return Measurement(outcome)
-    blocks: list[BlockOutcome] = []
+        return outcome
+    blocks: list[Outcome] = []
     size, done, spent_ns = 1, 0, 0
     while effort.goes_on(done, spent_ns):
         n = min(size, fresh.calls_at_once, effort.most - done)
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), most_ns=most_ns)
         if block.failure:
-            return Measurement(block)
+            return block
         blocks.append(block)
-        done, spent_ns = done + len(block.answers), spent_ns + int((block.update_ns + block.solve_ns).sum())
+        done, spent_ns = done + len(block.answers), spent_ns + int(sum(ns.sum() for ns in block.times.values()))
         call_ns = max(spent_ns / done, 1.0)
         size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) / call_ns), 1)
     end = child.ask(Further(task.key, TimedSolver.end, (effort.budget_s,)))
     if end.failure:
-        return Measurement(end)
+        return end
     if end.forbidden_actions:
-        return Measurement(Outcome("tampered", "; ".join(end.forbidden_actions)))
-    outcome = replace(outcome, setup_ns=end.setup_ns, repeatable=end.repeatable, mutated=end.mutated)
-    return measurement(outcome, blocks, lambda: _idle_ns(idle, task, form, fresh, blocks))
+        return Outcome("tampered", "; ".join(end.forbidden_actions))
+    outcome = replace(outcome, times=end.times, repeatable=end.repeatable, mutated=end.mutated)
+    return with_calls(outcome, blocks, lambda: _idle_ns(idle, task, form, fresh, blocks))
 
 
-def measurement(outcome: Outcome, blocks: Sequence[BlockOutcome], idle_ns: Callable[[], float]) -> Measurement:
-    """The outcome of a task with the calls of its blocks; ``idle_ns`` is the null solver's processor time for them."""
-    update_ns, solve_ns = (
-        np.concatenate([getattr(block, name) for block in blocks]) for name in ("update_ns", "solve_ns")
-    )
-    outcome = replace(
-        outcome, update_ns=update_ns, solve_ns=solve_ns, preemptions=sum(block.preemptions for block in blocks)
-    )
-    used_ns, cpu_us = float(sum(block.cpu_ns - UNSEEN_NS for block in blocks)), math.nan
+def with_calls(outcome: Outcome, blocks: Sequence[Outcome], idle_ns: Callable[[], float]) -> Outcome:
+    """The outcome of a task with the calls of its blocks; ``idle_ns`` is the null solver's processor time for them,
+    which theirs is less of. That is NaN if LEAST_SHARE of it is below the median time of the calls."""
+    update_ns, solve_ns = (np.concatenate([block.times[name] for block in blocks]) for name in ("update", "solve"))
+    used_ns = float(sum(block.cpu_ns - UNSEEN_NS for block in blocks))
     least_ns = 1e3 * solve_ns.size * float(np.median(answers_us(update_ns, solve_ns))) / LEAST_SHARE
-    if used_ns > least_ns and (used_ns := used_ns - idle_ns()) > least_ns:
-        cpu_us = used_ns / solve_ns.size / 1e3
-    return Measurement(outcome, np.concatenate([block.answers for block in blocks]), cpu_us)
+    matters = used_ns > least_ns and (used_ns := used_ns - idle_ns()) > least_ns
+    return replace(
+        outcome,
+        times={**outcome.times, "update": update_ns, "solve": solve_ns},
+        answers=np.concatenate([block.answers for block in blocks]),
+        preemptions=sum(block.preemptions for block in blocks),
+        cpu_ns=used_ns if matters else math.nan,
+    )
 
 
-def _idle_ns(
-    idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, blocks: Sequence[BlockOutcome]
-) -> float:
+def _idle_ns(idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, blocks: Sequence[Outcome]) -> float:
     """Processor time of the null solver for the data of consecutive blocks; infinite if it fails, and for itself."""
     if task.solver == idle.entry.name:
         return math.inf
@@ -129,15 +115,17 @@ def _idle_ns(
     return math.inf if failed else sum(max(block.cpu_ns for block in trials) for trials in again)
 
 
-def row_of(problem: RaceProblem, task: Task, measured: Measurement, fresh: FreshData | None, few: int) -> Row:
+def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData | None, few: int) -> Row:
     """The row of a task; ``few`` of its timed answers are judged, on ``fresh`` data.
 
     A percentile is NaN if the sample is too small for it.
     """
-    outcome, validation = measured.outcome, problem.validation
-    judgement = judge(problem, task.scaling, outcome)
-    us = answers_us(outcome.update_ns, outcome.solve_ns, measured.cpu_us)
-    solve, steps, x = outcome.solve_ns / 1e3, outcome.settings.get("steps"), outcome.x
+    validation, judgement = problem.validation, judge(problem, task.scaling, outcome)
+    setup, update, solve = (
+        outcome.times.get(name, np.zeros(0, dtype=np.int64)) for name in ("setup", "update", "solve")
+    )
+    cpu_us, steps, x = outcome.cpu_ns / max(solve.size, 1) / 1e3, outcome.settings.get("steps"), outcome.x
+    us, solve_us = answers_us(update, solve, cpu_us), solve / 1e3
     span_um = math.nan if validation is None else validation.span_um
     return ONESHOT.row(
         **{
@@ -147,18 +135,18 @@ def row_of(problem: RaceProblem, task: Task, measured: Measurement, fresh: Fresh
             "period_us": problem.period_us,
             **judgement,
             "timed_call": -1,
-            **(judge_timed(problem, fresh, measured.answers, few) if fresh is not None else {}),
+            **(judge_timed(problem, fresh, outcome.answers, few) if fresh is not None else {}),
             "answer": () if x is None or x.ndim != 1 else tuple(map(float, x)),
             "model_error_um": judgement.get("model_error_percent", math.nan) / 100.0 * span_um,
             "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
             "noise_um": math.nan if validation is None else validation.noise_um,
-            "setup_us": median(outcome.setup_ns / 1e3),
-            "update_us": median(outcome.update_ns / 1e3),
-            "solve_us_p50": median(solve),
-            "solve_us_p99": percentile(solve, 0.99).value or math.nan,
-            "solve_us_max": float(solve.max()) if solve.size else math.nan,
+            "setup_us": median(setup / 1e3),
+            "update_us": median(update / 1e3),
+            "solve_us_p50": median(solve_us),
+            "solve_us_p99": percentile(solve_us, 0.99).value or math.nan,
+            "solve_us_max": float(solve_us.max()) if solve.size else math.nan,
             "answer_us": median(us),
-            "cpu_us": measured.cpu_us,
+            "cpu_us": cpu_us,
             "samples": int(solve.size),
             "periods": float(steps) if steps else median(us) / problem.period_us,
             "reported_us": outcome.reported_us,

@@ -20,15 +20,14 @@ import pandas as pd
 
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, ONESHOT, at_tiers, newest
 from bench.derived.tiers import supported, tier_settings
-from bench.messages.task import Row, Status, Task, Tier
+from bench.messages.task import Outcome, Row, Status, Task, Tier
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, SolverPool
 from bench.races.driver import Tell
 from bench.races.oneshot.first_pass import FirstPass, Pass
-from bench.races.oneshot.measuring import Measurement, measurement, run_block, set_up
+from bench.races.oneshot.measuring import run_block, set_up, with_calls
 from bench.races.oneshot.settings import OneshotSettings
-from bench.races.oneshot.worker import BlockOutcome
 from bench.store import Run
 from bench.timing.clock import Effort
 from solvers import Lane
@@ -71,9 +70,9 @@ class SecondPass(Pass):
         if all(run.is_done(task) for task in tasks):
             return
         fresh, seed = FreshData(self.form, self.settings.rounds), f"{self.settings.seed} {self.name}"
-        for task, measured in interleave(tasks, pool.children, self.form, fresh, seed):
+        for task, outcome in interleave(tasks, pool.children, self.form, fresh, seed):
             if not run.is_done(task):
-                self.save(run, task, measured, fresh)
+                self.save(run, task, outcome, fresh)
 
 
 def interleave(
@@ -83,7 +82,7 @@ def interleave(
     fresh: FreshData,
     seed: str,
     calls: int = 1,
-) -> list[tuple[Task, Measurement]]:
+) -> list[tuple[Task, Outcome]]:
     """The interleaved solves of each task.
 
     Parameters
@@ -104,7 +103,7 @@ def interleave(
     chance = random.Random(seed)
     outcomes = {task.key: set_up(children[task.solver, task.lane], task, form) for task in tasks}
     ready = [task for task in tasks if not outcomes[task.key].failure]
-    blocks: dict[str, list[BlockOutcome]] = {task.key: [] for task in ready}
+    blocks: dict[str, list[Outcome]] = {task.key: [] for task in ready}
     for at in range(-WARM_UP * calls, fresh.count, calls):
         chance.shuffle(ready)
         data = fresh.unseen(calls) if at < 0 else fresh.block(at, at + calls)
@@ -116,8 +115,8 @@ def interleave(
             elif at >= 0:
                 blocks[task.key].append(block)
     idle_ns = sum(block.cpu_ns for task in ready if task.solver == FLOOR for block in blocks[task.key]) or math.inf
-    timed = {task.key: measurement(outcomes[task.key], blocks[task.key], lambda: idle_ns) for task in ready}
-    return [(task, timed.get(task.key, Measurement(outcomes[task.key]))) for task in tasks]
+    outcomes |= {task.key: with_calls(outcomes[task.key], blocks[task.key], lambda: idle_ns) for task in ready}
+    return [(task, outcomes[task.key]) for task in tasks]
 
 
 def second_pass(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -24,14 +24,6 @@ from bench.processes.worker import forbidden_actions
 from bench.timing.clock import time_block, time_call, time_kernel
 from solvers.arrays import Matrix, Vector
 from solvers.protocol import Solver
-
-
-@dataclass
-class BlockOutcome(Outcome):
-    """The timed answers (n, d) of a block; the parent adds the processor time of the child's process."""
-
-    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    cpu_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -120,11 +112,10 @@ class TimedSolver:
         sums, before = (P.sum(), q.sum()), preemptions()
         timed = self._time(self.solver, P, q, self._start, most_ns)
         self._block_was_changed |= (P.sum(), q.sum()) != sums
-        return BlockOutcome(
+        return Outcome(
             found=True,
             preemptions=preemptions() - before,
-            update_ns=timed.updates,
-            solve_ns=timed.solves,
+            times={"update": timed.updates, "solve": timed.solves},
             answers=timed.answers,
         )
 
@@ -142,7 +133,7 @@ class TimedSolver:
             found=True,
             repeatable=bool(np.array_equal(self._first, again, equal_nan=True)),
             mutated=changed,
-            setup_ns=np.array(self._setups, dtype=np.int64),
+            times={"setup": np.array(self._setups, dtype=np.int64)},
             forbidden_actions=forbidden_actions(),
         )
 

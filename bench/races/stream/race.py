@@ -181,7 +181,7 @@ class StreamRace(TaskRace[StreamSettings]):
     def judged(self, task: Task, outcome: Streamed) -> Sequence[Mapping[str, Any]]:
         """Missed deadlines, times, and gaps of the answers."""
         if outcome.timeline is None:
-            times = _loop_times(outcome.kernel_ns, self.in_loop(task))
+            times = _loop_times(outcome.times["service"], self.in_loop(task))
         else:
             times = _paced_times(outcome.timeline, self.settings.samples)
         return [{**times, **_gaps(outcome, self.stream)}]

@@ -12,8 +12,7 @@ no jump, until ``kernel_samples`` are done or KERNEL_WALL_S are spent, checked a
 
 import gc
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from qpsolvers import Problem
@@ -36,28 +35,11 @@ KERNEL_BLOCK = 2_000
 
 @dataclass
 class Streamed(Outcome):
-    """Times and answers of a stream."""
+    """Times and answers of a stream: the answer (d,) of each solve, NaN for none; of a compiled loop those of the first
+    pass, and service times alone, one for each row."""
 
     timeline: Timeline | None = None
     """Timeline of a run on the schedule; None for a compiled loop."""
-    answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
-    """The answer of each solve, NaN for none; of a compiled loop those of the first pass. Shape (M, d)."""
-    kernel_ns: Nanoseconds = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """Time of each row in a compiled loop. Shape (K,)."""
-
-    @property
-    def times(self) -> Mapping[str, Nanoseconds]:
-        """Raw times; of a compiled loop service times alone."""
-        if (t := self.timeline) is None:
-            return {"service": self.kernel_ns}
-        return {
-            "service": t.service_ns,
-            "response": t.response_ns,
-            "data": t.data_ns,
-            "update": t.updated - t.began,
-            "sample": t.solved,
-            "began": t.began,
-        }
 
 
 @dataclass(frozen=True)
@@ -108,7 +90,7 @@ class StreamRequest(Request):
                 previous[:] = x
 
         with no_garbage_collection():
-            timeline = follow(
+            t = follow(
                 samples,
                 lambda first, last: self._absorb(P, q, first, last),
                 lambda first, last: solver.update(P, q),
@@ -117,12 +99,20 @@ class StreamRequest(Request):
                 give_up=self.give_up,
             )
         same_P, same_q = start.P.copy(), start.q.copy()
-        self._absorb(same_P, same_q, 0, timeline.samples - 1)
+        self._absorb(same_P, same_q, 0, t.samples - 1)
         return Streamed(
             found=True,
             settings=self.task.settings_for(cls, self.c),
-            timeline=timeline,
-            answers=answers[: timeline.solved.size],
+            timeline=t,
+            answers=answers[: t.solved.size],
+            times={
+                "service": t.service_ns,
+                "response": t.response_ns,
+                "data": t.data_ns,
+                "update": t.updated - t.began,
+                "sample": t.solved,
+                "began": t.began,
+            },
             mutated=not (np.array_equal(P, same_P) and np.array_equal(q, same_q)),
         )
 
@@ -151,5 +141,5 @@ class StreamRequest(Request):
             found=True,
             settings=self.task.settings_for(cls, self.c),
             answers=np.concatenate(answers),
-            kernel_ns=np.concatenate(times),
+            times={"service": np.concatenate(times)},
         )
