@@ -352,10 +352,12 @@ class Run:
         """The machines that made rows, with their versions and instruction sets, by the column ``machine``."""
         settings, folder = self.settings, self.path / "machines"
         older = {machine.name(settings["machine"]): settings["machine"]} if "machine" in settings else {}
-        found = {path.stem: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
+        found = {path: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
+        if changed := [path for path, each in found.items() if machine.key(each) != path.stem]:
+            raise RunError(f"{changed[0]}: is not what its name, a digest, was made of; restore it, or race again")
         if not (older or found):
             raise RunError(f"{folder} has no machine, and each that made rows of a run is described there")
-        return older | found
+        return older | {path.stem: each for path, each in found.items()}
 
     def check_machines(self, rows: pd.DataFrame, file: str) -> None:
         """RunError unless each machine that made the rows is described; an older run describes only one."""

@@ -273,7 +273,7 @@ def describe(entry: Entry) -> Described:
             return Described(entry.name, entry.lane, absent=reason)
         version = ""
     if entry.path is not None:  # a user's own file changes without its package
-        version = f"{version}+{hashlib.sha256(entry.path.read_bytes()).hexdigest()[:8]}".lstrip("+")
+        version = f"{version}+{file_digest(entry.path)}".lstrip("+")
     version = f"{version}, {cls.built_with}" if cls.built_with else version
     ladder = tuple({**cls.fixed_settings, **rung} for rung in cls.ladder(1.0))
     return Described(
@@ -288,6 +288,11 @@ def describe(entry: Entry) -> Described:
         cls.exponents,
         iteration_setting=getattr(cls, "iteration_setting", None) or "",
     )
+
+
+def file_digest(path: Path) -> str:
+    """What the version of a user's own solver says of its file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:8]
 
 
 def available() -> list[Entry]:

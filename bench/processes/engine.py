@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -17,10 +17,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeVar
 
-from bench.messages.race_error import RaceError
+from bench.messages.task import ChildSettings, RaceError
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverPool
-from bench.processes.worker import ChildSettings
 from bench.timing import cores
 from solvers.registry import Entry
 
@@ -119,36 +118,37 @@ def _cluster(scheduler: str, at_end: Callable[[], None] | None) -> Iterator[Exec
     except (OSError, ValueError, TimeoutError) as error:
         raise RaceError(f"there is no Dask scheduler at {scheduler} ({' '.join(str(error).split())})") from None
     with client:
-        _check_cores(client, scheduler)
+        check_cores(client, scheduler)
         with client.get_executor() as executor:
             yield executor
         if at_end is not None:
             client.run(at_end)
 
 
-def _check_cores(client: Any, address: str) -> None:
+def check_cores(client: Any, address: str) -> None:
     """RaceError if the cluster has no worker, or a host has more worker threads than cores, some of which would wait
     for ever."""
     members = client.scheduler_info()["workers"]
     if not members:
         raise RaceError(f"the Dask cluster at {address} has no worker")
-    hosts, threads = client.run(host_and_cores), Counter[str]()
-    for member, worker in members.items():
-        threads[hosts[member][0]] += worker["nthreads"]
-    for host, count in dict(hosts.values()).items():
-        if threads[host] > count:
+    threads, numbers = Counter[str](), defaultdict[str, set[int]](set)
+    for member, (host, usable) in client.run(host_and_cores).items():
+        threads[host] += members[member]["nthreads"]
+        numbers[host].update(usable)
+    for host, count in threads.items():
+        if count > len(numbers[host]):
             raise RaceError(
-                f"{threads[host]} Dask workers on {host} need a core each, and it has {count}; start fewer, each "
-                f"with one thread"
+                f"{count} Dask workers on {host} need a core each, and they have {len(numbers[host])}; start fewer, "
+                "each with one thread"
             )
 
 
 # The following functions run in a worker.
 
 
-def host_and_cores() -> tuple[str, int]:
-    """Name of this machine and number of its usable cores."""
-    return os.uname().nodename, len(cores.usable())
+def host_and_cores() -> tuple[str, list[int]]:
+    """Name of this machine and the cores that this worker may use."""
+    return os.uname().nodename, cores.usable()
 
 
 def _prepare_worker() -> None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from pyarrow import parquet
 
 from bench.messages.columns import CHOICES
 from bench.store import Run
+from bench.timing import machine
 
 DEEP = "[" * 100_000 + "]" * 100_000
 LONG = "1" + "0" * 5000
@@ -140,8 +142,23 @@ def text_columns(schema: pa.Schema) -> tuple[str, ...]:
     return tuple(each.name for each in schema if pa.types.is_large_string(each.type) and each.name not in CHOICES)
 
 
+def change_machine(folder: Path, **changes: object) -> None:
+    """Make the rows of a run those of another machine."""
+    (path,) = (folder / "machines").iterdir()
+    described = json.loads(path.read_text()) | changes
+    path.unlink()
+    key = machine.key(described)
+    path.with_name(f"{key}.json").write_text(json.dumps(described))
+    for file in folder.glob("*.parquet"):
+        table = parquet.read_table(file)
+        if "machine" in table.column_names:
+            at = table.column_names.index("machine")
+            parquet.write_table(table.set_column(at, "machine", pa.array([key] * table.num_rows)), file)
+
+
 def make_hostile(run: Run, file: str, columns: Iterable[str], payload: str) -> None:
     """Append the payload to each text of these columns, and put it into the descriptions of machine and field."""
+    change_machine(run.path, processor=payload, core=payload, warnings=[payload])
     table = parquet.read_table(run.path / file)
     for name in columns:
         texts = [
@@ -150,8 +167,5 @@ def make_hostile(run: Run, file: str, columns: Iterable[str], payload: str) -> N
         ]
         table = table.set_column(table.column_names.index(name), name, pa.array(texts))
     parquet.write_table(table, run.path / file)
-    (path,) = (run.path / "machines").iterdir()
-    hostile = {"processor": payload, "core": payload, "warnings": [payload]}
-    path.write_text(json.dumps(json.loads(path.read_text()) | hostile))
     left_out = {"paper": {payload.replace("/", ""): payload}}
     run.note(field={payload: payload}, absent={payload: payload}, left_out=left_out)

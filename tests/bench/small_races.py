@@ -56,17 +56,11 @@ class Race:
         changed_rows, changed_times = rows(self.rows.copy()), times(self.run.times())
         changed_rows.to_parquet(folder / "rows.parquet")
         changed_times[changed_times.task.isin(changed_rows.task)].to_parquet(folder / "times.parquet")
-        change_machine(folder, **noted.pop("machine", {}))
+        hostile_files.change_machine(folder, **noted.pop("machine", {}))
         settings = json.loads((folder / "run.json").read_text())
         merged = {name: {**settings[name], **new} if isinstance(new, Mapping) else new for name, new in noted.items()}
         (folder / "run.json").write_text(json.dumps({**settings, **merged}))
         return Run.open(folder)
-
-
-def change_machine(folder: Path, **changes: object) -> None:
-    """Change what a run says of its machine."""
-    (path,) = (folder / "machines").iterdir()
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
 def checkout(folder: Path) -> Path:
@@ -157,10 +151,14 @@ def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race
 def assert_harmless(
     piezobench: CommandLine, browser: Browser, run: Run, schema: Schema, folder: Path, labels: bool
 ) -> None:
-    """Code in the texts of a run is not evaluated in its report: in all of them but the status and the settings if
-    ``labels``, else in one column after the other."""
+    """Code in the texts of a run is not evaluated in its report: in all of them but the status, the settings and
+    the machine if ``labels``, else in one column after the other."""
     texts = hostile_files.text_columns(schema.arrow)
-    chosen = [[name for name in texts if name not in ("status", "settings")]] if labels else [[name] for name in texts]
+    chosen = (
+        [[name for name in texts if name not in ("status", "settings", "machine")]]
+        if labels
+        else [[name] for name in texts]
+    )
     for columns in chosen:
         for number, payload in enumerate(hostile_files.PAYLOADS):
             copy = Run(folder / f"{'-'.join(columns)[:40]}-{number}")

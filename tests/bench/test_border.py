@@ -270,11 +270,11 @@ def test_a_program_whose_headers_are_damaged_is_refused(tmp_path: Path) -> None:
 def test_no_text_of_a_run_is_evaluated_in_a_comparison_or_a_decision(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
-    shutil.copytree(clean_race.run.path, tmp_path / "run")
-    labels = [name for name in text_columns(ONESHOT.arrow) if name not in ("status", "settings", "task")]
+    labels = [name for name in text_columns(ONESHOT.arrow) if name not in ("status", "settings", "task", "machine")]
     for payload in PAYLOADS:
         for columns in (labels, ["setting"], ["settings"], ["solver"], ["problem"], ["host"]):
-            shutil.copy(clean_race.run.path / "rows.parquet", tmp_path / "run")
+            shutil.rmtree(tmp_path / "run", ignore_errors=True)
+            shutil.copytree(clean_race.run.path, tmp_path / "run")
             make_hostile(Run(tmp_path / "run"), "rows.parquet", columns, payload)
             for words in (
                 ["compare", clean_race.run.path, tmp_path / "run", "--out", tmp_path / "c"],

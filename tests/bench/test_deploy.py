@@ -13,6 +13,8 @@ import pyarrow as pa
 import pytest
 import slowed_solver
 from command_line import CommandLine
+from hostile_files import change_machine
+from small_races import Race, raced
 from measured_rows import row
 from pyarrow import parquet
 from small_races import Race, change_machine, raced

@@ -14,6 +14,8 @@ from small_races import MACHINES, SMALL, THIRD, TWO_CORES, Race, checkout, commi
 from test_store import of_first_answers
 
 from bench.derived.measurements import ONESHOT
+from bench.messages.task import RaceError
+from bench.processes.engine import check_cores
 from bench.store import Run
 from bench.timing import cores
 
@@ -93,7 +95,7 @@ import time
 from functools import partial
 from pathlib import Path
 from bench.processes import engine
-from bench.processes.worker import ChildSettings
+from bench.messages.task import ChildSettings
 
 class Part:
     result = bytes(1_000_000)  # does not fit into a pipe
@@ -154,6 +156,23 @@ def test_a_dask_cluster_of_two_machines_gives_the_rows_of_a_local_race_repeatedl
         rows = run.rows(ONESHOT)
         assert {*rows.host} == {*hosts}
         assert len({*zip(rows.host, commits(run), strict=True)}) == commits(run).nunique() == 2
+
+
+@TWO_CORES
+def test_the_workers_of_a_host_have_the_cores_of_all_of_them() -> None:
+    distributed = library("distributed")
+    first, second = cores.usable()[:2]
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        addresses = [*client.scheduler_info()["workers"]]
+        for address, core in zip(addresses, (first, second), strict=True):
+            client.run(lambda core: os.sched_setaffinity(os.getpid(), {core}), core, workers=[address])
+        check_cores(client, cluster.scheduler_address)
+        client.run(lambda: os.sched_setaffinity(os.getpid(), {first}), workers=addresses)
+        with pytest.raises(RaceError, match=r"2 Dask workers on .* need a core each, and they have 1; start fewer"):
+            check_cores(client, cluster.scheduler_address)
 
 
 @pytest.mark.slow

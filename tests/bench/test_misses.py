@@ -27,15 +27,18 @@ class Sometimes(Daqp):
 '''
 
 
+RIGHT = SOMETIMES.replace('"sometimes"', '"right"').replace("x if x.size == 19 else 1.001 * x", "x")
+
+
 @pytest.fixture(scope="module")
 def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     """A race in which a solver misses 1e-9 on two of four problems."""
     folder = tmp_path_factory.mktemp("misses")
     (folder / "sometimes.py").write_text(SOMETIMES)
+    (folder / "right.py").write_text(RIGHT)
     words = ("--limit", 2, "--set", "measured", "--set", "paper", "--scaling", "scaled", "--rounds", 0)
-    return race_of(
-        piezobench, folder, "run", *words, "--lane", "direct", "--solver", "daqp", "--solver", folder / "sometimes.py"
-    )
+    files = ("--solver", folder / "sometimes.py", "--solver", folder / "right.py")
+    return race_of(piezobench, folder, "run", *words, "--lane", "direct", "--solver", "daqp", *files)
 
 
 def test_each_lane_that_misses_some_problems_has_its_worst_miss_kept(race: Race) -> None:
@@ -49,6 +52,8 @@ def test_each_lane_that_misses_some_problems_has_its_worst_miss_kept(race: Race)
 def test_the_printed_lines_reproduce_the_miss(race: Race, capsys: pytest.CaptureFixture[str]) -> None:
     report = (race.run.path / "report.md").read_text()
     (line,) = re.findall(r"To solve the first again: (.*)$", report, re.MULTILINE)
+    solver = re.search(r"misses/(\w+)-direct", line)[1]
+    assert re.findall(r"(\w+)\.py", line) == [solver] * (solver != "daqp")
     exec(compile(line.replace("\\", "").replace("&#39;", "'"), "report.md", "exec"), {})
     kept, again = map(float, capsys.readouterr().out.split())
     assert kept > 1e-9

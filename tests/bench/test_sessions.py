@@ -11,6 +11,7 @@ from small_races import Race, race_of
 
 from bench.derived.measurements import ONESHOT, Measurements
 from bench.store import Run
+from bench.timing import machine
 
 WORDS = ("--limit", 2, "--set", "measured", "--scaling", "scaled", "--rounds", 4, "--lane", "direct")
 
@@ -75,13 +76,18 @@ def test_a_run_knows_the_machine_of_each_of_its_rows_and_is_refused_without_it(
 ) -> None:
     shutil.copytree(race.run.path, tmp_path / "run")
     (path,) = (tmp_path / "run" / "machines").iterdir()
-    path.rename(path.with_name("0.json"))
+    described = json.loads(text := path.read_text())
+    path.write_text(text.replace('"cores": ', '"cores": 1'))
+    assert f"{path}: is not what its name, a digest, was made of" in piezobench("report", tmp_path / "run").refusal
+    path.unlink()
+    another = described | {"cores": 1000}
+    path.with_name(f"{machine.key(another)}.json").write_text(json.dumps(another))
     assert f"machines has no {path.stem}.json" in piezobench("report", tmp_path / "run").refusal
 
     # an older run describes one machine in run.json, and has others where solvers were added to it
-    path.with_name("0.json").rename(path)
+    path.write_text(text)
+    path.with_name(f"{machine.key(another)}.json").unlink()
     older = Run(tmp_path / "run")
-    described = json.loads(path.read_text())
     older.note(machine={**described, "processor": "An abacus"})
     assert {each["processor"] for each in older.machines.values()} == {"An abacus", described["processor"]}
     assert older.machine_of(older.rows(ONESHOT)) == described

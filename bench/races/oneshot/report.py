@@ -1,8 +1,9 @@
 """The report of a one-shot race, and of the anytime race."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 
@@ -12,6 +13,7 @@ from bench.derived.measurements import ONESHOT, Measurements
 from bench.derived.ranking import WRAPPERS, like_with_like, ranking, short_table, wrapper_share, yardstick
 from bench.derived.verdict import below_rounding, notes, verdict
 from bench.messages.columns import Column
+from bench.problem_files.miss import Miss
 from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
 from bench.races.oneshot.race import OneshotRace, anchors, drift
@@ -20,6 +22,7 @@ from bench.races.settings import settings_of
 from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
 from bench.store import Run, RunError
+from solvers.registry import file_digest
 
 BESIDE = (
     Column("lane", heading="lane"),
@@ -103,10 +106,7 @@ def report(run: Run) -> Report:
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
-    files = {
-        f"misses/{name}": miss.save
-        for name, miss in summaries.kept(run, measurements, settings_of(run, OneshotSettings).keep_misses)
-    }
+    misses = dict(summaries.kept(run, measurements, settings_of(run, OneshotSettings).keep_misses))
     beside, versions, missed = like_with_like(measurements), settings.get("field", {}), summaries.misses(measurements)
     return Report(
         verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
@@ -118,9 +118,9 @@ def report(run: Run) -> Report:
         notes=[
             *below_rounding(costs),
             *notes(measurements, summary),
-            *remarks(run, measurements, files),
+            *remarks(run, measurements, misses),
         ],
-        files=files,
+        files={f"misses/{name}": miss.save for name, miss in misses.items()},
         definitions=[*DEFINITIONS, *_of_repeats(run)],
         tables=[
             Table.of(
@@ -193,9 +193,9 @@ def anytime_report(run: Run) -> Report:
     )
 
 
-def remarks(run: Run, measurements: Measurements, missed: Iterable[str]) -> Iterator[str]:
+def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) -> Iterator[str]:
     """Sentences on solvers that do not repeat their answers, sessions, hosts and models of recordings, and the lines of
-    Python that solve the first ``missed`` program again."""
+    Python that solve the program of the first miss again."""
     rows = measurements.field[~measurements.field.repeatable]
     if names := sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)}):
         yield f"The same data do not give the same bits again with {joined(names)}."
@@ -214,15 +214,23 @@ def remarks(run: Run, measurements: Measurements, missed: Iterable[str]) -> Iter
             )
         else:
             yield f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
-    own, files = run.settings_in_force.get("solver_files", ()), [*missed]
-    register = "".join(["import solvers; ", *(f"solvers.add_file({path!r}); " for path in own)]) if own else ""
-    for first in files[:1]:
+    for name, miss in [*misses.items()][:1]:
+        own = "".join(f"import solvers; solvers.add_file({path!r}); " for path in _file_of(run, miss.solver, miss.lane))
         yield (
-            f"{len(files)} missed answer{'s are' if files[1:] else ' is'} kept in {run.path / 'misses'}, each with "
-            "its program and the proven optimum. To solve the first again: "
-            f"{register}from bench.problem_files.miss import Miss; miss = Miss.load({str(run.path / first)!r}); "
-            "print(miss.gap(miss.x), miss.gap(miss.solve()))"
+            f"{len(misses)} missed answer{'s are' if len(misses) > 1 else ' is'} kept in {run.path / 'misses'}, each "
+            f"with its program and the proven optimum. To solve the first again: {own}from bench.problem_files.miss "
+            f"import Miss; miss = Miss.load({str(run.path / 'misses' / name)!r}); print(miss.gap(miss.x), "
+            "miss.gap(miss.solve()))"
         )
+
+
+def _file_of(run: Run, solver: str, lane: str) -> list[str]:
+    """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
+    since, none."""
+    version = run.settings.get("field", {}).get(f"{solver} ({lane})", "")
+    settings = [run.settings["settings"], *(session["settings"] for session in run.sessions)]
+    paths = dict.fromkeys(path for each in settings for path in each.get("solver_files", ()))
+    return [path for path in paths if Path(path).is_file() and file_digest(Path(path)) in version]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
