@@ -11,15 +11,14 @@ from measured_rows import ladder, row, table
 from qpsolvers import Problem
 from small_races import Race, raced
 
-from bench.messages.task import NO_SETTING, Row, Status, Task, settings_ladder
+from bench.messages.task import NO_SETTING, ChildSettings, Row, Status, Task, settings_ladder
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
-from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.metrics import judge_timed
-from bench.races.oneshot.measuring import timed
-from bench.races.oneshot.second_pass import LONGEST_US, NEAR, interleave, planned
+from bench.races.oneshot.measuring import interleave, timed
+from bench.races.oneshot.passes import LONGEST_INTERLEAVED_US, NEAR, planned
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, find
@@ -110,7 +109,7 @@ def test_quick_solvers_are_interleaved_in_every_round_at_one_setting_each(clean_
     assert (rows.groupby(lanes).setting.nunique() == 1).all()
     hot = clean_race.hot.merge(rows[[*lanes, "setting"]], on=[*lanes, "setting"])
     assert len(hot) == len(rows) >= 5
-    assert hot.answer_us.max() <= LONGEST_US
+    assert hot.answer_us.max() <= LONGEST_INTERLEAVED_US
     assert (rows[rows.solver != "null"].judged > 0).all()
 
 
@@ -236,9 +235,9 @@ def test_solvers_near_the_fastest_of_their_lane_are_timed_longer() -> None:
 
 def test_a_lane_is_interleaved_on_all_problems_or_on_none() -> None:
     rows = [
-        *ladder({"p1": [1e-12], "p2": [1e-12]}, solve_us_p50=LONGEST_US),
+        *ladder({"p1": [1e-12], "p2": [1e-12]}, solve_us_p50=LONGEST_INTERLEAVED_US),
         *ladder({"p1": [1e-12]}, solver="slow_once", solve_us_p50=1.0),
-        *ladder({"p2": [1e-12]}, solver="slow_once", solve_us_p50=1.1 * LONGEST_US),
+        *ladder({"p2": [1e-12]}, solver="slow_once", solve_us_p50=1.1 * LONGEST_INTERLEAVED_US),
         *ladder({"p1": [1e-12], "p2": [NAN]}, solver="fails_once"),
         row(setting="{}", rung=-1, is_default=True, solver="null", status="solver_failed"),
         *ladder({"p1": [1e-12]}, solver="takes_some"),

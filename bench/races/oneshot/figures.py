@@ -15,127 +15,100 @@ STAGES = {"update": "#56b4e9", "solve": "#0072b2"}
 
 def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
     """All figures, work and precision first."""
-    return [
-        work_precision(measurements),
-        performance_profile(measurements),
-        sizes(measurements),
-        stages(summary),
-        within_periods(measurements),
-    ]
-
-
-def work_precision(measurements: Measurements) -> Figure:
-    """Worst cost gap against time, a line for each solver over its settings."""
+    work, sizes, stages = pictures.work_precision(measurements), pictures.sizes(measurements), pictures.stages(summary)
+    times = (0.4 * float(work.answer_us.min()), 1.6 * float(work.answer_us.max())) if len(work) else ()
+    bars = stages.groupby(["lane", "view"]).name.nunique().groupby("lane").max()
     names = Mark("text", "name", where={"end": [True], "front": [True]})
     defaults = Mark("hollow", where={"is_default": [True], "front": [True]}, colour=INK, size=110.0)
-    table = pictures.work_precision(measurements)
-    times = (0.4 * float(table.answer_us.min()), 1.6 * float(table.answer_us.max())) if len(table) else ()
-    return Figure(
-        "work_precision",
-        "Work and precision",
-        "A line is a solver, called in its fastest way, over its settings from loose to tight: the worst relative cost "
-        "gap over all problems, against the median time. Lower is more exact, left is faster; left of the dashed line, "
-        "the shortest sampling period, an answer is there before the next sample. Named are the paper's method at a "
-        "step a sample, our exact solver and the libraries that people know first. In a ring: what a library does by "
-        "default. Gaps below 1e-17 and above 1e3 are drawn at these.",
-        table,
-        [
-            Plot(
-                Axis("answer_us", "time for one answer: update and solve, µs", log=True, domain=times),
-                Axis("drawn", "worst relative cost gap", log=True, format=".0e", values=TARGETS, domain=GAPS),
-                (*best_lines(points=True, along="rung"), defaults, names),
-                ("name", "lane", "settings", "worst_cost_gap", "answer_us", "problems"),
-                rules={"x": measurements.shortest_period_us},
-                height=460,
-                legend=False,
-            )
-        ],
-    )
-
-
-def performance_profile(measurements: Measurements) -> Figure:
-    """ρ(τ) of the best solver lanes."""
-    return Figure(
-        "performance_profile",
-        "Performance profile",
-        "ρ(τ): the share of problems that a solver answers right to 1e-9 within τ times the time of the fastest right "
-        f"answer (Dolan and Moré 2002), with one setting for all problems, of the {pictures.MOST_IN_PROFILE} with the "
-        "least τ in the geometric mean. Higher is better; the left end says how often it is the fastest, the right "
-        "end how often it is right.",
-        pictures.performance_profile(measurements),
-        [
-            Plot(
-                Axis("factor", "τ: times as long as the fastest", log=True),
-                Axis("share", "ρ(τ): share of the problems answered right", format="%", domain=(0.0, 1.0)),
-                (Mark("step", "name"),),
-            )
-        ],
-    )
-
-
-def sizes(measurements: Measurements) -> Figure:
-    """Time against the number of unknowns."""
-    table = pictures.sizes(measurements)
-    return Figure(
-        "sizes",
-        "Time by size",
-        "Median time of update and solve by number of unknowns, where every answer of that size was right to 1e-9. "
-        "The dashed line is the shortest sampling period. In colour: those that are right at all sizes and the "
-        "fastest in the geometric mean.",
-        table,
-        [
-            Plot(
-                Axis("d", "unknowns d", log=True, values=sorted(set(table.d.tolist()))),
-                Axis("time_us", "time for one answer, µs (update and solve)", log=True),
-                best_lines(points=True, along="d"),
-                ("name", "d", "time_us", "problems"),
-                rules={"y": measurements.shortest_period_us},
-            )
-        ],
-    )
-
-
-def stages(summary: pd.DataFrame) -> Figure:
-    """Shares of update and solve in an answer's time, a plot for each lane."""
-    table = pictures.stages(summary)
-    bars = table.groupby(["lane", "view"]).name.nunique().groupby("lane").max()
-    return Figure(
-        "stages",
-        "Where the time goes",
-        f"Medians over the problems of what each part takes, for the fastest {pictures.MOST_BARS} of each lane at the "
-        "most exact tier that it reaches. The time beside a name is update and solve, which every answer costs; "
-        "set-up, paid once, is in the table.",
-        table,
-        [
-            Plot(
-                Axis("us", f"share of time, lane {lane}", format="%"),
-                Axis("label"),
-                (Mark("bar", "stage", share=True, along="at"),),
-                ("name", "stage", "us"),
-                STAGES,
-                height=30 + ROW * int(bars[lane]),
-                where={"lane": [lane], "stage": [*STAGES]},
-            )
-            for lane in Lane
-            if lane in bars.index
-        ],
-    )
-
-
-def within_periods(measurements: Measurements) -> Figure:
-    """Gap within a budget of sampling periods."""
-    return Figure(
-        "anytime",
-        "Accuracy within sampling periods",
-        "The best cost gap of a solver's settings and limits of iterations within so many sampling periods, median "
-        "over the problems; lower and further left is better. In colour: the paper's method and those that are exact "
-        f"first. Gaps below {LEAST_GAP:g} are drawn at that.",
-        anytime.drawn(anytime.anytime(measurements)),
-        [
-            Plot(
-                Axis("budget", "sampling periods", log=True),
-                Axis("drawn", "relative cost gap within them, median over the problems", log=True, format=".0e"),
-                best_lines("step"),
-            )
-        ],
-    )
+    return [
+        Figure(
+            "work_precision",
+            "Work and precision",
+            "A line is a solver, called in its fastest way, over its settings from loose to tight: the worst relative "
+            "cost gap over all problems, against the median time. Lower is more exact, left is faster; left of the "
+            "dashed line, the shortest sampling period, an answer is there before the next sample. Named are the "
+            "paper's method at a step a sample, our exact solver and the libraries that people know first. In a ring: "
+            "what a library does by default. Gaps below 1e-17 and above 1e3 are drawn at these.",
+            work,
+            [
+                Plot(
+                    Axis("answer_us", "time for one answer: update and solve, µs", log=True, domain=times),
+                    Axis("drawn", "worst relative cost gap", log=True, format=".0e", values=TARGETS, domain=GAPS),
+                    (*best_lines(points=True, along="rung"), defaults, names),
+                    ("name", "lane", "settings", "worst_cost_gap", "answer_us", "problems"),
+                    rules={"x": measurements.shortest_period_us},
+                    height=460,
+                    legend=False,
+                )
+            ],
+        ),
+        Figure(
+            "performance_profile",
+            "Performance profile",
+            "ρ(τ): the share of problems that a solver answers right to 1e-9 within τ times the time of the fastest "
+            f"right answer (Dolan and Moré 2002), with one setting for all problems, of the {pictures.MOST_IN_PROFILE} "
+            "with the least τ in the geometric mean. Higher is better; the left end says how often it is the fastest, "
+            "the right end how often it is right.",
+            pictures.performance_profile(measurements),
+            [
+                Plot(
+                    Axis("factor", "τ: times as long as the fastest", log=True),
+                    Axis("share", "ρ(τ): share of the problems answered right", format="%", domain=(0.0, 1.0)),
+                    (Mark("step", "name"),),
+                )
+            ],
+        ),
+        Figure(
+            "sizes",
+            "Time by size",
+            "Median time of update and solve by number of unknowns, where every answer of that size was right to 1e-9. "
+            "The dashed line is the shortest sampling period. In colour: those that are right at all sizes and the "
+            "fastest in the geometric mean.",
+            sizes,
+            [
+                Plot(
+                    Axis("d", "unknowns d", log=True, values=sorted(set(sizes.d.tolist()))),
+                    Axis("time_us", "time for one answer, µs (update and solve)", log=True),
+                    best_lines(points=True, along="d"),
+                    ("name", "d", "time_us", "problems"),
+                    rules={"y": measurements.shortest_period_us},
+                )
+            ],
+        ),
+        Figure(
+            "stages",
+            "Where the time goes",
+            f"Medians over the problems of what each part takes, for the fastest {pictures.MOST_BARS} of each lane at "
+            "the most exact tier that it reaches. The time beside a name is update and solve, which every answer "
+            "costs; set-up, paid once, is in the table.",
+            stages,
+            [
+                Plot(
+                    Axis("us", f"share of time, lane {lane}", format="%"),
+                    Axis("label"),
+                    (Mark("bar", "stage", share=True, along="at"),),
+                    ("name", "stage", "us"),
+                    STAGES,
+                    height=30 + ROW * int(bars[lane]),
+                    where={"lane": [lane], "stage": [*STAGES]},
+                )
+                for lane in Lane
+                if lane in bars.index
+            ],
+        ),
+        Figure(
+            "anytime",
+            "Accuracy within sampling periods",
+            "The best cost gap of a solver's settings and limits of iterations within so many sampling periods, median "
+            "over the problems; lower and further left is better. In colour: the paper's method and those that are "
+            f"exact first. Gaps below {LEAST_GAP:g} are drawn at that.",
+            anytime.drawn(anytime.anytime(measurements)),
+            [
+                Plot(
+                    Axis("budget", "sampling periods", log=True),
+                    Axis("drawn", "relative cost gap within them, median over the problems", log=True, format=".0e"),
+                    best_lines("step"),
+                )
+            ],
+        ),
+    ]

@@ -1,4 +1,5 @@
-"""Times one task block by block, with fresh data and with a clock of the parent beside the child's.
+"""Times tasks block by block, with fresh data and with a clock of the parent beside the child's: one task alone, or
+several interleaved.
 
 The parent knows the processor time of the child's process, and that of the null solver for the same blocks. Their
 difference is what the calls cost, whatever the child reports and wherever in a block it does its work, and the time of
@@ -9,7 +10,8 @@ A row holds the accuracy and the times of one measurement, independent of tiers.
 """
 
 import math
-from collections.abc import Callable, Sequence
+import random
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import FLOOR, ONESHOT
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
@@ -27,12 +29,14 @@ from bench.races.metrics import judge, judge_timed
 from bench.races.oneshot.worker import Further, OneShot, TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
-from solvers.arrays import Matrix
+from solvers.protocol import Lane, Matrix
 
 UNSEEN_NS = 250_000
 """Processor time of a block by which two processes may differ that do the same."""
 TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
+WARM_UP = 1
+"""Number of untimed rounds of interleaved tasks."""
 
 
 def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
@@ -113,6 +117,50 @@ def _idle_ns(idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshDat
     ]
     failed = any(block.failure for trials in again for block in trials)
     return math.inf if failed else sum(max(block.cpu_ns for block in trials) for trials in again)
+
+
+def interleave(
+    tasks: Sequence[Task],
+    children: Mapping[tuple[str, Lane], SolverChild],
+    form: CertifiedForm,
+    fresh: FreshData,
+    seed: str,
+    calls: int = 1,
+) -> list[tuple[Task, Outcome]]:
+    """The interleaved solves of each task.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        All on one problem in one scaling, one for each solver lane, whose process keeps one solver ready.
+    children : mapping
+        Processes by name and lane.
+    form : CertifiedForm
+        The problem of the set-up.
+    fresh : FreshData
+        Data of the rounds.
+    seed : str
+        Determines the order in each round.
+    calls : int
+        Number of calls in a round.
+    """
+    chance = random.Random(seed)
+    outcomes = {task.key: set_up(children[task.solver, task.lane], task, form) for task in tasks}
+    ready = [task for task in tasks if not outcomes[task.key].failure]
+    blocks: dict[str, list[Outcome]] = {task.key: [] for task in ready}
+    for at in range(-WARM_UP * calls, fresh.count, calls):
+        chance.shuffle(ready)
+        data = fresh.unseen(calls) if at < 0 else fresh.block(at, at + calls)
+        for task in list(ready):
+            block = run_block(children[task.solver, task.lane], task, *data)
+            if block.failure:
+                ready.remove(task)
+                outcomes[task.key] = block
+            elif at >= 0:
+                blocks[task.key].append(block)
+    idle_ns = sum(block.cpu_ns for task in ready if task.solver == FLOOR for block in blocks[task.key]) or math.inf
+    outcomes |= {task.key: with_calls(outcomes[task.key], blocks[task.key], lambda: idle_ns) for task in ready}
+    return [(task, outcomes[task.key]) for task in tasks]
 
 
 def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData | None, few: int) -> Row:

@@ -1,0 +1,210 @@
+"""The two passes over the problems, each divided by problem, scaling and repeat.
+
+In the first pass every setting of every solver is timed hot. The settings of a solver lane follow each other from loose
+to tight; after a crash, a timeout or an answer that takes longer than 0.1 s, tighter settings are skipped on this
+problem.
+
+The second pass, after all settings were measured on all problems, has more calls of the fastest solvers, warm starts,
+and interleaved solves. Each solver lane has one setting here: the one chosen for 1e-9, else for 1e-6, else its
+defaults, by first answers alone. Timed answers are not used for this choice, since each race draws their data anew: two
+races of the same problems would then be interleaved at different settings, and could not be compared.
+
+Interleaved solvers are each ready in their own process, all on the same core. In every round each of them does one
+update and solve, in a shuffled order, so that it finds the caches as the others left them. Cold and warm solves have
+separate rounds. A compensator with other work in its sampling period lies between these figures and the hot ones. A
+problem is therefore never divided between workers.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import groupby
+
+import pandas as pd
+
+from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, ONESHOT, at_tiers, newest
+from bench.derived.tiers import supported, tier_settings
+from bench.messages.task import Outcome, Row, Start, Status, Task, Tier, Timed
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.processes.sentinel import EVERY_S
+from bench.processes.solver_child import SolverPool
+from bench.races import null_solver
+from bench.races.driver import Part, Tell
+from bench.races.oneshot.measuring import interleave, row_of, timed
+from bench.races.oneshot.settings import OneshotSettings
+from bench.store import Run
+from bench.timing.clock import Effort
+from piezo_model.identification_problem import Scaling
+from solvers.registry import FAMILIES, Described
+
+LONGEST_US = 1e5
+"""Longest answer after which tighter settings are tried."""
+LONGEST_INTERLEAVED_US = 1000.0
+"""Longest hot answer of an interleaved solver on any problem: caches hardly affect longer ones."""
+PREFERRED = (Tier.HIGH, Tier.MID)
+NEAR = 2.0
+"""Largest ratio of a candidate's time to that of the fastest of its lane."""
+CANDIDATE_CALLS = 3_000
+"""Calls of a candidate over all problems, enough for p99.9."""
+PLAN = ["scaling", "solver", "lane"]
+
+
+@dataclass(frozen=True)
+class Pass(Part):
+    """One problem in one scaling and one repeat.
+
+    The tasks of a solver lane follow each other; the null solver comes first.
+    """
+
+    settings: OneshotSettings
+    problem: RaceProblem
+    scaling: Scaling
+    judged: int
+    """Number of timed answers of each task that are judged."""
+    calls: int = 0
+    """Number of calls of the tasks that are measured longer."""
+
+    @property
+    def form(self) -> CertifiedForm:
+        """The problem in this scaling."""
+        return self.problem.forms[self.scaling]
+
+    def work(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
+        """Measure one ladder after the other, then interleave the tasks that are."""
+
+        @cache
+        def fresh(place: int, way: Timed, start: Start) -> FreshData:
+            """Data of a task, other for each setting of a solver, so that answers kept from another are of no use."""
+            return FreshData(self.form, self._effort(way).most)
+
+        rows: list[Row] = []
+        for (_, _, way, start), ladder in groupby(
+            self.tasks, lambda task: (task.solver, task.lane, task.timed, task.start)
+        ):
+            if way != INTERLEAVED:
+                rows += self._ladder(run, pool, tell, [(task, fresh(i, way, start)) for i, task in enumerate(ladder)])
+        for start in ("cold", "warm"):
+            rows += self._interleaved(
+                run, pool, tell, [task for task in self.tasks if (task.timed, task.start) == (INTERLEAVED, start)]
+            )
+        return rows
+
+    def _effort(self, way: Timed) -> Effort:
+        return Effort(1.0, 1, self.calls) if way == "long" else self.settings.effort
+
+    def _ladder(self, run: Run, pool: SolverPool, tell: Tell, tasks: Sequence[tuple[Task, FreshData]]) -> list[Row]:
+        """Measure the settings of one solver lane."""
+        rows: list[Row] = []
+        end = ""
+        for task, fresh in tasks:
+            if rows and _is_last_limit(tasks[len(rows) - 1][0], rows[-1]):
+                break
+            tell(task)
+            if run.is_done(task):
+                rows += run.task(task)[0]
+            elif end and task.setting.rung >= 0:
+                why = f"a looser setting {end} on this problem"
+                rows.append(self._save(run, task, Outcome(str(Status.NOT_RUN), why)))
+            else:
+                idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
+                outcome = timed(pool.child(task), idle, task, self.form, fresh, self._effort(task.timed))
+                rows.append(self._save(run, task, outcome, fresh))
+                pool.sentinel.sample(unless_within_s=EVERY_S)
+            if task.setting.rung >= 0:
+                end = end or _end_of_ladder(rows[-1])
+        return rows
+
+    def _interleaved(self, run: Run, pool: SolverPool, tell: Tell, tasks: Sequence[Task]) -> list[Row]:
+        """Interleave the tasks, unless all are done, and save those that are not."""
+        if not all(run.is_done(task) for task in tasks):
+            fresh, seed = FreshData(self.form, self.settings.rounds), f"{self.settings.seed} {self.name}"
+            for task, outcome in interleave(tasks, pool.children, self.form, fresh, seed):
+                tell(task)
+                if not run.is_done(task):
+                    self._save(run, task, outcome, fresh)
+        return [run.task(task)[0][0] for task in tasks]
+
+    def _save(self, run: Run, task: Task, outcome: Outcome, fresh: FreshData | None = None) -> Row:
+        """Judge an outcome, and save its row and its raw times."""
+        row = row_of(self.problem, task, outcome, fresh, self.judged)
+        run.save(task, [row], outcome.times)
+        return row
+
+
+def _end_of_ladder(row: Row) -> str:
+    """Why tighter settings than that of a row are skipped on this problem, or ""."""
+    if row["status"] in (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY):
+        return f"ended with {row['status']}"
+    return "took longer than 0.1 s" if row["answer_us"] > LONGEST_US else ""
+
+
+def _is_last_limit(task: Task, row: Row) -> bool:
+    """Whether larger iteration limits than that of a task would change nothing, or take too long."""
+    limit = max(task.more.values(), default=math.inf)
+    return bool(task.setting.rung_text and (0 <= row["iterations"] < limit or row["answer_us"] > LONGEST_US))
+
+
+def second_pass(
+    run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[Pass]
+) -> Iterator[Pass]:
+    """The parts of the second pass, planned from the cold hot rows, all of which are there.
+
+    A solver that is added to a finished run is not interleaved, since among others it meets other caches.
+    """
+    rows, session = pd.DataFrame(run.rows_so_far()), run.session
+    if session:
+        rows = pd.concat([newest(run.rows(ONESHOT)), rows], ignore_index=True)
+    rows = rows[(rows.timed == HOT) & (rows.start == "cold")]
+    calls = math.ceil(CANDIDATE_CALLS / max(1, len({part.problem.name for part in first}) * settings.repeats))
+    answered = rows[(rows.session == session) & ((rows.status == Status.OK) | (rows.solver == FLOOR))]
+    lines = newest(answered, run.sessions).merge(planned(rows, calls), on=[*PLAN, "setting"])
+    plan = {(line["task"], line["repeat"]): line for line in lines.to_dict("records")}
+    warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
+    for part in first:
+        more: list[Task] = []
+        for task in part.tasks:
+            line = plan.get((task.subject, task.repeat))
+            if line is None:
+                continue
+            starts = [task]
+            if "warm" in part.form.starts and (task.solver, task.lane) in warm_startable:
+                starts.append(replace(task, start="warm"))
+            more += [replace(task, timed="long")] if line["longer"] else []
+            more += starts[1:]
+            if line["interleaved"] and settings.rounds and not session:
+                more += [replace(each, timed="interleaved") for each in starts]
+        yield replace(part, name=f"{part.name}--second", tasks=tuple(more), calls=calls)
+
+
+def planned(rows: pd.DataFrame, calls: int) -> pd.DataFrame:
+    """One row per PLAN with the ``setting`` of the second pass: that of the first of PREFERRED that first answers
+    reach, else the default.
+
+    The null solver and those near the fastest of their lane are measured ``longer`` if they have fewer than ``calls``
+    somewhere. Those that answer everywhere, and nowhere in more than LONGEST_INTERLEAVED_US, are ``interleaved``.
+    """
+    rows = rows.assign(timed_gap=math.nan)
+    tiers = tier_settings(rows)
+    candidates = near_fastest(at_tiers(rows, tiers))
+    reached = [tiers[(tiers.tier == tier) & (tiers.setting != "")] for tier in PREFERRED]
+    plan = pd.concat([*reached, rows[rows.is_default]])[[*PLAN, "setting"]].drop_duplicates(PLAN)
+    here = supported(rows).merge(plan, on=[*PLAN, "setting"])
+    here = here.assign(answered=(here.status == Status.OK) | (here.solver == FLOOR))
+    lanes = (
+        here.groupby([*PLAN, "setting"])
+        .agg(answered=("answered", "all"), slowest=("answer_us", "max"), samples=("samples", "min"))
+        .reset_index()
+    )
+    near = pd.MultiIndex.from_frame(lanes[PLAN]).isin(candidates) | (lanes.solver == FLOOR)
+    return lanes.assign(
+        longer=near & (lanes.samples < calls), interleaved=lanes.answered & (lanes.slowest <= LONGEST_INTERLEAVED_US)
+    )
+
+
+def near_fastest(rows: pd.DataFrame) -> list[tuple[str, str, str]]:
+    """The solver lanes, wrappers left out, that are near the fastest of their lane at 1e-9."""
+    rows = rows[(rows.tier == Tier.HIGH) & ~rows.lane.isin([str(lane) for lane in FAMILIES])]
+    us = rows.answer_us.groupby([rows.scaling, rows.solver, rows.lane]).median()
+    return [*us.index[us <= NEAR * us.groupby(level=["scaling", "lane"]).transform("min")]]
