@@ -4,7 +4,7 @@ The folder is the registry: each ``report.py`` in a folder beside this file defi
 settings and report.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.messages.progress import Progress
-from bench.messages.race_error import RaceError
+from bench.messages.task import RaceError
 from bench.processes.engine import Workers
 from bench.races.driver import Race, drive
 from bench.races.run_problems import left_out
@@ -43,8 +43,6 @@ class Kind:
     """Makes the :class:`bench.report.report.Report` of a finished run."""
     anchors: Callable[[Run], Sequence[Anchor]] | None = None
     """What is timed again when solvers are added to a finished run; None if none can be added."""
-    finding: Callable[[Run], Sequence[str]] | None = None
-    """What a finished run says of a one-shot race beside it; None for nothing."""
 
     @property
     def schema(self) -> Schema:
@@ -86,20 +84,7 @@ class Kind:
     def write(self, run: Run) -> tuple[Report, Path]:
         """Write ``report.md``, ``report.html`` and their files; returns the report and the path of ``report.md``."""
         report = with_run(self.report(run), run, self.title)
-        if self.name == DEFAULT:
-            report = replace(report, verdict=[*report.verdict, *findings(run.path.parent)])
         return report, write_report(report, run.path)
-
-
-def findings(folder: Path) -> Iterator[str]:
-    """What the newest finished run in a folder says, of each kind that has a finding."""
-    for kind in kinds().values():
-        tables = sorted(folder.glob(f"*/{kind.schema.file}"), key=lambda path: path.stat().st_mtime)
-        if kind.finding is not None and tables:
-            try:
-                yield from kind.finding(open_run(tables[-1].parent))
-            except RunError as error:  # no fault of the run beside it
-                yield f"The {kind.name} race beside this run cannot be read: {error}."
 
 
 @cache
@@ -139,8 +124,9 @@ def with_run(report: Report, run: Run, title: str) -> Report:
     )
     where = joined(sorted({f"{each['processor']}, {each['core']}" for each in machines}))
     scope = [*([report.scope] if report.scope else []), where, *drift]
+    hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
     limits = [
-        "One machine, one run: compare ratios, not microseconds.",
+        f"{'One machine' if len(hosts) == 1 else f'{len(hosts)} hosts'}, one run: compare ratios, not microseconds.",
         *report.limits,
         *dict.fromkeys(warning for each in machines for warning in each["warnings"]),
         *conditions.get("warnings", []),

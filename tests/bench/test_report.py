@@ -2,6 +2,7 @@
 
 import re
 from html import unescape
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -49,6 +50,15 @@ def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_
     assert "<script>" not in report
     assert "`c`" not in report
     assert "[e](f)" not in report
+
+
+def test_the_limits_say_on_how_many_hosts_was_raced(clean_race: Race, tmp_path: Path) -> None:
+    limit = "{}, one run: compare ratios, not microseconds."
+    assert limit.format("One machine") in (clean_race.run.path / "report.md").read_text()
+    first, *others = clean_race.run.settings["conditions"]["parts"]
+    run = clean_race.copied(tmp_path / "two", conditions={"parts": [first | {"host": "elsewhere"}, *others]})
+    _, path = kind_of(run).write(run)
+    assert limit.format("2 hosts") in path.read_text()
 
 
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:

@@ -68,9 +68,15 @@ def verdict(table: pd.DataFrame) -> list[str]:
         if not inside.all():
             far.append(f"{gap(part[~inside].cost_gap.min())} on the {problem} stage")
     sentence = "; ".join(near)
+    paper = "; ".join(
+        f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
+        f"times the least, at a cost gap of {gap(line.cost_gap)}"
+        for problem, part in stages
+        for _, line in part[part.settings == PAPERS_SETTING].iterrows()
+    )
     return [
         f"{sentence[0].upper()}{sentence[1:]}.",
-        *(f"The paper's method with its 15 200 steps reaches {reached}." for reached in _paper(table)),
+        *([f"The paper's method with its 15 200 steps reaches {paper}."] if paper else []),
         *([f"Learners farther away have cost gaps of at least {joined(far)}."] if far else []),
     ]
 
@@ -78,26 +84,6 @@ def verdict(table: pd.DataFrame) -> list[str]:
 def _learned(table: pd.DataFrame) -> Iterator[tuple[object, pd.DataFrame]]:
     """Each stage with its learners whose weights were used."""
     return iter(table[table.cost_gap.notna()].groupby("problem", sort=False))
-
-
-def _paper(table: pd.DataFrame) -> list[str]:
-    """What the paper's method reaches on each stage, if it learned weights."""
-    reached = [
-        f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
-        f"times the least, at a cost gap of {gap(line.cost_gap)}"
-        for problem, part in _learned(table)
-        for _, line in part[part.settings == PAPERS_SETTING].iterrows()
-    ]
-    return ["; ".join(reached)] if reached else []
-
-
-def finding(run: Run) -> list[str]:
-    """Whether the stage notices the cost gap of the paper's method."""
-    return [
-        f"In the loop with a simulated stage (run {run.path.name}) the paper's 15 200 steps reach a tracking error of "
-        f"{reached}."
-        for reached in _paper(summary(run.rows(LOOP)))
-    ]
 
 
 def notes(table: pd.DataFrame) -> Iterator[str]:
@@ -121,6 +107,7 @@ def report(run: Run) -> Report:
     """The report of a finished run."""
     rows = run.rows(LOOP)
     table = summary(rows)
+    by_window = rows[rows.window >= 0].groupby([*GROUP, "window"]).rms_percent.agg(root_mean_square).unstack()
     points = table[table.cost_gap.notna()].assign(front=table.settings == PAPERS_SETTING)
     return Report(
         verdict(table),
@@ -136,7 +123,19 @@ def report(run: Run) -> Report:
                 3,
                 filters=("stage", "lane", "status"),
             ),
-            _by_window(rows, table),
+            Table.of(
+                "RMS error in each window, % of range",
+                table[[*GROUP, "label"]].join(by_window, on=GROUP),
+                (
+                    Column("problem", heading="stage"),
+                    Column("label", heading="solver"),
+                    *(
+                        Column(window, heading=str(1 + int(window)), format="{:.4f}".format)
+                        for window in by_window.columns
+                    ),
+                ),
+                2,
+            ),
             what_went_wrong(rows.rename(columns={"problem": "stage"}), (*ID_COLUMNS, "status", "message"), ID_COLUMNS),
         ],
         figures=[
@@ -212,28 +211,4 @@ def ranking(table: pd.DataFrame) -> Table:
     )
 
 
-def _by_window(rows: pd.DataFrame, table: pd.DataFrame) -> Table:
-    """RMS errors of both axes together in each window, in the order of the summary."""
-    windows = rows[rows.window >= 0].groupby([*GROUP, "window"])
-    errors = windows.rms_percent.agg(root_mean_square).unstack()
-    return Table.of(
-        "RMS error in each window, % of range",
-        table[[*GROUP, "label"]].join(errors, on=GROUP),
-        (
-            Column("problem", heading="stage"),
-            Column("label", heading="solver"),
-            *(Column(window, heading=str(1 + int(window)), format="{:.4f}".format) for window in errors.columns),
-        ),
-        2,
-    )
-
-
-KIND = Kind(
-    "loop",
-    "Closed-loop race",
-    "learning in the loop with a stage",
-    LoopSettings,
-    LoopRace,
-    report,
-    finding=finding,
-)
+KIND = Kind("loop", "Closed-loop race", "learning in the loop with a stage", LoopSettings, LoopRace, report)
