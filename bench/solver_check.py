@@ -17,9 +17,8 @@ from bench.problems.protocol import RaceProblem
 from bench.processes.forked_child import ForkedChild
 from bench.races.metrics import relative_gap
 from piezo_model.child_process import LateError, LostError
-from solvers import Unsupported
+from solvers import Entry, Unsupported
 from solvers.arrays import Vector
-from solvers.registry import Entry
 
 LIMIT_S = 10.0
 """Time limit of one program, after which the solver's process is ended."""

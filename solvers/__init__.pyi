@@ -1,11 +1,13 @@
 from .batch import BoxBatch
 from .least_squares import BoxLeastSquares
 from .protocol import Lane, Solver, Unsupported
-from .registry import add_file, available, describe, entries, find, from_file, get
+from .registry import Described, Entry, add_file, available, describe, entries, find, from_file, get
 
 __all__ = [
     "BoxBatch",
     "BoxLeastSquares",
+    "Described",
+    "Entry",
     "Lane",
     "Solver",
     "Unsupported",

@@ -11,8 +11,7 @@ import pandas as pd
 import typer
 
 from bench.cli.options import SET_OPTIONS, WORKERS, AsJson, Seed, grouped, on_workers, refuse, require, set_options
-from bench.messages.race_error import RaceError
-from bench.messages.task import Tier
+from bench.messages.task import RaceError, Tier
 from bench.problems import ProblemSetError
 from bench.processes.engine import Workers
 from bench.processes.forked_child import warm_up

@@ -20,14 +20,13 @@ from scipy.stats import t as student
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER
 from bench.messages.progress import Progress, silent
-from bench.messages.race_error import RaceError
-from bench.messages.task import Setting, Task
+from bench.messages.task import RaceError, Setting, Task
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.second_pass import interleave
+from bench.races.oneshot.measuring import interleave
 from bench.timing import cores
 from bench.timing.clock import answers_us
 from solvers.protocol import setting_text

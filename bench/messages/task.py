@@ -42,6 +42,10 @@ NO_RUNG = -1
 """Rung of a setting that is not in the ladder."""
 
 
+class RaceError(ValueError):
+    """A race cannot be run as specified; the message is one sentence with the reason."""
+
+
 class Tier(StrEnum):
     """The accuracy that an answer must reach, the same for all solvers."""
 
@@ -229,6 +233,20 @@ class Outcome:
     """Raw nanoseconds that the race saves, by name."""
     cpu_ns: float = math.nan
     """Processor time of the timed calls by the parent's clock, where it matters."""
+
+
+@dataclass(frozen=True)
+class ChildSettings:
+    """Limits of a solver's process, and the modules that it imports before its solver."""
+
+    time_limit_s: float = 20.0
+    """Time limit of each request, everything included."""
+    memory_mb: int = 2048
+    """Memory that it may allocate once its solver is loaded."""
+    hidden: tuple[str, ...] = ()
+    """Folders whose files it must not open."""
+    preload: tuple[str, ...] = ()
+    """Modules that its requests need."""
 
 
 class Request(ABC):

@@ -12,7 +12,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 
-from bench.messages.race_error import RaceError
+from bench.messages.task import RaceError
 from piezo_model.child_process import Child, serve
 from solvers.registry import FAMILIES, Entry
 

@@ -9,15 +9,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TypeVar
 
-from bench.messages.race_error import RaceError
-from bench.messages.task import Outcome, Request, Task
+from bench.messages.task import ChildSettings, Outcome, RaceError, Request, Task
 from bench.processes import worker
 from bench.processes.forked_child import ForkedChild
 from bench.processes.sentinel import Sentinel
-from bench.processes.worker import ChildSettings
 from piezo_model.child_process import START_LIMIT_S, LateError, LostError
-from solvers import Lane
-from solvers.registry import Described, Entry
+from solvers import Described, Entry, Lane
 
 E = TypeVar("E", bound=Entry)
 

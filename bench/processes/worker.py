@@ -2,21 +2,28 @@
 
 The process loads one solver in one lane, is pinned to a core, and answers requests. It judges nothing: it returns the
 answer with its duals, the raw times, and what the solver did that it must not.
+
+The process is watched for files that it must not open: those of the race, and those of other processes. The data of
+timed calls are secret until their block begins, and it must not read them in its parent's memory. The watch begins
+before the solver's file is imported. An audit hook (PEP 578) cannot be removed, and sees every file that Python opens
+and every folder that it lists; it does not see what compiled code does.
 """
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import TypeVar
 
-from bench.messages.task import Outcome, Request, attempt
-from bench.processes.guard import install_audit_hook
+from bench.messages.task import ChildSettings, Outcome, Request, attempt
 from piezo_model.child_process import limit_memory
-from solvers.protocol import Solver
-from solvers.registry import Described, Entry, describe
+from solvers import Described, Entry, Solver, describe
 
 E = TypeVar("E", bound=Entry)
+
+FILE_EVENTS = ("open", "os.listdir", "os.scandir")
+MOST = 3
+"""Largest number of reported actions."""
 
 _guards: list[Callable[[], tuple[str, ...]]] = []
 """Lists the forbidden actions in this process."""
@@ -24,18 +31,31 @@ _loaded: list[type[Solver]] = []
 """The solver of this process; twice after its first answer."""
 
 
-@dataclass(frozen=True)
-class ChildSettings:
-    """Limits of a solver's process, and the modules that it imports before its solver."""
+def install_audit_hook(folders: Sequence[str]) -> Callable[[], tuple[str, ...]]:
+    """Watch from now on; returns a function that lists the forbidden actions so far as sentences."""
+    actions: list[str] = []
+    hidden = tuple(os.path.realpath(folder) + os.sep for folder in folders)
+    # Bound here, so that a solver that replaces them cannot switch the guard off.
+    absolute, is_number, this_process, separator = os.path.realpath, str.isdigit, str(os.getpid()), os.sep
+    most, file_events = MOST, FILE_EVENTS
 
-    time_limit_s: float = 20.0
-    """Time limit of each request, everything included."""
-    memory_mb: int = 2048
-    """Memory that it may allocate once its solver is loaded."""
-    hidden: tuple[str, ...] = ()
-    """Folders whose files it must not open."""
-    preload: tuple[str, ...] = ()
-    """Modules that its requests need."""
+    def hook(event: str, arguments: tuple[object, ...]) -> None:
+        if (
+            len(actions) < most
+            and event in file_events
+            and arguments
+            and isinstance(arguments[0], str | bytes | os.PathLike)
+        ):
+            name = os.fsdecode(arguments[0])
+            path = absolute(name) + separator
+            _, root, process, *_ = (*path.split(separator), "", "")
+            is_other_process = root == "proc" and is_number(process) and process != this_process
+            if path.startswith(hidden) or is_other_process:
+                actions.append(f"opened {name}")
+
+    if hidden:
+        sys.addaudithook(hook)
+    return lambda: tuple(actions)
 
 
 def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:

@@ -17,8 +17,7 @@ from pyarrow import parquet
 from bench.derived.measurements import ONESHOT, rows_of
 from bench.derived.tiers import tier_settings
 from bench.messages import columns
-from bench.messages.race_error import RaceError
-from bench.messages.task import Setting, Tier, settings_ladder, tightest
+from bench.messages.task import RaceError, Setting, Tier, settings_ladder, tightest
 from bench.store import Run
 from piezo_model.atomic_file import replacing
 from solvers.registry import Described

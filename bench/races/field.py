@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from bench.messages.race_error import RaceError
+from bench.messages.task import RaceError
 from bench.problems import ProblemSetError, check_options, make
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverPool, entry_of_file
@@ -13,8 +13,7 @@ from bench.races import null_solver
 from bench.races.chosen_settings import table_of
 from bench.races.settings import RaceSettings, TierSettings
 from bench.store import Run
-from solvers import entries
-from solvers.registry import Described, Entry, from_file
+from solvers import Described, Entry, entries, from_file
 
 E = TypeVar("E", bound=Entry)
 

@@ -62,11 +62,6 @@ class Timeline:
         """Whether the answer to each sample missed its deadline, shape (samples,)."""
         return self.response_ns > self.period_ns
 
-    @property
-    def stalls(self) -> int:
-        """Number of runs of late samples."""
-        return runs(self.late)
-
     def in_use(self, usable: NDArray[np.bool_]) -> Index:
         """The solve whose answer is in use at each deadline, shape (samples,); −1 before the first answer.
 

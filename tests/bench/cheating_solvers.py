@@ -158,8 +158,8 @@ def setup(self, problem):
 """,
     "patches_the_guard": """
 def setup(self, problem):
-    from bench.processes import guard
-    guard.MOST = 0
+    from bench.processes import worker
+    worker.MOST = 0
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.set_data(problem.P, problem.q)
     open(f"/proc/{os.getppid()}/mem", "rb").close()

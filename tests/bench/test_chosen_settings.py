@@ -16,8 +16,7 @@ from small_races import Race
 from bench.derived.measurements import ONESHOT
 from bench.derived.tiers import tier_settings
 from bench.messages import columns
-from bench.messages.race_error import RaceError
-from bench.messages.task import Tier, settings_ladder, tightest
+from bench.messages.task import RaceError, Tier, settings_ladder, tightest
 from bench.races.chosen_settings import ACCURACY, SHIPPED, accuracy, choices, ship, table_of
 from bench.races.kind import kinds
 from bench.store import Run

@@ -12,8 +12,7 @@ import pytest
 from command_line import CommandLine, command_lines
 from small_races import Race
 
-from bench.messages.race_error import RaceError
-from bench.messages.task import NO_SETTING, Status, Task, Tier
+from bench.messages.task import NO_SETTING, RaceError, Status, Task, Tier
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import checked
 from bench.races.oneshot.worker import OneShot

@@ -13,10 +13,8 @@ from typing import ClassVar
 import numpy as np
 from qpsolvers import Problem
 
-from solvers import Lane, find
-from solvers.arrays import Matrix
-from solvers.protocol import Entrant, Solver
-from solvers.registry import Entry
+from solvers import Entry, Lane, find
+from solvers.protocol import Entrant, Matrix, Solver
 
 DIRECT = ("box_active_set", "daqp", "mujoco", "pyqpmad", "quadprog")
 """The fastest solvers of the lane direct."""

@@ -19,9 +19,8 @@ from bench.derived.ranking import TIER_NAMES
 from bench.derived.statistics import TYPICAL, first_text, least_good, worst
 from bench.derived.tiers import TOLERANCE
 from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
-from bench.messages.task import NO_SETTING, Outcome, Request, Row, Status, Task, Tier
+from bench.messages.task import NO_SETTING, ChildSettings, Outcome, Request, Row, Status, Task, Tier
 from bench.processes.solver_child import SolverPool
-from bench.processes.worker import ChildSettings
 from bench.races.batch.contestant import contestants, of_file
 from bench.races.batch.programs import ORDERS, SET, Programs
 from bench.races.batch.worker import WARM_UP, Batched, BatchRequest
@@ -33,9 +32,8 @@ from bench.report.words import gap, number, share, thousand
 from bench.store import Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
-from solvers import Lane
+from solvers import Described, Entry, Lane
 from solvers.arrays import Matrix, Vector
-from solvers.registry import Described, Entry
 
 SHARES = {"share_high": Tier.HIGH, "share_mid": Tier.MID, "share_low": Tier.LOW}
 SKIPPED = "not run"

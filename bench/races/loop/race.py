@@ -24,8 +24,7 @@ from msgspec import Meta
 
 from bench.derived.statistics import least_good, root_mean_square, worst
 from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
-from bench.messages.task import PAPER, Request, Status, Task, Tier
-from bench.processes.worker import ChildSettings
+from bench.messages.task import PAPER, ChildSettings, Request, Status, Task, Tier
 from bench.races.chosen_settings import EACH, Choices, choices, default_setting, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Driven, LearningEnd, LoopRequest

@@ -14,9 +14,8 @@ from bench.stage.setup import StageSetup
 from piezo_model import IdentificationProblem
 from piezo_model.learning.events import Event
 from piezo_model.stage.learning import SelfLearningStage
-from solvers.arrays import Matrix, Vector
-from solvers.protocol import Solver
-from solvers.registry import add_file
+from solvers import add_file
+from solvers.protocol import Matrix, Solver, Vector
 
 POLL_S = 0.01
 """Interval at which the logs of the learners are read; far shorter than any phase except learning."""

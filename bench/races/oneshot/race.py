@@ -1,7 +1,7 @@
 """The one-shot race: every problem, in each scaling, by every solver in every lane at every setting of its ladder.
 
 For each problem and scaling the solvers are timed one after the other, each hot in its own process on the same core
-(`first_pass`); a second pass follows at one setting of each (`second_pass`). The null solver, which does nothing, is
+at every setting; a second pass follows at one setting of each (`passes`). The null solver, which does nothing, is
 the floor of all times.
 
 In the first scaling every setting of every solver is measured on every problem, in the others only the defaults. A
@@ -22,15 +22,23 @@ from bench.derived.measurements import FLOOR, ONESHOT, Measurements
 from bench.derived.ranking import PACE, ranking
 from bench.messages import user_cache
 from bench.messages.progress import Progress
-from bench.messages.race_error import RaceError
-from bench.messages.task import NO_SETTING, PAPER, Setting, Start, Task, Tier, limited, settings_ladder
+from bench.messages.task import (
+    NO_SETTING,
+    PAPER,
+    ChildSettings,
+    RaceError,
+    Setting,
+    Start,
+    Task,
+    Tier,
+    limited,
+    settings_ladder,
+)
 from bench.problems.protocol import RaceProblem
-from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.chosen_settings import default_setting
 from bench.races.driver import Part, Race
-from bench.races.oneshot.first_pass import FirstPass
-from bench.races.oneshot.second_pass import second_pass
+from bench.races.oneshot.passes import Pass, second_pass
 from bench.races.oneshot.settings import OneshotSettings
 from bench.races.run_problems import problems_of, save_certificates
 from bench.report.words import joined, marked
@@ -89,7 +97,7 @@ class OneshotRace(Race[OneshotSettings]):
             return tasks_of(settings, added, problem, scaling, repeat, session, again)
 
         first = [
-            FirstPass(
+            Pass(
                 self.run.path.resolve(),
                 f"{problem.set_name}--{problem.name}--{scaling}--{session}-{repeat}",
                 tuple(tasks(problem, scaling, repeat)),

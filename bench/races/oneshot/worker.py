@@ -22,8 +22,7 @@ from bench.messages.task import Outcome, Request, Task, attempt
 from bench.problem_files.program import copied, fields_of
 from bench.processes.worker import forbidden_actions
 from bench.timing.clock import time_block, time_call, time_kernel
-from solvers.arrays import Matrix, Vector
-from solvers.protocol import Solver
+from solvers.protocol import Matrix, Solver, Vector
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,22 @@ from numpy.typing import NDArray
 from bench.derived.statistics import TYPICAL, first_text, least_good, worst
 from bench.derived.tiers import TOLERANCE
 from bench.messages.columns import COUNT, FLAG, NUMBER, TEXT, Column, named
-from bench.messages.task import NO_SETTING, PAPER, Outcome, Request, Row, Setting, Status, Task, Tier, settings_ladder
+from bench.messages.task import (
+    NO_SETTING,
+    PAPER,
+    ChildSettings,
+    Outcome,
+    Request,
+    Row,
+    Setting,
+    Status,
+    Task,
+    Tier,
+    settings_ladder,
+)
 from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
 from bench.problems.simulation import Experiment
 from bench.processes.solver_child import SolverPool
-from bench.processes.worker import ChildSettings
 from bench.races import null_solver
 from bench.races.chosen_settings import DEFAULT, EACH, choices, table_of
 from bench.races.driver import Part, TaskRace
@@ -35,11 +46,9 @@ from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
 from bench.report.words import gap, marked, number, settings_label, share, whole
 from bench.store import Schema
 from bench.timing.clock import Effort
-from bench.timing.schedule import PERIOD_NS, Timeline, runs
+from bench.timing.schedule import PERIOD_NS, runs
 from piezo_model.json_file import decoded
-from solvers import Lane
-from solvers.arrays import Nanoseconds
-from solvers.registry import Described, Entry
+from solvers import Described, Entry, Lane
 
 SET = "stream"
 FLOOR_EVERY = 10
@@ -179,12 +188,25 @@ class StreamRace(TaskRace[StreamSettings]):
         return {"settings": json.dumps(steps), "paced": not self.in_loop(task), "mutates_input": outcome.mutated}
 
     def judged(self, task: Task, outcome: Streamed) -> Sequence[Mapping[str, Any]]:
-        """Missed deadlines, times, and gaps of the answers."""
-        if outcome.timeline is None:
-            times = _loop_times(outcome.times["service"], self.in_loop(task))
+        """Missed deadlines, times, and gaps of the answers; of a compiled loop, calls longer than a period."""
+        t, service = outcome.timeline, outcome.times["service"]
+        if t is None:
+            samples, wanted, late, medians = service.size, self.in_loop(task), service > PERIOD_NS, {"solve": service}
         else:
-            times = _paced_times(outcome.timeline, self.settings.samples)
-        return [{**times, **_gaps(outcome, self.stream)}]
+            samples, wanted, late = t.samples, self.settings.samples, t.late
+            medians = {"data": t.data_ns, "update": t.updated - t.began, "solve": t.ended - t.updated}
+        stopped = f"after {KERNEL_WALL_S:g} s" if t is None else f"late at each of the first {samples} samples"
+        return [
+            {
+                "samples": samples,
+                "solves": service.size,
+                "missed": int(late.sum()),
+                "stalls": runs(late),
+                "stopped": "" if samples == wanted else stopped,
+                **{f"{name}_us_p50": float(np.median(ns)) / 1e3 for name, ns in medians.items()},
+                **_gaps(outcome, self.stream),
+            }
+        ]
 
     def rows(self, task: Task, outcome: Outcome) -> list[Row]:
         """With the status at each tier: whether every answer reaches it at its own sample."""
@@ -195,32 +217,6 @@ class StreamRace(TaskRace[StreamSettings]):
                 reached = row["unanswered"] == 0 and row["own_gap_max"] <= tolerance
                 row["status"] = str(Status.OK if reached else Status.MISSED)
         return rows
-
-
-def _paced_times(t: Timeline, samples: int) -> dict[str, Any]:
-    """Deadlines and times of a run on the schedule."""
-    return {
-        "samples": t.samples,
-        "solves": t.solved.size,
-        "missed": int(t.late.sum()),
-        "stalls": t.stalls,
-        "stopped": "" if t.samples == samples else f"late at each of the first {t.samples} samples",
-        "data_us_p50": float(np.median(t.data_ns)) / 1e3,
-        "update_us_p50": float(np.median(t.updated - t.began)) / 1e3,
-        "solve_us_p50": float(np.median(t.ended - t.updated)) / 1e3,
-    }
-
-
-def _loop_times(ns: Nanoseconds, samples: int) -> dict[str, Any]:
-    """Long calls and times of a compiled loop."""
-    return {
-        "samples": ns.size,
-        "solves": ns.size,
-        "missed": int((ns > PERIOD_NS).sum()),
-        "stalls": runs(ns > PERIOD_NS),
-        "stopped": "" if ns.size == samples else f"after {KERNEL_WALL_S:g} s",
-        "solve_us_p50": float(np.median(ns)) / 1e3,
-    }
 
 
 def _gaps(outcome: Streamed, stream: StreamProblem) -> dict[str, Any]:

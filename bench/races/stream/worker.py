@@ -21,9 +21,8 @@ from bench.messages.task import Outcome, Request, Task
 from bench.problem_files.program import copied
 from bench.timing.clock import no_garbage_collection
 from bench.timing.schedule import Timeline, follow
-from solvers.arrays import Matrix, Nanoseconds, Vector
 from solvers.forgetting import absorb
-from solvers.protocol import Solver
+from solvers.protocol import Matrix, Nanoseconds, Solver, Vector
 
 WARM_UP = 800
 """Number of samples of the same stream that another solver object processes first, untimed."""
