@@ -379,13 +379,9 @@ class Run:
         known = rows.machine[rows.machine.isin(machines)]
         return machines[known.mode().iloc[0]] if len(known) else next(iter(machines.values()))
 
-    def table(self, schema: Schema) -> pd.DataFrame:
-        """The table of a finished run as it is stored."""
-        return self._table(schema.file, schema.arrow, ("task", *schema.order))
-
     def rows(self, schema: Schema) -> pd.DataFrame:
         """The table of a finished run, each row with a machine that the run describes."""
-        table, settings = self.table(schema), self.settings
+        table, settings = self._table(schema.file, schema.arrow, ("task", *schema.order)), self.settings
         if "machine" in settings:
             table["machine"] = table.machine.replace("", machine.name(settings["machine"]))
         self.check_machines(table, schema.file)

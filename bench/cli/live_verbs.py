@@ -144,7 +144,7 @@ def experiment_verb(
     as_json: AsJson = False,
 ) -> None:
     """Let a simulated stage learn while it moves, and draw the result."""
-    from bench.experiment.experiment import run  # the plot library is slow to load
+    from bench.experiment import run  # the plot library is slow to load
 
     require(out.is_dir() or not out.exists(), "--out", f"{out} is not a folder")
     setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)

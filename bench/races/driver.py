@@ -92,8 +92,6 @@ class Race(ABC, Generic[S]):
     """Whether the null solver takes part, the floor of all times."""
     spreads: ClassVar[bool] = False
     """Whether several workers may do its parts."""
-    warnings: Sequence[str] = ()
-    """Sentences about disturbances that make its times less certain."""
 
     def __init__(self, run: Run, settings: S, progress: Progress) -> None:
         self.run, self.settings, self.progress = run, settings, progress
@@ -225,6 +223,6 @@ def note_conditions(race: Race[Any]) -> None:
                 *(before["parts"] if before else ()),
                 *({name: value for name, value in note.items() if name != "sentinel"} for note in notes),
             ],
-            "warnings": [*sentinel.sentences(samples), *machine.disturbances(notes), *race.warnings],
+            "warnings": [*sentinel.sentences(samples), *machine.disturbances(notes)],
         }
     )

@@ -45,6 +45,11 @@ class Trial:
         """RMS error of each axis in one cycle, percent of the reference's range."""
         return np.asarray(np.sqrt(np.mean(percent(self.cycle_error_um(cycle)) ** 2, axis=0)))
 
+    @property
+    def rms_by_cycle(self) -> Vector:
+        """RMS error of every cycle in percent of range, both axes taken together, shape (cycles,)."""
+        return np.array([np.sqrt(np.mean(self.rms_percent(c) ** 2)) for c in range(self.setup.cycles)])
+
 
 def straight(setup: StageSetup, slope: Vector | None = None, offset_V: Vector | None = None) -> Trial:
     """Drive along straight lines with the given slopes (V/µm) and offsets (2,); by default those of the ranges."""

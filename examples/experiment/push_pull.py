@@ -13,7 +13,6 @@ from typing import Any
 import pandas as pd
 from outputs import arguments, setup_of, show
 
-from bench.experiment.figures import per_cycle
 from bench.report.report import PALETTE, Axis, Figure, Mark, Plot
 from bench.stage.setup import Actuators, StageSetup
 from bench.stage.trial import learned
@@ -57,7 +56,7 @@ class Case:
                 solve_delay_samples=1,
             )
         )
-        return {**asdict(self), "rms_percent": float(per_cycle(trial)[-1])}
+        return {**asdict(self), "rms_percent": float(trial.rms_by_cycle[-1])}
 
 
 CASES = tuple(

@@ -180,7 +180,12 @@ READERS = {
         ModelError,
     ),
     "run, JSON": Reader(documents(run_document()), "run/run.json", lambda path: open_run(path.parent), RunError),
-    "rows, Parquet": Reader(rows(), "run/rows.parquet", lambda path: Run(path.parent).table(ONESHOT), RunError),
+    "rows, Parquet": Reader(
+        rows(),
+        "run/rows.parquet",
+        lambda path: Run(path.parent)._table(path.name, ONESHOT.arrow, ("task", *ONESHOT.order)),
+        RunError,
+    ),
     "program, NPZ": Reader(
         damaged(next((REFERENCE / "problems").glob("*.npz")).read_bytes()), "p.npz", RaceProblem.load, ProblemFileError
     ),
