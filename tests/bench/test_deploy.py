@@ -14,10 +14,9 @@ import pytest
 import slowed_solver
 from command_line import CommandLine
 from hostile_files import change_machine
-from small_races import Race, raced
 from measured_rows import row
 from pyarrow import parquet
-from small_races import Race, change_machine, raced
+from small_races import Race, raced
 
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import QUANTILES, Candidate, Rule
