@@ -152,10 +152,10 @@ def counters() -> dict[str, float]:
     """The system's counters; zero if it has none.
 
     ``seconds`` is the monotonic clock. ``stolen``, ``busy`` and ``ticks`` are clock ticks of all cores: given to others
-    by a hypervisor, spent working, and all. ``switches`` counts context switches, and ``throttled`` how often a core
+    by a hypervisor, spent working, and all. ``throttled`` counts how often a core
     was throttled.
     """
-    stolen = busy = ticks = switches = 0
+    stolen = busy = ticks = 0
     stat = Path("/proc/stat")
     if stat.is_file():
         for line in stat.read_text(encoding="ascii").splitlines():
@@ -164,15 +164,12 @@ def counters() -> dict[str, float]:
                 times = [int(number) for number in numbers[:8]]
                 ticks, stolen = sum(times), times[7]
                 busy = ticks - stolen - times[3] - times[4]
-            elif name == "ctxt":
-                switches = int(numbers[0])
     throttled = sum(int(path.read_text()) for path in CPU.glob("cpu[0-9]*/thermal_throttle/core_throttle_count"))
     return {
         "seconds": time.monotonic(),
         "stolen": stolen,
         "busy": busy,
         "ticks": ticks,
-        "switches": switches,
         "throttled": throttled,
     }
 
@@ -184,7 +181,6 @@ def between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str
         "seconds": change["seconds"],
         "throttled": change["throttled"],
         "steal_percent": 100.0 * change["stolen"] / max(change["ticks"], 1),
-        "switches": change["switches"],
         "busy_cores": change["busy"] / os.sysconf("SC_CLK_TCK") / max(change["seconds"], 1e-9),
     }
 

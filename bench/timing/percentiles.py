@@ -33,7 +33,7 @@ QUANTILES = (0.5, 0.99, 0.999, 0.9999)
 
 @dataclass(frozen=True)
 class Percentile:
-    """A percentile with its interval, or the reason for its refusal."""
+    """A percentile with its interval, or its refusal."""
 
     q: float
     """Fraction between 0 and 1."""
@@ -41,8 +41,6 @@ class Percentile:
     low: float | None = None
     high: float | None = None
     """The percentile and the ends of its interval, in the unit of the sample; all None if it is refused."""
-    reason: str = ""
-    """Reason for the refusal, or ""."""
 
     @property
     def name(self) -> str:
@@ -80,18 +78,18 @@ def ranks(samples: int, q: float) -> tuple[int, int]:
 
 
 def percentile(sample: ArrayLike, q: float) -> Percentile:
-    """The q-quantile of a sample, with its interval or the reason for its refusal.
+    """The q-quantile of a sample, with its interval; refused if the sample is smaller than :func:`needed` says.
 
     Examples
     --------
     >>> percentile(np.arange(1, 1001), 0.99)
-    Percentile(q=0.99, value=990.0, low=983.0, high=997.0, reason='')
-    >>> percentile(np.arange(1000), 0.999).reason
-    'needs 2995 samples and has 1000'
+    Percentile(q=0.99, value=990.0, low=983.0, high=997.0)
+    >>> percentile(np.arange(1000), 0.999)
+    Percentile(q=0.999, value=None, low=None, high=None)
     """
     ordered = np.sort(np.asarray(sample, dtype=np.float64))
     if ordered.size < needed(q):
-        return Percentile(q, reason=f"needs {needed(q)} samples and has {ordered.size}")
+        return Percentile(q)
     low, high = ranks(ordered.size, q)
     rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
     return Percentile(q, float(ordered[rank - 1]), float(ordered[low - 1]), float(ordered[high - 1]))

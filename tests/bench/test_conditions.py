@@ -59,7 +59,6 @@ def test_counters_of_this_machine_only_grow() -> None:
     sum(range(10**6))
     after = machine.counters()
     assert after["ticks"] >= after["busy"] >= before["busy"]
-    assert after["switches"] >= before["switches"]
     between = machine.between(before, after)
     assert between["seconds"] > 0.0
     assert 0.0 <= between["steal_percent"] <= 100.0
