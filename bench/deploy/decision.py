@@ -1,7 +1,7 @@
 """Choice of a solver by the rule, explained in sentences, and the file of it.
 
 1. Cost gap and violation of the answers to every problem are within the required accuracy, with a margin.
-2. No deadline is missed that the machine's floor does not explain (`floor`).
+2. No deadline is missed that the machine's floor does not explain (`candidates`).
 3. Of the remaining candidates, the one with the lowest p99.9 of the answer's time (in a stream: of the response time)
    is chosen. If one of them has too few calls for that, p99 decides, or the median.
 

@@ -14,7 +14,7 @@ import solvers
 from bench.derived.anytime import anytime, sentences
 from bench.messages.task import PAPER, Row
 from bench.races.kind import kinds
-from bench.races.oneshot.settings import AnytimeSettings
+from bench.races.oneshot.passes import AnytimeSettings
 from bench.timing.schedule import PERIOD_US
 from solvers.certificate import exact_cost_gap
 

@@ -19,9 +19,8 @@ from pyarrow import parquet
 from small_races import Race, raced
 
 from bench.deploy.actuator_model import model_for
-from bench.deploy.candidates import QUANTILES, Candidate, Rule
+from bench.deploy.candidates import QUANTILES, UNSEEN, Candidate, Rule, explained
 from bench.deploy.decision import Decision, decide
-from bench.deploy.floor import UNSEEN, explained
 from bench.derived.measurements import ONESHOT, Measurements
 from bench.derived.summary import summary
 from bench.messages.task import Row

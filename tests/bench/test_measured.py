@@ -10,7 +10,7 @@ from make_measured import make as made_from
 
 from bench.problems import RaceProblem, make
 from bench.problems.measured import FOLDER, read
-from bench.races.oneshot.settings import OneshotSettings
+from bench.races.oneshot.passes import OneshotSettings
 from piezo_model import DataBasis, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS

@@ -16,8 +16,8 @@ from small_races import Race, race_of, saved
 from bench.derived.measurements import ONESHOT
 from bench.messages.task import PAPER, settings_ladder
 from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.races.oneshot.passes import OneshotSettings
 from bench.races.oneshot.race import EXPONENT, first_pass_settings, tasks_of
-from bench.races.oneshot.settings import OneshotSettings
 from bench.store import Run
 from solvers import Lane, find
 from solvers.certificate import certify

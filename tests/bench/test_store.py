@@ -26,7 +26,7 @@ from small_races import SMALL, TASKS, THIRD, Race
 from bench import problems
 from bench.derived.measurements import ONESHOT
 from bench.messages.progress import silent
-from bench.races.oneshot.settings import OneshotSettings
+from bench.races.oneshot.passes import OneshotSettings
 from bench.races.run_problems import problems_of
 from bench.races.settings import settings_of
 from bench.store import VERSION, Run, RunError

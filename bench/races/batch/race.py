@@ -4,6 +4,17 @@ Every contestant gets each batch size, and the whole sequence is ``repeats`` tim
 its own process with one thread on the core that the race has claimed; contestants of the lane kernel run a second time
 with a thread on every core. The parent judges a sample of the timed answers. A batch is skipped, and its row states it,
 if the next smaller batch failed or predicts more than ``longest_s``.
+
+The programs are mixtures of neighbouring windows of recordings, no two alike.
+
+Every simulated actuator under every drive, identified with a model of d = 18 (n = 5, m = 3) or d = 60 (n = 20, m = 9),
+gives a family of four windows. A program is drawn from one family,
+
+    P = Σ θ_k P_k,   q = Σ θ_k q_k,   c = Σ θ_k c_k,   θ uniform over θ ≥ 0, Σ θ_k = 1,   lb ≤ x,
+
+and the family is drawn for each program. Active sets, condition numbers (1e4 to 1e11) and bounds differ from program to
+program. A child mixes the programs of its request, which follow from the families and a seed. Only the parent knows
+which answers are judged; their optima are proven after the solvers have answered.
 """
 
 import math
@@ -11,6 +22,7 @@ import random
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,22 +31,29 @@ from bench.derived.ranking import TIER_NAMES
 from bench.derived.statistics import TYPICAL, first_text, least_good, worst
 from bench.derived.tiers import TOLERANCE
 from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
+from bench.messages.progress import Progress
 from bench.messages.task import NO_SETTING, ChildSettings, Outcome, Request, Row, Status, Task, Tier
+from bench.problems.fresh import proven_mixture
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.problems.simulation import DRIVES, Experiment
 from bench.processes.solver_child import SolverPool
 from bench.races.batch.contestant import contestants, of_file
-from bench.races.batch.programs import ORDERS, SET, Programs
-from bench.races.batch.worker import WARM_UP, Batched, BatchRequest
+from bench.races.batch.worker import WARM_UP, Batched, BatchRequest, Families
 from bench.races.driver import Part, TaskRace
 from bench.races.field import chosen
 from bench.races.metrics import relative_gap
 from bench.races.settings import OwnProblemSettings, Positive, option
 from bench.report.words import gap, number, share, thousand
-from bench.store import Schema
+from bench.store import Run, Schema
 from bench.timing import cores
 from bench.timing.clock import Effort
+from piezo_model import plants
 from solvers import Described, Entry, Lane
 from solvers.arrays import Matrix, Vector
 
+ORDERS = {18: (5, 3), 60: (20, 9)}
+"""Orders n and m of the model by d."""
+SET = "batch"
 SHARES = {"share_high": Tier.HIGH, "share_mid": Tier.MID, "share_low": Tier.LOW}
 SKIPPED = "not run"
 FEWEST = 2048
@@ -69,6 +88,48 @@ BATCH = Schema(
 """One row per contestant, number of threads, batch size and repeat. Times are per program, medians over the groups of
 calls. ``bytes``: size of a program's data and answer; ``grown_mb``: increase of the peak memory during the calls. A
 line of the summary is a contestant with a number of threads at one batch size, over its repeats."""
+
+
+class Programs:
+    """All ``count`` programs of one size, and the proofs of those whose answers are judged.
+
+    The run stores the families, at most ``limit`` of them, so that a resumed race has the same programs.
+    """
+
+    def __init__(self, run: Run, d: int, count: int, seed: int, limit: int | None, progress: Progress) -> None:
+        self._forms = [problem.forms["scaled"] for problem in _families(run, d, seed, limit, progress)]
+        self.families = Families(
+            np.array([[form.qp.P, *(window.P for window in form.windows)] for form in self._forms]),
+            np.array([[form.qp.q, *(window.q for window in form.windows)] for form in self._forms]),
+            np.array([form.qp.lb for form in self._forms]),
+            np.array([form.qp.ub for form in self._forms]),
+            (seed, d),
+            count,
+        )
+        self._family, self._shares = self.families.drawn()
+        self._rank = np.random.default_rng().permutation(count)  # not reproducible on purpose
+        self.proven = cache(lambda b: proven_mixture(self._forms[self._family[b]], self._shares[b], np.ones(1)))
+        """A program with its certified optimum; None if it cannot be proven."""
+
+    def judged(self, first: int, last: int, most: int) -> Iterator[tuple[int, CertifiedForm]]:
+        """At most ``most`` of the programs ``first`` to ``last`` − 1, each with its certified optimum, without those
+        that cannot be proven; overlapping ranges share them, so that few proofs are needed."""
+        chosen = sorted(first + int(i) for i in np.argsort(self._rank[first:last])[:most])
+        return ((b, form) for b in chosen if (form := self.proven(b)) is not None)
+
+
+def _families(run: Run, d: int, seed: int, limit: int | None, progress: Progress) -> list[RaceProblem]:
+    """A problem with its windows for each actuator and drive, stored in the run."""
+    cases = [(plant, drive) for plant in plants.names() for drive in DRIVES][:limit]
+    problems = []
+    for i, (plant, drive) in enumerate(cases):
+        progress(f"{plant} under a {drive}, d = {d}", i, len(cases))
+        name = f"{plant}-{drive}-{d}"
+        path = run.problem_path(SET, name)
+        if not path.is_file():
+            Experiment(plant, drive, *ORDERS[d], seed=seed + i).problem(SET, name).save(path)
+        problems.append(run.problem(SET, name))
+    return problems
 
 
 @dataclass(frozen=True)

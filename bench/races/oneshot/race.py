@@ -38,8 +38,7 @@ from bench.problems.protocol import RaceProblem
 from bench.races import null_solver
 from bench.races.chosen_settings import default_setting
 from bench.races.driver import Part, Race
-from bench.races.oneshot.passes import Pass, second_pass
-from bench.races.oneshot.settings import OneshotSettings
+from bench.races.oneshot.passes import OneshotSettings, Pass, second_pass
 from bench.races.run_problems import problems_of, save_certificates
 from bench.report.words import joined, marked
 from bench.store import Anchor, Run

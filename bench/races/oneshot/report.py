@@ -16,8 +16,8 @@ from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
 from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
+from bench.races.oneshot.passes import AnytimeSettings, OneshotSettings
 from bench.races.oneshot.race import OneshotRace, anchors, drift
-from bench.races.oneshot.settings import AnytimeSettings, OneshotSettings
 from bench.races.settings import settings_of
 from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
