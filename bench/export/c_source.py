@@ -197,14 +197,10 @@ def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: s
         "zone_high": high,
         "outer_low": outer_low,
         "outer_high": outer_high,
-        "period": _period(s.sample_time),
+        "period": f"{1e6 * s.sample_time:.6g} us" if s.sample_time < 1e-3 else f"{1e3 * s.sample_time:.6g} ms",
         "float_bound": f"{FLOAT_BOUND:g}",
         "memory": memory_figures(s, settings, prefilter),
     }
-
-
-def _period(seconds: float) -> str:
-    return f"{1e6 * seconds:.6g} us" if seconds < 1e-3 else f"{1e3 * seconds:.6g} ms"
 
 
 HEAD = 128

@@ -7,7 +7,6 @@ processes of a race on one core form a pool: one for each solver lane, and the s
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TypeVar
 
 from bench.messages.task import ChildSettings, Outcome, RaceError, Request, Task
 from bench.processes import worker
@@ -16,14 +15,12 @@ from bench.processes.sentinel import Sentinel
 from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers import Described, Entry, Lane
 
-E = TypeVar("E", bound=Entry)
-
 STANDARD = ChildSettings()
 BUILD_LIMIT_S = 60.0
 """Additional time for a task in the lane codegen, since the first problem of a shape generates and compiles code."""
 
 
-def entry_of_file(path: str | Path, of_file: Callable[[str], E]) -> E:
+def entry_of_file(path: str | Path, of_file: Callable[[str], Entry]) -> Entry:
     """The entry of a user's file, whose code runs in a separate process; RaceError if it cannot be loaded."""
     with ForkedChild() as child:
         try:

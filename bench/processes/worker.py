@@ -13,13 +13,10 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import TypeVar
 
 from bench.messages.task import ChildSettings, Outcome, Request, attempt
 from piezo_model.child_process import limit_memory
 from solvers import Described, Entry, Solver, describe
-
-E = TypeVar("E", bound=Entry)
 
 FILE_EVENTS = ("open", "os.listdir", "os.scandir")
 MOST = 3
@@ -88,7 +85,7 @@ def forbidden_actions() -> tuple[str, ...]:
     return _guards[0]()
 
 
-def introduce(path: str, of_file: Callable[[str], E]) -> E | str:
+def introduce(path: str, of_file: Callable[[str], Entry]) -> Entry | str:
     """The entry of a user's file, or a sentence about its fault."""
     try:
         return of_file(path)

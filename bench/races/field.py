@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Callable, Iterable
-from typing import TypeVar
 
 from bench.messages.task import RaceError
 from bench.problems import ProblemSetError, check_options, make
@@ -15,12 +14,14 @@ from bench.races.settings import RaceSettings, TierSettings
 from bench.store import Run
 from solvers import Described, Entry, entries, from_file
 
-E = TypeVar("E", bound=Entry)
-
 
 def chosen(
-    settings: RaceSettings, there: Iterable[E], of_file: Callable[[str], E], what: str, preload: Iterable[str] = ()
-) -> list[E]:
+    settings: RaceSettings,
+    there: Iterable[Entry],
+    of_file: Callable[[str], Entry],
+    what: str,
+    preload: Iterable[str] = (),
+) -> list[Entry]:
     """The entries selected by name and lane, and those of the user's files, each of which is loaded in a separate
     process; ``preload`` are modules that the processes of solvers need.
     """

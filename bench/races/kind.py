@@ -83,7 +83,25 @@ class Kind:
 
     def write(self, run: Run) -> tuple[Report, Path]:
         """Write ``report.md``, ``report.html`` and their files; returns the report and the path of ``report.md``."""
-        report = with_run(self.report(run), run, self.title)
+        report, machines, conditions = self.report(run), [*run.machines.values()], run.settings.get("conditions", {})
+        hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
+        scope = [report.scope, joined(sorted({f"{each['processor']}, {each['core']}" for each in machines}))]
+        if "sentinel_drift" in conditions:
+            scope.append(f"the machine's speed drifted by {100.0 * conditions['sentinel_drift']:.0f} %")
+        limits = [
+            f"{'One machine' if len(hosts) == 1 else f'{len(hosts)} hosts'}, one run: compare ratios, not "
+            "microseconds.",
+            *report.limits,
+            *dict.fromkeys(warning for each in machines for warning in each["warnings"]),
+            *conditions.get("warnings", []),
+        ]
+        report = replace(
+            report,
+            title=f"{self.title} {run.path.name}",
+            scope="; ".join(filter(None, scope)) + ".",
+            limits=limits,
+            environment=environment(run),
+        )
         return report, write_report(report, run.path)
 
 
@@ -111,33 +129,6 @@ def open_run(path: Path) -> Run:
     run = Run.open(path)
     settings_of(run, kind_of(run).settings)
     return run
-
-
-def with_run(report: Report, run: Run, title: str) -> Report:
-    """The report with title, machine, conditions and settings of the run."""
-    settings = run.settings
-    machines, conditions = [*run.machines.values()], settings.get("conditions", {})
-    drift = (
-        [f"the machine's speed drifted by {100.0 * conditions['sentinel_drift']:.0f} %"]
-        if "sentinel_drift" in conditions
-        else []
-    )
-    where = joined(sorted({f"{each['processor']}, {each['core']}" for each in machines}))
-    scope = [*([report.scope] if report.scope else []), where, *drift]
-    hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
-    limits = [
-        f"{'One machine' if len(hosts) == 1 else f'{len(hosts)} hosts'}, one run: compare ratios, not microseconds.",
-        *report.limits,
-        *dict.fromkeys(warning for each in machines for warning in each["warnings"]),
-        *conditions.get("warnings", []),
-    ]
-    return replace(
-        report,
-        title=f"{title} {run.path.name}",
-        scope="; ".join(scope) + ".",
-        limits=limits,
-        environment=environment(run),
-    )
 
 
 def environment(run: Run) -> list[tuple[str, str]]:
