@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.measurements import FLOOR, Measurements
-from bench.derived.statistics import TYPICAL, worst
-from bench.messages.columns import Column, combined
+from bench.messages.columns import TYPICAL, Column, combined, worst
 from bench.messages.task import Tier
 from bench.report.report import Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number

@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements, Microseconds
-from bench.derived.statistics import TYPICAL
 from bench.derived.tiers import PROBLEM, TOLERANCE, choice, chosen_settings, distance, margin, measured, supported
+from bench.messages.columns import TYPICAL
 from bench.messages.task import Tier
 from bench.races.stream.race import STREAM
 from bench.races.stream.summary import column, for_deadline, summary

@@ -27,9 +27,20 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.statistics import TYPICAL, first_text, typical_of_all, worst
 from bench.derived.tiers import LANE, applies, measured, right, supported, tier_settings
-from bench.messages.columns import COUNT, FLAG, NUMBER, NUMBERS, TEXT, Column, named
+from bench.messages.columns import (
+    COUNT,
+    FLAG,
+    NUMBER,
+    NUMBERS,
+    TEXT,
+    TYPICAL,
+    Column,
+    first_text,
+    named,
+    typical_of_all,
+    worst,
+)
 from bench.messages.task import Status, Tier
 from bench.report.words import gap, marked, number, settings_label, share
 from bench.store import Run, RunError, Schema, Session

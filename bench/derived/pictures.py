@@ -2,7 +2,7 @@
 
 All are of cold starts. Except in the work–precision picture, each solver lane has one setting for all problems: that of
 the tier 1e-9, or the one that is right on most problems. A *view* is one problem set in one scaling. Times are those of
-`bench.derived.statistics`.
+`bench.messages.columns`.
 
 The performance profile of Dolan and Moré over the problems p of a view, with t_p,s infinite if s was not right:
 
@@ -16,8 +16,8 @@ import pandas as pd
 
 from bench.derived import ranking, summary
 from bench.derived.measurements import Measurements, at_tiers
-from bench.derived.statistics import TYPICAL, worst
 from bench.derived.verdict import KNOWN
+from bench.messages.columns import TYPICAL, worst
 from bench.messages.task import PAPER, Status, Tier
 from bench.report.report import BEST, LEAST_GAP, together
 from bench.report.words import MARK, duration, marked

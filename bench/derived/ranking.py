@@ -25,9 +25,8 @@ from typing import Any
 import pandas as pd
 
 from bench.derived.measurements import HOT, INTERLEAVED, Measurements
-from bench.derived.statistics import TYPICAL
 from bench.derived.tiers import PROBLEM, TARGETS, distance, right, supported
-from bench.messages.columns import Column, combined
+from bench.messages.columns import TYPICAL, Column, combined
 from bench.messages.task import PAPER, Status, Tier
 from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number, settings_label

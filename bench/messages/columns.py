@@ -2,6 +2,12 @@
 
 A race has one list of them, from which its rows, its summary and its tables follow. The columns by which rows are
 sorted are their key: it is complete, and unique to a row.
+
+The statistics of all races have one definition each, which tables, sentences and plots share. The time of an answer is
+that of update and solve of the same call (`bench.timing.clock.answers_us`), so what is shown is a median of sums and
+never a sum of medians. It is the median of the calls of a task, then of its repeats, and then of the problems. A
+percentile is that of all calls of all tasks in question together (`bench.timing.percentiles`), and
+never a mean of percentiles. Of accuracies, the worst counts.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -9,12 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import parquet
 
-from bench.messages.task import Start, Tier, Timed
+from bench.messages.task import Start, Status, Tier, Timed
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane
 
@@ -56,9 +63,37 @@ CHOICES = {
     "timed": get_args(Timed),
 }
 
+TYPICAL = "median"
+"""Of times, those that are known."""
+
 
 class TableError(ValueError):
     """A file does not hold the expected table; the message is one sentence without its path."""
+
+
+def typical_of_all(values: pd.Series) -> float:
+    """The median; NaN if any value is missing, so that the fast problems do not stand for all."""
+    return float(values.median(skipna=False))
+
+
+def worst(values: pd.Series) -> float:
+    """The largest value, or NaN if any is NaN: a failed problem must not look like an accurate one."""
+    return float(values.max(skipna=False))
+
+
+def root_mean_square(values: pd.Series) -> float:
+    """The RMS value."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def least_good(statuses: pd.Series) -> str:
+    """The first failure, else missed if any answer missed, else ok."""
+    return str(max(statuses, key=lambda status: (status != Status.OK) + (status not in (Status.OK, Status.MISSED))))
+
+
+def first_text(texts: pd.Series) -> str:
+    """The first text that is not empty; "" if there is none."""
+    return next((str(text) for text in texts if text), "")
 
 
 @dataclass(frozen=True)

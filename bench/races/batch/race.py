@@ -28,9 +28,8 @@ from typing import Any
 import numpy as np
 
 from bench.derived.ranking import TIER_NAMES
-from bench.derived.statistics import TYPICAL, first_text, least_good, worst
 from bench.derived.tiers import TOLERANCE
-from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
+from bench.messages.columns import COUNT, NUMBER, TEXT, TYPICAL, Column, first_text, least_good, named, worst
 from bench.messages.progress import Progress
 from bench.messages.task import NO_SETTING, ChildSettings, Outcome, Request, Row, Status, Task, Tier
 from bench.problems.fresh import proven_mixture

@@ -22,8 +22,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from bench.derived.statistics import least_good, root_mean_square, worst
-from bench.messages.columns import COUNT, NUMBER, TEXT, Column, named
+from bench.messages.columns import COUNT, NUMBER, TEXT, Column, least_good, named, root_mean_square, worst
 from bench.messages.task import PAPER, ChildSettings, Request, Status, Task, Tier
 from bench.races.chosen_settings import EACH, Choices, choices, default_setting, table_of
 from bench.races.driver import Part, TaskRace

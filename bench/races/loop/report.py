@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.pictures import ranked
-from bench.derived.statistics import root_mean_square, worst
-from bench.messages.columns import Column, combined
+from bench.messages.columns import Column, combined, root_mean_square, worst
 from bench.messages.task import PAPERS_SETTING
 from bench.races.chosen_settings import definition, tier_label
 from bench.races.kind import Kind

@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.derived.statistics import TYPICAL, first_text, least_good, worst
 from bench.derived.tiers import TOLERANCE
-from bench.messages.columns import COUNT, FLAG, NUMBER, TEXT, Column, named
+from bench.messages.columns import COUNT, FLAG, NUMBER, TEXT, TYPICAL, Column, first_text, least_good, named, worst
 from bench.messages.task import (
     NO_SETTING,
     PAPER,
