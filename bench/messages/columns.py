@@ -6,8 +6,8 @@ sorted are their key: it is complete, and unique to a row.
 The statistics of all races have one definition each, which tables, sentences and plots share. The time of an answer is
 that of update and solve of the same call (`bench.timing.clock.answers_us`), so what is shown is a median of sums and
 never a sum of medians. It is the median of the calls of a task, then of its repeats, and then of the problems. A
-percentile is that of all calls of all tasks in question together (`bench.timing.percentiles`), and
-never a mean of percentiles. Of accuracies, the worst counts.
+percentile is that of all calls of all tasks in question together (`bench.timing.percentiles`), and never a
+mean of percentiles. Of accuracies, the worst counts.
 """
 
 from collections.abc import Callable, Iterable, Sequence
