@@ -67,15 +67,9 @@ def verdict(table: pd.DataFrame) -> list[str]:
         if not inside.all():
             far.append(f"{gap(part[~inside].cost_gap.min())} on the {problem} stage")
     sentence = "; ".join(near)
-    paper = "; ".join(
-        f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
-        f"times the least, at a cost gap of {gap(line.cost_gap)}"
-        for problem, part in stages
-        for _, line in part[part.settings == PAPERS_SETTING].iterrows()
-    )
     return [
         f"{sentence[0].upper()}{sentence[1:]}.",
-        *([f"The paper's method with its 15 200 steps reaches {paper}."] if paper else []),
+        *(f"The paper's method with its 15 200 steps reaches {reached}." for reached in _paper(table)),
         *([f"Learners farther away have cost gaps of at least {joined(far)}."] if far else []),
     ]
 
@@ -83,6 +77,26 @@ def verdict(table: pd.DataFrame) -> list[str]:
 def _learned(table: pd.DataFrame) -> Iterator[tuple[object, pd.DataFrame]]:
     """Each stage with its learners whose weights were used."""
     return iter(table[table.cost_gap.notna()].groupby("problem", sort=False))
+
+
+def _paper(table: pd.DataFrame) -> list[str]:
+    """What the paper's method reaches on each stage, if it learned weights."""
+    reached = [
+        f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
+        f"times the least, at a cost gap of {gap(line.cost_gap)}"
+        for problem, part in _learned(table)
+        for _, line in part[part.settings == PAPERS_SETTING].iterrows()
+    ]
+    return ["; ".join(reached)] if reached else []
+
+
+def finding(run: Run) -> list[str]:
+    """Whether the stage notices the cost gap of the paper's method."""
+    return [
+        f"In the loop with a simulated stage (run {run.path.name}) the paper's 15 200 steps reach a tracking error of "
+        f"{reached}."
+        for reached in _paper(summary(run.rows(LOOP)))
+    ]
 
 
 def notes(table: pd.DataFrame) -> Iterator[str]:
@@ -210,4 +224,6 @@ def ranking(table: pd.DataFrame) -> Table:
     )
 
 
-KIND = Kind("loop", "Closed-loop race", "learning in the loop with a stage", LoopSettings, LoopRace, report)
+KIND = Kind(
+    "loop", "Closed-loop race", "learning in the loop with a stage", LoopSettings, LoopRace, report, finding=finding
+)

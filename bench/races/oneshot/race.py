@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from bench.derived.measurements import FLOOR, ONESHOT, Measurements
@@ -28,7 +29,6 @@ from bench.messages.task import (
     ChildSettings,
     RaceError,
     Setting,
-    Start,
     Task,
     Tier,
     limited,
@@ -131,36 +131,23 @@ def tasks_of(
     others, those of a lane from loose to tight and by iteration limit; the paper's method also begins at the straight
     line, as its compensator does."""
     first = scaling == settings.scalings[0]
-    planned: list[tuple[Entry | Described, Setting, dict[str, int], Start]]
-    planned = [(entry, setting, {}, "cold") for entry, setting in again]
+    task = partial(Task, problem.set_name, problem.name, scaling, repeat=repeat, session=session, d=problem.d)
+    yield from (task(entry.name, entry.lane, setting) for entry, setting in again)
     for solver in solvers:
+        named = partial(task, solver.name, solver.lane)
         given = settings.given.get(solver.name, "")
         measured = first_pass_settings(solver, given) if first else [default_setting(solver)]
-        planned += [(solver, setting, {}, "cold") for setting in measured]
+        yield from map(named, measured)
         if solver.iteration_setting and first:
             rungs = {setting.text for setting in settings_ladder(solver)}
             limits = {limit: limited(solver, limit) for limit in settings.iteration_limits}
-            planned += [
-                (solver, setting, {solver.iteration_setting: limit}, "cold")
+            yield from (
+                named(setting, {solver.iteration_setting: limit})
                 for limit, setting in limits.items()
                 if setting.text not in rungs
-            ]
+            )
         if solver.name == PAPER and "line" in problem.forms[scaling].starts:
-            planned += [(solver, setting, {}, "line") for setting in measured]
-    for lane, setting, more, start in planned:
-        yield Task(
-            problem.set_name,
-            problem.name,
-            scaling,
-            lane.name,
-            lane.lane,
-            setting,
-            more,
-            repeat,
-            start,
-            session=session,
-            d=problem.d,
-        )
+            yield from (named(setting, start="line") for setting in measured)
 
 
 def first_pass_settings(solver: Described, given: str = "") -> Sequence[Setting]:
