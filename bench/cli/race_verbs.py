@@ -18,7 +18,6 @@ from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverChild
 from bench.races.kind import DEFAULT, Kind, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
-from bench.races.settings import settings_of
 from bench.report.console import console, errors, lines_of, print_report, print_result, progress_bar
 from bench.report.report import Report
 from bench.report.words import by_heading, joined
@@ -282,7 +281,7 @@ def resume_verb(
         report_verb(run, as_json)
     else:
         kind_of(opened).check(workers)
-        used = settings_of(opened, kind_of(opened).settings).code
+        used = kind_of(opened).settings_of(opened).code
         for file in sorted(used ^ {str(path.resolve()) for path in code or ()}):
             raise RunError(
                 f"{run / 'run.json'} names the Python file {file}, whose code would run; if you trust it, add "
@@ -333,7 +332,7 @@ def solvers_verb(as_json: AsJson = False) -> None:
 
 
 def _finish(run: Run, workers: Workers, as_json: bool) -> None:
-    files = sorted(settings_of(run, kind_of(run).settings).code)
+    files = sorted(kind_of(run).settings_of(run).code)
     words = ["piezobench", "resume", str(run.path), *(word for file in files for word in ("--solver", file))]
     resume = f"finished tasks are kept; run '{shlex.join(words)}' to continue"
     try:

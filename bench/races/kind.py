@@ -16,11 +16,12 @@ from bench.messages.task import RaceError
 from bench.processes.engine import Workers
 from bench.races.driver import Race, drive
 from bench.races.run_problems import left_out
-from bench.races.settings import RaceSettings, settings_of
+from bench.races.settings import RaceSettings
 from bench.report.report import Report
 from bench.report.words import joined
 from bench.report.writing import write_report
 from bench.store import Anchor, Run, RunError, Schema
+from piezo_model.json_file import brief, convert
 
 DEFAULT = "oneshot"
 
@@ -39,8 +40,8 @@ class Kind:
     """Its settings; those made with :func:`bench.races.settings.option` are options of the command line."""
     race: type[Race[Any]]
     """Its requests to solvers, and the rows made of their answers."""
-    report: Callable[[Run], Report]
-    """Makes the :class:`bench.report.report.Report` of a finished run."""
+    report: Callable[[Run, Any], Report]
+    """Makes the :class:`bench.report.report.Report` of a finished run from its rows and its settings."""
     anchors: Callable[[Run], Sequence[Anchor]] | None = None
     """What is timed again when solvers are added to a finished run; None if none can be added."""
     finding: Callable[[Run], Sequence[str]] | None = None
@@ -50,6 +51,16 @@ class Kind:
     def schema(self) -> Schema:
         """The table of its rows."""
         return self.race.schema
+
+    def settings_of(self, run: Run) -> RaceSettings:
+        """The settings of a run; RunError if they are not those of this kind."""
+        try:
+            return convert(run.settings_in_force, self.settings)
+        except ValueError as error:
+            raise RunError(
+                f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}; if an earlier version "
+                "of piezobench made the run, race again"
+            ) from None
 
     def check(self, workers: Workers) -> None:
         """RaceError if the race cannot use these workers."""
@@ -70,7 +81,7 @@ class Kind:
                 if self.anchors is None
                 else f"{run.path}: the race is not finished, so resume it first"
             )
-        settings = replace(settings_of(run, self.settings), **changed)
+        settings = replace(self.settings_of(run), **changed)
         self.race.entries(settings)
         run.reopen(asdict(settings), self.anchors(run))
 
@@ -79,13 +90,14 @@ class Kind:
         workers = workers or Workers()
         self.check(workers)
         with run.exclusive():
-            drive(self.race(run, settings_of(run, self.settings), progress), workers)
+            drive(self.race(run, self.settings_of(run), progress), workers)
             progress("gathering the tables", 0, 1)
             run.finish(self.schema)
 
     def write(self, run: Run) -> tuple[Report, Path]:
         """Write ``report.md``, ``report.html`` and their files; returns the report and the path of ``report.md``."""
-        report, machines, conditions = self.report(run), [*run.machines.values()], run.settings.get("conditions", {})
+        report = self.report(run, self.settings_of(run))
+        machines, conditions = [*run.machines.values()], run.settings.get("conditions", {})
         hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
         scope = [report.scope, joined(sorted({f"{each['processor']}, {each['core']}" for each in machines}))]
         if "sentinel_drift" in conditions:
@@ -141,7 +153,7 @@ def kind_of(run: Run) -> Kind:
 def open_run(path: Path) -> Run:
     """Open a run and check its kind and its settings; RunError if they do not fit."""
     run = Run.open(path)
-    settings_of(run, kind_of(run).settings)
+    kind_of(run).settings_of(run)
     return run
 
 

@@ -1,16 +1,14 @@
 """The settings of a race, which are stored in its run so that it can be resumed."""
 
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 from msgspec import Meta
 
 from bench.messages.task import Tier
 from bench.problems.protocol import SCALINGS
-from bench.store import Run, RunError
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
-from piezo_model.json_file import brief, convert
 from solvers import Lane
 
 LANES = tuple(lane for lane in Lane if lane is not Lane.CODEGEN)
@@ -86,17 +84,3 @@ class TierSettings(OwnProblemSettings):
     tiers: tuple[Tier, ...] = (Tier.HIGH,)
     settings_run: str = ""
     """Folder of the one-shot race; "" for the reference run."""
-
-
-Settings = TypeVar("Settings", bound=RaceSettings)
-
-
-def settings_of(run: Run, kind: type[Settings]) -> Settings:
-    """The settings of a run."""
-    try:
-        return convert(run.settings_in_force, kind)
-    except ValueError as error:
-        raise RunError(
-            f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}; if an earlier version of "
-            "piezobench made the run, race again"
-        ) from None

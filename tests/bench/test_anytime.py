@@ -101,7 +101,8 @@ def test_the_report_begins_with_the_picture_and_a_one_shot_race_has_it_too(race:
     page = race.run.path / "report.html"
     assert browser.sections(page)[0] == "anytime"
     assert (race.run.path / "anytime.svg").is_file()
-    names = [figure.name for figure in kinds()["oneshot"].report(race.run).drawn]
+    oneshot = kinds()["oneshot"]
+    names = [figure.name for figure in oneshot.report(race.run, oneshot.settings_of(race.run)).drawn]
     assert (names[0], "anytime" in names) == ("work_precision", True)
     table = anytime(race.found)
     assert set(table.lane) == {"kernel", "direct"}

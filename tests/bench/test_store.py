@@ -26,9 +26,8 @@ from small_races import SMALL, TASKS, THIRD, Race
 from bench import problems
 from bench.derived.measurements import ONESHOT
 from bench.messages.progress import silent
-from bench.races.oneshot.passes import OneshotSettings
+from bench.races.kind import kinds
 from bench.races.run_problems import problems_of
-from bench.races.settings import settings_of
 from bench.store import VERSION, Run, RunError
 from bench.timing import machine
 from piezo_model.atomic_file import write_text
@@ -232,7 +231,7 @@ def test_a_resumed_run_generates_no_saved_problem(
     clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = unfinished(clean_race, tmp_path)
-    settings = settings_of(run, OneshotSettings)
+    settings = kinds()["oneshot"].settings_of(run)
 
     def made(self: problems.ProblemSet) -> None:
         raise AssertionError("a saved problem is generated again")
@@ -246,7 +245,7 @@ def test_a_problem_whose_file_is_missing_is_generated_again(clean_race: Race, tm
     run = unfinished(clean_race, tmp_path)
     (path,) = (run.path / "problems").iterdir()
     path.unlink()
-    (loaded,) = problems_of(run, settings_of(run, OneshotSettings), silent)
+    (loaded,) = problems_of(run, kinds()["oneshot"].settings_of(run), silent)
     assert path.is_file()
     assert [loaded.name] == run.settings["problems"]["paper"]
 

@@ -15,7 +15,6 @@ from bench.messages.columns import Column, combined
 from bench.messages.task import Status
 from bench.races.batch.race import BATCH, SHARES, BatchRace, BatchSettings
 from bench.races.kind import Kind
-from bench.races.settings import settings_of
 from bench.report.report import Axis, Figure, Plot, Report, Table, best_lines, side_by_side
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, share, thousand
 from bench.store import Run
@@ -107,9 +106,8 @@ def _rounded(rate: float) -> str:
     return f"{float(f'{rate:.3g}'):,.0f}"
 
 
-def report(run: Run) -> Report:
+def report(run: Run, settings: BatchSettings) -> Report:
     """The report of a finished run."""
-    settings = settings_of(run, BatchSettings)
     table = summary(run.rows(BATCH))
     wrong = table[table.status != Status.OK].drop_duplicates([*ID_COLUMNS, "status", "message"])
     messages = [line.message or f"worst {gap(line.worst_gap)}" for _, line in wrong.iterrows()]

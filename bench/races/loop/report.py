@@ -12,7 +12,6 @@ from bench.messages.task import PAPERS_SETTING
 from bench.races.chosen_settings import definition, tier_label
 from bench.races.kind import Kind
 from bench.races.loop.race import LOOP, LoopRace, LoopSettings
-from bench.races.settings import settings_of
 from bench.report.report import GREY, LEAST_GAP, Axis, Figure, Mark, Plot, Report, Table, side_by_side, what_went_wrong
 from bench.report.words import OURS_NOTE, format_distinct, gap, joined, marked, number, settings_label, whole
 from bench.stage.setup import RANGE_UM
@@ -116,7 +115,7 @@ def _nm(um: float) -> str:
     return number(1e3 * um)
 
 
-def report(run: Run) -> Report:
+def report(run: Run, settings: LoopSettings) -> Report:
     """The report of a finished run."""
     rows = run.rows(LOOP)
     table = summary(rows)
@@ -127,7 +126,7 @@ def report(run: Run) -> Report:
         ranking(table),
         table,
         notes=list(notes(table)),
-        definitions=(*DEFINITIONS, definition(settings_of(run, LoopSettings).settings_run)),
+        definitions=(*DEFINITIONS, definition(settings.settings_run)),
         tables=[
             Table.of(
                 "Every learner on each stage, last window",

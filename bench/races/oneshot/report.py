@@ -18,7 +18,6 @@ from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
 from bench.races.oneshot.passes import AnytimeSettings, OneshotSettings
 from bench.races.oneshot.race import OneshotRace, anchors, drift
-from bench.races.settings import settings_of
 from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
 from bench.store import Run, RunError
@@ -98,7 +97,7 @@ DEFINITIONS = (
 )
 
 
-def report(run: Run) -> Report:
+def report(run: Run, race: OneshotSettings) -> Report:
     """The report of a finished run."""
     measurements, settings = Measurements.of(run), run.settings
     summary, table, costs = summaries.summary(measurements), ranking(measurements), optima(run, measurements.rows)
@@ -106,7 +105,7 @@ def report(run: Run) -> Report:
     note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
-    misses = dict(summaries.kept(run, measurements, settings_of(run, OneshotSettings).keep_misses))
+    misses = dict(summaries.kept(run, measurements, race.keep_misses))
     beside, versions, missed = like_with_like(measurements), settings.get("field", {}), summaries.misses(measurements)
     return Report(
         verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
@@ -179,9 +178,9 @@ def report(run: Run) -> Report:
     )
 
 
-def anytime_report(run: Run) -> Report:
+def anytime_report(run: Run, race: AnytimeSettings) -> Report:
     """The same report, beginning with the accuracy within sampling periods."""
-    whole, gaps = report(run), anytime.anytime(Measurements.of(run))
+    whole, gaps = report(run, race), anytime.anytime(Measurements.of(run))
     *others, first = whole.figures
     return replace(
         whole,

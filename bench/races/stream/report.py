@@ -10,7 +10,6 @@ from bench.messages.columns import Column
 from bench.messages.task import PAPER, Status
 from bench.races.chosen_settings import definition, tier_label
 from bench.races.kind import Kind
-from bench.races.settings import settings_of
 from bench.races.stream import summary as summaries
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.summary import CORRECTED, FAILURES, FARTHEST, FLOOR_NAME, column
@@ -70,7 +69,7 @@ def definitions(settings: StreamSettings) -> tuple[str, ...]:
     )
 
 
-def report(run: Run) -> Report:
+def report(run: Run, settings: StreamSettings) -> Report:
     """The report of a finished run."""
     rows, times = run.rows(STREAM), run.times()
     table = summaries.summary(rows, times)
@@ -112,7 +111,7 @@ def report(run: Run) -> Report:
             ],
         ),
     ]
-    return report_of(table, settings_of(run, StreamSettings), shown)
+    return report_of(table, settings, shown)
 
 
 def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Figure] = ()) -> Report:
