@@ -11,7 +11,7 @@ from bench.fleet.fleet import items_of, products_of_others, run_all, write_pages
 from bench.fleet.jobs import Job
 from bench.fleet.report import DISTANT, report, table_of, write
 from bench.fleet.storage import folder_here, matching
-from bench.processes.engine import Workers
+from bench.processes.engine import Workers, started
 from bench.report.console import errors, lines_of, print_report, progress_bar
 from piezo_model.recordings import RecordingError
 
@@ -59,11 +59,11 @@ def process(
     with folder_here(out_dir):  # fails before the work if the folder cannot be written
         pass
     try:
-        with progress_bar() as progress:
-            rows = run_all(items, workers, progress)
+        with progress_bar() as progress, started(workers) as map_unordered:
+            rows = run_all(items, map_unordered, progress)
             table, others = table_of(rows), products_of_others(job, rows, out_dir)
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
-            pages = dict(write_pages([item for item in items if item.name in outliers], workers, progress))
+            pages = dict(write_pages([item for item in items if item.name in outliers], map_unordered, progress))
             found = report(
                 title,
                 table,

@@ -21,7 +21,7 @@ from typing import Any
 from bench.fleet.jobs import Job
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.messages.progress import Progress
-from bench.processes.engine import Workers, parallel_map
+from bench.processes.engine import MapUnordered
 from piezo_model.atomic_file import write_text
 from piezo_model.json_file import decoded, packed, unpacked
 from piezo_model.recordings import RecordingError
@@ -68,19 +68,19 @@ class Item:
         return found.hexdigest()
 
 
-def run_all(items: Sequence[Item], workers: Workers, progress: Progress) -> list[Row]:
+def run_all(items: Sequence[Item], map_unordered: MapUnordered, progress: Progress) -> list[Row]:
     """Process all items that are not finished; return the rows of all in the order of the items."""
     rows: dict[str, Row] = {}
     progress("starting", 0, len(items))
-    for row in parallel_map(row_of, items, workers):
+    for row in map_unordered(row_of, items):
         rows[row["name"]] = row
         progress(row["name"], len(rows), len(items))
     return [rows[item.name] for item in items]
 
 
-def write_pages(items: Sequence[Item], workers: Workers, progress: Progress) -> Iterator[tuple[str, str]]:
+def write_pages(items: Sequence[Item], map_unordered: MapUnordered, progress: Progress) -> Iterator[tuple[str, str]]:
     """Write the pages of finished recordings; yield the name of each and the path of its page."""
-    for count, page in enumerate(parallel_map(write_page, items, workers), 1):
+    for count, page in enumerate(map_unordered(write_page, items), 1):
         progress("drawing pages", count, len(items))
         yield page
 

@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import Any
 
 from bench.messages.task import ChildSettings, RaceError
 from bench.processes.forked_child import warm_up
@@ -23,8 +23,8 @@ from bench.processes.solver_child import SolverPool
 from bench.timing import cores
 from solvers.registry import Entry
 
-T = TypeVar("T")
-R = TypeVar("R")
+MapUnordered = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
+"""Calls a function with each item; yields the results in any order."""
 
 
 class Backend(StrEnum):
@@ -63,16 +63,8 @@ class Workers:
         return self.backend is Backend.LOCAL and self.count == 1
 
 
-def parallel_map(function: Callable[[T], R], items: Iterable[T], workers: Workers) -> Iterator[R]:
-    """Call a picklable function with each item; yields the results in any order."""
-    with started(workers) as map_unordered:
-        yield from map_unordered(function, items)
-
-
 @contextmanager
-def started(
-    workers: Workers, at_end: Callable[[], None] | None = None
-) -> Iterator[Callable[[Callable[[T], R], Iterable[T]], Iterator[R]]]:
+def started(workers: Workers, at_end: Callable[[], None] | None = None) -> Iterator[MapUnordered]:
     """Start workers; the function that is given calls a picklable function with each item on them, and yields the
     results in any order.
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.stage.setup import AXES, StageSetup, percent
-from piezo_model import Compensator, SelfLearningCompensator
+from piezo_model import Compensator
 from piezo_model.stage.learning import SelfLearningStage
 from piezo_model.stage.stage import Stage
 from solvers.arrays import Matrix, Vector
@@ -27,8 +27,6 @@ class Trial:
     """Drives in V and measured platform in µm along ``setup.y_ref``. Shape (N, 2)."""
     loop: Matrix
     """Measured platform along ``setup.loop_ref`` directly afterwards, without learning. Shape (M, 2)."""
-    learners: tuple[SelfLearningCompensator, ...] = ()
-    """The learners in their final state; empty without learning."""
 
     @property
     def error_um(self) -> Matrix:
@@ -98,13 +96,8 @@ def learned(setup: StageSetup, cycles: int | None = None) -> Trial:
     x, y = loop.run(setup.y_ref[:until], stage.run)
     fixed = [learner.compensator for learner in loop.learners]
     later_x, later_y = follow(stage, fixed, setup, setup.y_ref[until:])
-    return Trial(
-        setup,
-        np.concatenate([x, later_x]),
-        np.concatenate([y, later_y]),
-        follow(stage, fixed, setup, setup.loop_ref)[1],
-        loop.learners,
-    )
+    x, y = np.concatenate([x, later_x]), np.concatenate([y, later_y])
+    return Trial(setup, x, y, follow(stage, fixed, setup, setup.loop_ref)[1])
 
 
 def follow(stage: Stage, compensators: list[Compensator], setup: StageSetup, y_ref: Matrix) -> tuple[Matrix, Matrix]:

@@ -106,7 +106,8 @@ class Part:
 
 def race():
     work = partial(engine.work, entries=(), settings=ChildSettings())
-    list(engine.parallel_map(work, [Part(), Part()], engine.Workers(2)))
+    with engine.started(engine.Workers(2)) as map_unordered:
+        list(map_unordered(work, [Part(), Part()]))
 """
 
 

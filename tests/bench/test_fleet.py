@@ -94,7 +94,7 @@ def test_finished_work_is_kept_unless_settings_or_content_change(recordings: lis
     def written(work: Identifying) -> list[int]:
         """Indices of the models that were written."""
         before = [path.stat().st_ino if path.exists() else 0 for path in models]
-        rows = run_all(list(items_of(work, list(map(str, chosen)), str(tmp_path / "out"))), Workers(), silent)
+        rows = run_all(list(items_of(work, list(map(str, chosen)), str(tmp_path / "out"))), map, silent)
         assert [row["refused"] for row in rows] == ["", ""]
         return [i for i, path in enumerate(models) if path.stat().st_ino != before[i]]
 
@@ -122,12 +122,12 @@ def test_a_product_that_was_truncated_or_changed_is_made_again(recordings: list[
         (Validating(str(model)), recording, tmp_path / "judged" / "rows" / model.name),
     ):
         parts = list(items_of(work, [given], str(tmp_path / "judged" if isinstance(work, Validating) else out)))
-        (row,) = run_all(parts, Workers(), silent)
+        (row,) = run_all(parts, map, silent)
         assert row["refused"] == ""
         whole = made.read_bytes()
         for damaged in (whole[: len(whole) // 2], b"", b"{}", whole + b" 1"):
             made.write_bytes(damaged)
-            assert run_all(parts, Workers(), silent) == [row]
+            assert run_all(parts, map, silent) == [row]
             assert made.read_bytes() == whole
 
 
