@@ -164,22 +164,20 @@ class Dynamics:
 
     def group_delay(self, sample_time: float) -> float:
         """Samples by which G alone delays a slow signal."""
-        samples = 0.0
-        for b, a in self._parts(sample_time):
-            samples += float(np.arange(b.size) @ b - b.sum() / a.sum() * (np.arange(a.size) @ a)) / float(a.sum())
-        return samples
+        return sum(
+            float(np.arange(b.size) @ b - b.sum() / a.sum() * (np.arange(a.size) @ a)) / float(a.sum())
+            for b, a in self._parts(sample_time)
+        )
 
     def zeros(self, sample_time: float) -> tuple[int, Vector]:
         """Whole samples of the delay, and N(z) / N(1) of G = z^(−delay) N(z) / Π D_i(z), which is the reference model
         behind R_i(1) / R_i(z)."""
         parts, whole = self._parts(sample_time), int(self.delay_s / sample_time)
-        taps = np.zeros(1)
-        for i, (b, _) in enumerate(parts):
-            others = [a / a.sum() for j, (_, a) in enumerate(parts) if j != i]
-            part = reduce(np.convolve, others, b[whole:] / parts[i][1].sum())
-            size = max(taps.size, part.size)
-            taps = np.pad(taps, (0, size - taps.size)) + np.pad(part, (0, size - part.size))
-        return whole, taps
+        poles = [a / a.sum() for _, a in parts]
+        over = [
+            reduce(np.convolve, poles[:i] + poles[i + 1 :], b[whole:] / a.sum())[::-1] for i, (b, a) in enumerate(parts)
+        ]
+        return whole, np.asarray(reduce(np.polyadd, over))[::-1]
 
     def pole_pairs(self, sample_time: float) -> list[tuple[Vector, Vector]]:
         """D_i(z) / D_i(1) and R_i(z) / R_i(1) of each mode, three coefficients each."""

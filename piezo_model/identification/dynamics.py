@@ -18,7 +18,7 @@ less biased than beside that of the final model.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -177,8 +177,10 @@ def separate(
         trials = Trials.of(recording, inverse, prepared, solving)
         return trials.separated(recording, prepared, trials.fit(Parameters(choice, T)))
     head = recording.head(SAMPLES)
-    peak = Spectra(head).peak() if choice == "estimate" and Spectra.can_be_of(head) else None
-    if peak is None or not _is_plausible(peak):
+    if choice == "ignore" or not Spectra.can_be_of(head):
+        return Separated(recording, prepare(recording))
+    spectra = Spectra(head)
+    if not _is_plausible(peak := spectra.peak()):
         return Separated(recording, prepare(recording))
     share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
@@ -186,7 +188,7 @@ def separate(
     prepared = prepare(inverse)
     trials = Trials.of(head, inverse, prepared, solving)
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
-    best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0))
+    best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return Separated(recording, prepare(recording))
     finding = trials.judge(none, best, peak.gain, rest)
@@ -261,7 +263,7 @@ class Trials:
         held = not np.all(fit.free[self.structure.d :][: 2 * modes])
         return self.fit(found(fit), fit) if held and (near is None or fit.cost < near.cost) else fit
 
-    def best(self, none: ForwardFit, one: Parameters) -> tuple[ForwardFit | None, Peak | None]:
+    def best(self, none: ForwardFit, one: Parameters, spectra: Spectra) -> tuple[ForwardFit | None, Peak | None]:
         """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode,
         None if one gains nothing over no mode, and a mode that the scan shows beside its own."""
 
@@ -277,7 +279,7 @@ class Trials:
             best = min(best, self.searched(one), key=lambda fit: fit.cost)
         if not none.improved_by(best, found(best).vector.size - found(none).vector.size):
             return None, None
-        spectra, g = Spectra(self.recording), found(best).start
+        g = found(best).start
         if (rest := _beside(spectra, g)) is not None:
             second = min(max(rest.share, SMALLEST_GAIN), 0.5)
             first = 1.0 - second - SMALLEST_GAIN
@@ -300,30 +302,42 @@ class Trials:
         independent = count / max(autocorrelation_time(each.errors) for each in (none, best))
         chance = f_distribution.sf(before.sum() / max(after.sum(), 1e-300), independent, independent)
         falls = before.sum() > after.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
-        modes, reason = len(g.frequencies_Hz), ""
-        if not np.all(best.free[self.structure.d :][: 2 * modes]):
-            reason = "its frequency or damping reaches the bounds of the search"
-        elif not all(LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping) or g.frequencies_Hz[-1] * T > HIGHEST:
-            reason = "it is no mode within the sampling rate"
-        elif np.any(_deviations(best)[:modes] > np.maximum(UNCERTAIN[0], UNCERTAIN[1] * np.array(g.damping))):
-            reason = "its frequency is uncertain"
-        elif not falls:
-            reason = "the error on held-out data does not fall"
+        parameters, modes, moved = found(best), len(g.frequencies_Hz), best.free[self.structure.d :]
+        deviations = np.sqrt(np.diag(best.covariance))[self.structure.d :]  # 0 for parameters that are not free
+        uncertain = deviations[:modes] > np.maximum(UNCERTAIN[0], UNCERTAIN[1] * np.array(g.damping))
+        reasons = {
+            "its frequency or damping reaches the bounds of the search": not np.all(moved[: 2 * modes]),
+            "it is no mode within the sampling rate": not all(LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping)
+            or g.frequencies_Hz[-1] * T > HIGHEST,
+            "its frequency is uncertain": np.any(uncertain),
+            "the error on held-out data does not fall": not falls,
+        }
         scale = 100.0 * abs(self.structure.y_scale) / float(np.ptp(self.recording.y[self.counted]))
-        moves, also = [(f, f) for f in g.frequencies_Hz], (0.0, 0.0)
-        parameters = found(best)
+        without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
 
         def step(further: Columns) -> ForwardFit:
             return self.fit(parameters, best, steps=1, further=further)
 
-        if falls:
-            moves = [movement(best, mode, T, step) for mode in range(modes)]
-        if falls and rest is not None:
-            cost = step(_ringing(best, rest, T)).cost
-            if cost < 0.5 * best.cost:
-                also = rest.frequency_Hz, scale * math.sqrt(best.cost - cost)
-        without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
-        return _finding(best, (without, behind), gain, reason, moves, also)
+        also = 0.0, 0.0
+        if falls and rest is not None and (cost := step(_ringing(best, rest, T)).cost) < 0.5 * best.cost:
+            also = rest.frequency_Hz, scale * math.sqrt(best.cost - cost)
+        reason = next((why for why, applies in reasons.items() if applies), "")
+        values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
+        late = deviations[modes * (3 if parameters.residual else 2)]
+        wide = DEVIATIONS * np.array([*values[:-1] * deviations[: 2 * modes], T * late])
+        ends = np.column_stack([values - wide, values + wide]).tolist()
+        return DynamicsFinding(
+            not reason,
+            g.frequencies_Hz,
+            g.damping,
+            g.delay_s,
+            {"frequencies_Hz": ends[:modes], "damping": ends[modes : 2 * modes], "delay_s": ends[2 * modes :]},
+            (without, behind),
+            reason,
+            gain,
+            tuple(movement(best, mode, T, step) if falls else (f, f) for mode, f in enumerate(g.frequencies_Hz)),
+            also,
+        )
 
     def _held_out(self, fitted: ForwardFit, block: int) -> Vector:
         """Sum of squares on each block, for fits that have not used it and its like."""
@@ -359,44 +373,3 @@ def _ringing(fit: ForwardFit, peak: Peak, T: float) -> Columns:
     late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
     signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in (fit.static[part] for part in fit.parts)]
     return Columns(np.concatenate(signals), np.full(2, -np.inf), np.full(2, np.inf))
-
-
-def _deviations(fit: ForwardFit) -> Vector:
-    """Standard errors of the parameters' vector, as of the intervals of the weights; 0 for those that are not free."""
-    return np.sqrt(np.diag(fit.covariance))[fit.free.size - found(fit).vector.size :]
-
-
-def _finding(
-    fit: ForwardFit,
-    held_out_percent: tuple[float, float],
-    gain: float,
-    reason: str,
-    moves_Hz: Sequence[tuple[float, float]],
-    also_rings: tuple[float, float],
-) -> DynamicsFinding:
-    """What a fit says of its dynamics, with intervals at 95 %."""
-    parameters, deviations = found(fit), DEVIATIONS * _deviations(fit)
-    g, modes = parameters.start, len(parameters.start.frequencies_Hz)
-    delay = parameters.sample_time * float(deviations[modes * (3 if parameters.residual else 2)])
-
-    def between(values: Sequence[float], relative: Vector) -> list[list[float]]:
-        return [
-            [value * (1.0 - wide), value * (1.0 + wide)] for value, wide in zip(values, relative.tolist(), strict=True)
-        ]
-
-    return DynamicsFinding(
-        not reason,
-        g.frequencies_Hz,
-        g.damping,
-        g.delay_s,
-        {
-            "frequencies_Hz": between(g.frequencies_Hz, deviations[:modes]),
-            "damping": between(g.damping, deviations[modes : 2 * modes]),
-            "delay_s": [[g.delay_s - delay, g.delay_s + delay]],
-        },
-        held_out_percent,
-        reason,
-        gain,
-        tuple(moves_Hz),
-        also_rings,
-    )

@@ -51,15 +51,11 @@ class Parameters:
     def bounds(self) -> tuple[Vector, Vector]:
         """Bounds (k,) of θ."""
         theta, modes = self.vector, len(self.start.frequencies_Hz) * self.free
-        low, high = np.zeros(theta.size), np.full(theta.size, LONGEST)
-        widths = OF_DAMPING * np.array(self.start.damping[:modes])
+        gains, widths = modes * self.residual, OF_DAMPING * np.array(self.start.damping[:modes])
         near = np.r_[np.maximum(np.log(FREQUENCY_RATIO), widths), np.full(modes, np.log(DAMPING_RATIO))]
-        low[: near.size], high[: near.size] = theta[: near.size] - near, theta[: near.size] + near
-        if self.residual:
-            gains = slice(2 * modes, 3 * modes)
-            low[gains], high[gains] = SMALLEST_GAIN, 1.0
-            high[gains][1:] -= SMALLEST_GAIN
-        return low, high
+        centre, late = theta[: near.size], theta.size - near.size - gains
+        low = np.r_[centre - near, np.full(gains, SMALLEST_GAIN), np.zeros(late)]
+        return low, np.r_[centre + near, [1.0, 1.0 - SMALLEST_GAIN][:gains], np.full(late, LONGEST)]
 
     def inside(self, found: Dynamics, free: Mask) -> bool:
         """Whether no bound of the search holds a parameter, of which some are ``free`` (k,). Stages without residual
