@@ -9,7 +9,7 @@ import typer
 from bench.cli.options import AsJson, NoDynamics, Seed, SolverName, check_writable, require
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.recorder import check
-from bench.live.reference import ReferenceError, constant, of_file, sine, staircase
+from bench.live.reference import REFERENCES
 from bench.live.session import run
 from bench.live.settings import Learn, LiveSettings, first_model
 from bench.report.console import console, lines_of, print_report, progress_bar
@@ -87,11 +87,10 @@ def live_verb(
         "--simulate KIND | --device STAGE.py",
         "give either a simulated actuator or the file of a stage",
     )
-    shapes = {"--reference": reference, "--sine": sine_words, "--staircase": staircase_words, "--set-point": set_point}
-    given = [name for name, value in shapes.items() if value is not None]
-    require(
-        len(given) < 2, "".join(given[1:2]), f"{' and '.join(given[:2])} are two references, and one can be followed"
-    )
+    values = zip(REFERENCES, (reference, sine_words, staircase_words, set_point), strict=True)
+    given = {option: value for option, value in values if value is not None}
+    named = [*given][:2]
+    require(len(given) < 2, "".join(named[1:]), f"{' and '.join(named)} are two references, and one can be followed")
     if record is not None:
         require(
             record.suffix == ".parquet",
@@ -104,28 +103,17 @@ def live_verb(
     stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
     declared = Declared.of(stage.make(), str(stage))
     first = first_model(model, declared, 1.0 / rate, dynamics=not no_dynamics)
-    if first.dynamics is not None:
-        lag = quantity(first.dynamics.lag_s(1.0 / rate), "s", 3)
-        console.print(f"The output lags the reference by {lag}, since the dynamics of the stage are inverted.")
-    if first.warning:
-        console.print(first.warning)
-    (low, high), sample_time, unit = sorted(declared.y_range), 1.0 / rate, declared.output_unit
-    centre = 0.5 * (low + high)
-    if reference is not None:
-        wanted = of_file(reference, unit, sample_time)
-    elif sine_words is not None:
-        wanted = sine(sine_words, unit, centre, sample_time)
-    elif staircase_words is not None:
-        wanted = staircase(staircase_words, unit, centre, sample_time)
-    elif set_point is not None and not low <= set_point <= high:
-        raise ReferenceError(f"--set-point {set_point:g} is outside of the stage's range, {low:g} to {high:g} {unit}")
-    elif simulate is not None and set_point is None:
-        wanted = sine(f"1Hz:{0.5 * SHARE * (high - low)!r}", unit, centre, sample_time)
-    else:
-        wanted = constant(centre if set_point is None else set_point)
+    low, high = sorted(declared.y_range)
+    default = {"--sine": f"1Hz:{0.5 * SHARE * (high - low)!r}"} if simulate else {"--set-point": 0.5 * (low + high)}
+    ((option, value),) = (given or default).items()
+    wanted = REFERENCES[option](value, declared.output_unit, declared.y_range, 1.0 / rate)
     settings = LiveSettings(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
-    if beyond := settings.out_of_reach():
-        console.print(beyond)
+    inverted = first.dynamics and (
+        f"The output lags the reference by {quantity(first.dynamics.lag_s(1.0 / rate), 's', 3)}, since the dynamics of "
+        "the stage are inverted."
+    )
+    for sentence in filter(None, (inverted, first.warning, settings.out_of_reach())):
+        console.print(sentence)
     sentences, status = run(settings, record, (host, port) if page else None)
     for sentence in sentences:
         console.print(sentence)

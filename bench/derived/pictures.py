@@ -18,7 +18,7 @@ from bench.derived import ranking, summary
 from bench.derived.measurements import Measurements, at_tiers
 from bench.derived.verdict import KNOWN
 from bench.messages.columns import TYPICAL, worst
-from bench.messages.task import PAPER, Status, Tier
+from bench.messages.task import Status, Tier
 from bench.report.report import BEST, LEAST_GAP, together
 from bench.report.words import MARK, duration, marked
 from solvers.registry import OURS
@@ -62,34 +62,28 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
     which the name stands. The paper's method is drawn at its own pace, one step per sampling period.
     """
     rows = measurements.field[measurements.field.start == "cold"]
-    rows = rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK), paced_us=rows.periods * rows.period_us)
+    rows = ranking.with_pace(rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK)))
     table = (
-        rows.groupby(["scaling", "solver", "lane", "rung", "setting", "is_default"])
+        rows.groupby(["name", "scaling", "solver", "lane", "rung", "setting", "is_default"])
         .agg(
             problems=("problem", "size"),
             worst_cost_gap=("cost_gap", worst),
             answer_us=("answer_us", TYPICAL),
-            paced_us=("paced_us", TYPICAL),
             settings=("settings", "first"),
         )
         .reset_index()
     )
-    paper = (table.solver == PAPER) & (table.lane == ranking.lane_of_paper(table))
-    pace = table[paper].assign(answer_us=table.paced_us, label=ranking.PACE)
-    table = pd.concat(
-        [table.assign(label=np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)), pace], ignore_index=True
-    )
+    paced = table.name == ranking.PACE
+    table = table.assign(label=np.where(paced, ranking.PACE, np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)))
     table = table[table.worst_cost_gap.notna() & table.answer_us.notna() & (table.problems == table.problems.max())]
     line = ["scaling", "label", "solver"]
     end = table.sort_values(["worst_cost_gap", "answer_us"]).drop_duplicates([*line, "lane"])
     best = end.sort_values("answer_us").drop_duplicates(line)
     table = table.merge(best[[*line, "lane"]], on=[*line, "lane"])
     ends = pd.MultiIndex.from_frame(best[[*line, "setting"]])
-    paced = table.label == ranking.PACE
     table = table.assign(
-        name=table.solver.map(marked).mask(paced, ranking.PACE),
         view=table.scaling + " data",
-        front=paced | table.solver.isin((*KNOWN, OUR_BEST)),
+        front=(table.label == ranking.PACE) | table.solver.isin((*KNOWN, OUR_BEST)),
         end=pd.MultiIndex.from_frame(table[[*line, "setting"]]).isin(ends),
         drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP),
     )

@@ -101,14 +101,11 @@ def with_pace(rows: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def lane_of_paper(rows: pd.DataFrame) -> str:
-    """The lane that represents the paper's method."""
-    return str(Lane.KERNEL if ((rows.solver == PAPER) & (rows.lane == Lane.KERNEL)).any() else Lane.DIRECT)
-
-
 def of_paper(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the paper's method in its lane on the problems that it supports."""
-    return rows[(rows.solver == PAPER) & (rows.lane == lane_of_paper(rows)) & (rows.status != Status.UNSUPPORTED)]
+    """Rows of the paper's method on the problems that it supports, in the lane kernel if it was raced there."""
+    rows = rows[rows.solver == PAPER]
+    lane = Lane.KERNEL if (rows.lane == Lane.KERNEL).any() else Lane.DIRECT
+    return rows[(rows.lane == lane) & (rows.status != Status.UNSUPPORTED)]
 
 
 def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Table:

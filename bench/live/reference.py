@@ -5,6 +5,7 @@ staircase 0.5s:4um:8          time and height of a level, and number of levels
 """
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -37,17 +38,21 @@ class Reference:
         return float(self.samples[k % self.samples.size])
 
 
-def constant(value: float) -> Reference:
-    """One set point."""
+def set_point(value: float, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
+    """One output within the range."""
+    if not min(y_range) <= value <= max(y_range):
+        raise ReferenceError(
+            f"--set-point {value:g} is outside of the stage's range, {min(y_range):g} to {max(y_range):g} {unit}"
+        )
     return Reference(np.array([value]), f"set point {value:g}")
 
 
-def sine(text: str, unit: str, centre: float, sample_time: float) -> Reference:
+def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
     """A sine from words such as ``5Hz:10um``.
 
     Examples
     --------
-    >>> sine("1Hz:0.01mm", "um", 3.0, 0.25).samples.round(9).tolist()
+    >>> sine("1Hz:0.01mm", "um", (0.0, 6.0), 0.25).samples.round(9).tolist()
     [3.0, 13.0, 3.0, -7.0]
     """
     frequency, amplitude, *more = _quantities("--sine", text, ("Hz", unit, unit), 2)
@@ -59,26 +64,27 @@ def sine(text: str, unit: str, centre: float, sample_time: float) -> Reference:
     # a number of whole periods that takes a whole number of samples
     repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_SAMPLES * phase)))
     phases = np.arange(repeats.numerator) * repeats.denominator % repeats.numerator / repeats.numerator
-    return Reference((more[0] if more else centre) + amplitude * np.sin(2.0 * math.pi * phases), f"sine {text}")
+    centre = more[0] if more else 0.5 * sum(y_range)
+    return Reference(centre + amplitude * np.sin(2.0 * math.pi * phases), f"sine {text}")
 
 
-def staircase(text: str, unit: str, centre: float, sample_time: float) -> Reference:
+def staircase(text: str, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
     """Levels up and down again from words such as ``0.5s:4um:8``.
 
     Examples
     --------
-    >>> staircase("1s:2um:3", "um", 0.0, 1.0).samples.tolist()
+    >>> staircase("1s:2um:3", "um", (-5.0, 5.0), 1.0).samples.tolist()
     [-2.0, 0.0, 2.0, 0.0]
     """
     hold, height, count = _quantities("--staircase", text, ("s", unit, ""), 3)
     held, levels = round(hold / sample_time), round(count)
     if held < 1 or levels < 2:
         raise ReferenceError(f"--staircase {text}: needs at least two levels, each held for a sample or longer")
-    steps = [*range(levels), *range(levels - 2, 0, -1)]
-    return Reference(np.repeat(centre + height * (np.array(steps) - 0.5 * (levels - 1)), held), f"staircase {text}")
+    steps = np.array([*range(levels), *range(levels - 2, 0, -1)]) - 0.5 * (levels - 1)
+    return Reference(np.repeat(0.5 * sum(y_range) + height * steps, held), f"staircase {text}")
 
 
-def of_file(path: Path, unit: str, sample_time: float) -> Reference:
+def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
     """The reference column of a file, in the unit and of the sampling time of the stage."""
     found = read_reference(path).suited(unit)
     if abs(found.sample_time / sample_time - 1.0) > 0.01:
@@ -87,6 +93,15 @@ def of_file(path: Path, unit: str, sample_time: float) -> Reference:
             f"use --rate {1.0 / found.sample_time:g}"
         )
     return Reference(found.values, found.units.rstrip(".") or path.name)
+
+
+REFERENCES: Mapping[str, Callable[..., Reference]] = {
+    "--reference": of_file,
+    "--sine": sine,
+    "--staircase": staircase,
+    "--set-point": set_point,
+}
+"""What makes a reference of an option's value, the unit and the range of the output, and the sampling time."""
 
 
 def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> list[float]:

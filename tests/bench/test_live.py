@@ -181,11 +181,11 @@ def test_an_invalid_run_is_refused_in_a_sentence_before_anything_moves(
 def test_a_reference_and_a_model_in_other_units_are_converted_to_those_of_the_stage(tmp_path: Path) -> None:
     wanted = {"time_s": np.arange(4) * 1e-3, "reference_nm": [0.0, 1000.0, 2000.0, -500.0]}
     write_table(tmp_path / "path.csv", wanted)
-    found = of_file(tmp_path / "path.csv", "µm", 1e-3)
+    found = of_file(tmp_path / "path.csv", "µm", (-20.0, 20.0), 1e-3)
     assert found.samples.tolist() == [0.0, 1.0, 2.0, -0.5]
     assert found.words == f"{tmp_path / 'path.csv'}: the reference is converted from nm to µm"
     with pytest.raises(UnitError, match=r"path\.csv: the reference is in nm, which cannot be converted to V;"):
-        of_file(tmp_path / "path.csv", "V", 1e-3)
+        of_file(tmp_path / "path.csv", "V", (-20.0, 20.0), 1e-3)
     model, x = a_model(), np.linspace(0.0, 100.0, 50)
     s = model.structure
     model.save(tmp_path / "model.json")
@@ -264,7 +264,7 @@ def test_the_board_hands_over_samples_and_events_in_their_order() -> None:
 
 @pytest.mark.parametrize("frequency", [3.0, 99.0, 0.37, math.pi])
 def test_a_sine_has_the_given_frequency_whatever_the_number_of_samples_in_a_period(frequency: float) -> None:
-    reference = sine(f"{frequency!r}Hz:2um", "um", 1.0, 5e-3)
+    reference = sine(f"{frequency!r}Hz:2um", "um", (0.0, 2.0), 5e-3)
     found = [reference.at(k) for k in range(10_000)]
     assert found == pytest.approx(1.0 + 2.0 * np.sin(2.0 * np.pi * frequency * 5e-3 * np.arange(10_000)), abs=1e-2)
 
