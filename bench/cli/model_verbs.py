@@ -85,7 +85,8 @@ def identify_verb(
         typer.Option(metavar="N", min=0, help="Samples at the start to leave out; those of a transient by default."),
     ] = None,
     lag: Annotated[
-        LagChoice, typer.Option(help="Whether to estimate a lag of the sensor, to remove it too, or to ignore it.")
+        LagChoice,
+        typer.Option(help="Whether to estimate a lag, to remove it as the sensor's, or to ignore it."),
     ] = "estimate",
     dynamics: Annotated[
         DynamicsChoice,

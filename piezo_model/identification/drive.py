@@ -18,11 +18,15 @@ from piezo_model.identification.creep import Determined
 from piezo_model.identification.direction import is_monotonic
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
+from solvers.arrays import Vector
 
 SAMPLES = 1_000_000
 """Samples from the start in which frequencies are sought."""
 SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
 """Segments of a part, and samples of one."""
+BINS, MOST_LEVELS, ELSEWHERE = 100, 4, 0.01
+"""Bins of the drive's range, the most of them that are levels, and the largest share of the samples beside these, of a
+drive that says nothing of what lies between its levels."""
 COHERENT = 0.5
 FAINT = 1e-9
 """Smallest power of a frequency, as a share of the strongest one, that is no leakage of the window."""
@@ -37,6 +41,8 @@ class Drive:
     drift: bool
     highest_Hz: float
     """Highest frequency at which the output follows the drive; 0 without one."""
+    levels: int
+    """Number of levels of a drive with MOST_LEVELS or fewer; 0 for others."""
 
     def sentence(self, creep: bool) -> str:
         """The same in words, with creep if the recording tells it from hysteresis; otherwise that has a sentence of its
@@ -58,8 +64,22 @@ def _listed(names: Sequence[str], last: str) -> str:
 def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:
     """What the drive of a recording can determine after the skipped samples."""
     x = recording.x[skip:]
-    hysteresis = not is_monotonic(x) and not is_undersampled(x)
-    return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest_frequency(recording))
+    levels = level_count(x)
+    hysteresis = not is_monotonic(x) and not is_undersampled(x) and not levels
+    return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest_frequency(recording), levels)
+
+
+def level_count(x: Vector) -> int:
+    """Number of levels of a drive (N,) with MOST_LEVELS or fewer; 0 for others.
+
+    Examples
+    --------
+    >>> level_count(np.repeat([0.0, 1.0, 0.0, 1.0], 500)), level_count(np.linspace(0.0, 1.0, 2000))
+    (2, 0)
+    """
+    counts = np.sort(np.histogram(x, BINS)[0])[::-1]
+    levels = 1 + int(np.searchsorted(np.cumsum(counts), (1.0 - ELSEWHERE) * x.size))
+    return levels if levels <= MOST_LEVELS else 0
 
 
 def highest_frequency(recording: Recording) -> float:

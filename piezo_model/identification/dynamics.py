@@ -233,10 +233,17 @@ class Trials:
     solving: Solving
 
     @classmethod
-    def of(cls, recording: Recording, inverse: Recording, prepared: Prepared, solving: Solving) -> Trials:
+    def of(
+        cls,
+        recording: Recording,
+        inverse: Recording,
+        prepared: Prepared,
+        solving: Solving,
+        orders: tuple[int, int] = ORDERS,
+    ) -> Trials:
         """From the start of a static stage, that of the recording through an inverse, of which both may be longer."""
         own, counted = prepared.structure, counted_from(recording, prepared.skip)
-        s = with_orders(own, *ORDERS, own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s))
+        s = with_orders(own, *orders, own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s))
         s = union_of([own, s])
         states = [state_on(own, state, s) for state in prepared.fit.states]
         began = accumulate(inverse.head(recording.length), counted, s, states, solving)
@@ -335,7 +342,7 @@ class Trials:
             (without, behind),
             reason,
             gain,
-            tuple(movement(best, mode, T, step) if falls else (f, f) for mode, f in enumerate(g.frequencies_Hz)),
+            tuple(movement(best, mode, T, step) if not reason else (f, f) for mode, f in enumerate(g.frequencies_Hz)),
             also,
         )
 

@@ -9,7 +9,7 @@ from scipy.signal import welch
 
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.identification.forward import simulate
-from piezo_model.identification.sensor_lag import without_lag
+from piezo_model.identification.sensor_lag import with_sensor
 from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -44,8 +44,8 @@ class Review:
     x: Vector
     y: Vector
     y_model: Vector
-    """Input, measured and modelled output in the model's units, shape (N,), without a removed lag or offset; straight
-    lines where an output is missing."""
+    """Input, measured and modelled output in the model's units, shape (N,), without an offset, and with the lag of a
+    sensor; straight lines where an output is missing."""
     skipped: int
     """Samples at the start that are not counted."""
     weights: tuple[Weight, ...]
@@ -96,8 +96,6 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         sentences = tuple(validation.sentences())
     else:
         states, skip, sentences = model.starts, int(report["fit"]["skipped"]), tuple(report["sentences"])
-    if (lag := report.get("lag")) is not None and lag["removed"]:
-        part = without_lag(part, lag["samples"])
     part = replace(part, y=part.y - shift)
     states = states[: len(part.starts)]
     problem = accumulate(part, counted_from(part, skip), s, states, Solving())
@@ -106,7 +104,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         model,
         part.x,
         part.y,
-        simulate(s, model.arrays, part, states, model.dynamics),
+        simulate(s, model.arrays, part, states, with_sensor(model).dynamics),
         skip,
         tuple(_weights(problem, model.weights, known)),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),

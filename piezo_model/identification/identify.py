@@ -1,11 +1,11 @@
 """From a recording to a model: equations (3) to (6) and the forward fit, in one call.
 
-    dynamics a resonance, and the recording as of a stage without it             `dynamics`
+    dynamics a resonance or a lag, and the recording as of a stage without it    `dynamics`, `sensor_lag`
     start    sign, transient, states before the first sample, a first fit        `start`
     creep    creep and drift, where the data determine them                      `creep`
     orders   n and m, from one Gram matrix of all candidates                     `selection`
     fit      program (6) with its proof, then the smallest error of the output   `error_model`, `forward`
-    judge    lag, errors beside those of a line, adequacy, intervals             `sensor_lag`, `fit_errors`, `adequacy`
+    judge    errors beside those of a line, adequacy, intervals                  `fit_errors`, `adequacy`
     report   numbers, and what each finding says of itself                       `report`
 
 Data that the model class does not describe are refused.
@@ -48,7 +48,7 @@ from piezo_model.identification.selection import (
     Selection,
     select,
 )
-from piezo_model.identification.sensor_lag import Lag, estimate_lag, without_lag
+from piezo_model.identification.sensor_lag import Lag, separate_lag
 from piezo_model.identification.start import USUAL, Prepared, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -130,10 +130,10 @@ def identify(
     skip : int, optional
         Samples at the start that move the operators and are not counted; by default those of a switch-on transient.
     lag : "estimate", "remove" or "ignore"
-        Whether a lag of the sensor is estimated and reported, also removed from the output, or ignored; beside
-        dynamics it is their delay, and stays in the model.
+        Whether a lag of the output is estimated, removed as the sensor's, or ignored; beside a resonance it is part of
+        the dynamics, and stays in the model.
     dynamics : "estimate", "ignore" or Dynamics
-        Whether a resonance and a delay are taken in where the recording determines them, ignored, or known.
+        Whether a resonance and a lag are taken in where the recording determines them, ignored, or known.
     estimator : "forward" or "error-model"
         Whether the weights minimise the error of the output, or are those of the paper's program (6).
     state : OperatorState, optional
@@ -195,7 +195,10 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     def start(static: Recording) -> Prepared:
         return prepare(static, first, solving, options.skip, options.state, fit_range=own_range)
 
-    separated = separate(recording, start, options.dynamics, solving)
+    separated, lag = separate(recording, start, options.dynamics, solving), None
+    if separated.dynamics is None and options.lag != "ignore":
+        keep, remove = options.dynamics == "estimate", options.lag == "remove"
+        separated, lag = separate_lag(recording, separated, solving, keep=keep, remove=remove)
     static, prepared = separated.static, separated.prepared
     progress("creep", 1, 4)
     determined = determine(static, counted_from(recording, prepared.skip), prepared.fit, solving)
@@ -203,7 +206,7 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     fitting = Fitting(recording, separated, determined, options, solving)
     selection, near = fitting.chosen()
     progress("fit", 3, 4)
-    final, lag = fitting.final(near)
+    final = fitting.final(near)
     verdict, found = fitting.judged(final)
     if verdict.refusal is not None and not options.force:
         raise IdentificationError(f"{recording.name}: {verdict.refusal}")
@@ -218,8 +221,6 @@ Near = ForwardFit | Candidate
 class Final:
     """The final fit, and the program (6) beside it."""
 
-    recording: Recording
-    """Without a lag that is removed."""
     problem: IdentificationProblem
     optimal: Vector
     """Weights (d,) of the program."""
@@ -264,29 +265,17 @@ class Fitting:
         selection = select(recording, counted, fit, determined, rates, self.solving, self.span, ns, ms)
         return selection if None in (options.n, options.m) else None, selection.chosen
 
-    def final(self, near: Near) -> tuple[Final, Lag | None]:
-        """The final fit, and the lag of the sensor, which is removed if that is wanted."""
-        final, remove = self._fitted(self.recording, near), self.options.lag == "remove"
-        if self.options.lag == "ignore" or self.separated.parameters is not None:  # which hold the delay
-            return final, None
-        lag = estimate_lag(
-            self.recording, final.fit, self.prepared.skip, final.drift, self.solving, self.span, remove=remove
-        )
-        if lag is not None and lag.removed:
-            final = self._fitted(without_lag(self.recording, lag.samples), final.fit)
-        return final, lag
-
-    def _fitted(self, recording: Recording, near: Near) -> Final:
+    def final(self, near: Near) -> Final:
         """Solve (6) and minimise the error of the output, with a drift if the gain is clear."""
-        s, counted, solving = near.structure, counted_from(recording, self.prepared.skip), self.solving
+        recording, s = self.recording, near.structure
+        counted, solving = counted_from(recording, self.prepared.skip), self.solving
         parameters = self.separated.parameters
-        static = recording if parameters is None else self.separated.static
-        problem = accumulate(static, counted, s, near.states, solving)
+        problem = accumulate(self.separated.static, counted, s, near.states, solving)
         optimal = solving.optimum(problem)
         if self.options.estimator == "error-model":
             v = s.inverse_slope_map @ optimal
             fit = fit_forward(recording, counted, s, near.states, v, solving, steps=0, parameters=parameters)
-            return Final(recording, problem, optimal, fit, None)
+            return Final(problem, optimal, fit, None)
         limits = self.determined.creep_limits(s, self.prepared.fit) if self.options.chooses_creep else None
 
         def fitted(states: Sequence[OperatorState], v: Vector, further: Columns | None) -> ForwardFit:
@@ -314,12 +303,12 @@ class Fitting:
             column = Columns.of(np.linspace(-1.0, 1.0, recording.length), drift.lowest, drift.highest)
             drifting = fitted(fit.states, fit.v, column)
             if fit.improved_by(drifting, 1):
-                return Final(recording, problem, optimal, drifting, column)
-        return Final(recording, problem, optimal, fit, None)
+                return Final(problem, optimal, drifting, column)
+        return Final(problem, optimal, fit, None)
 
     def judged(self, final: Final) -> tuple[Adequacy, Fit]:
         """Whether the fit is adequate, and its errors."""
-        recording, fit, skip = final.recording, final.fit, self.prepared.skip
+        recording, fit, skip = self.recording, final.fit, self.prepared.skip
         s = fit.structure
         found = fit_of(recording, s, recording.y - s.y_centre - s.y_scale * fit.y_model, skip, self.span)
         if final.drift is not None:
@@ -334,11 +323,12 @@ def _reported(
     fitting: Fitting, final: Final, lag: Lag | None, verdict: Adequacy, found: Fit, selection: Selection | None
 ) -> HysteresisCreepModel:
     """The model of a final fit, or the line that is as good, with its report."""
-    recording, fit, problem, options = final.recording, final.fit, final.problem, fitting.options
+    recording, fit, problem, options = fitting.recording, final.fit, final.problem, fitting.options
     s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
     straight = verdict.straight and found.line[1] > 0.0
     model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
-    model = replace(model, dynamics=None if straight else fit.dynamics)
+    removed = lag is not None and lag.removed
+    model = replace(model, dynamics=None if straight or removed else fit.dynamics)
     if straight:
         errors = recording.y - simulate(s, model.arrays, recording, fit.states)
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)
@@ -359,7 +349,7 @@ def _reported(
         drive=drive_of(recording, prepared.skip, determined),
         determined=determined,
         creep_chosen=options.chooses_creep,
-        drift=None if final.drift is None else _drift(final, determined, fitting.span),
+        drift=None if final.drift is None else _drift(final, determined, fitting.recording, fitting.span),
         selection=selection,
         intervals=intervals(fit) if known else None,
         figures=figures_of(model),
@@ -368,10 +358,10 @@ def _reported(
     return replace(model, report=report.to_dict(s), start=fit.states[0])
 
 
-def _drift(final: Final, determined: Determined, span: float) -> Drift:
+def _drift(final: Final, determined: Determined, recording: Recording, span: float) -> Drift:
     assert determined.drift is not None  # where there is a column, there is an estimate
     fit = final.fit
-    per_s = 2.0 * fit.structure.y_scale / final.recording.duration_s
+    per_s = 2.0 * fit.structure.y_scale / recording.duration_s
     rms_percent = 100.0 * abs(fit.structure.y_scale) * math.sqrt(fit.cost) / span
     return Drift(per_s * float(fit.further[0]), abs(per_s) * determined.drift.se, rms_percent)
 

@@ -121,6 +121,12 @@ class FitReport:
                 "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
                 "barely be separated from curvature.",
             )
+        if self.drive.levels:
+            yield (
+                95.0,
+                f"The drive has {self.drive.levels} levels and hardly anything between them, so hysteresis is not "
+                "determined; record steps between many levels.",
+            )
         if sentence := self.determined.sentence(s.creep_rates, self.creep_chosen):
             yield 85.0, sentence
         if self.drift is not None:
@@ -149,7 +155,7 @@ class FitReport:
         if self.offset is not None and not self.offset.is_significant:
             yield self.offset.sentence(s.input_unit)
         if self.lag is not None and not self.lag.is_significant:
-            yield "The sensor shows no lag that is worth removing."
+            yield "The output shows no lag."
         if self.determined.creep is not None and self.creep_chosen:
             rates = ", ".join(f"{rate:g}" for rate in s.creep_rates)
             yield f"Creep is in the data beside any hysteresis, at the rates that they determine: {rates} per second."

@@ -1,69 +1,71 @@
-"""The lag of a sensor in samples, and its signal without the lag.
+"""A delay of the output, or the lag of an amplifier, of a stage that shows no mode.
 
-A sensor with a lag of L samples shows y_k = d(k − L) of the displacement d, so d at sample k is y at k + L.
-The correlation of input and output does not determine L, since hysteresis lags too. But the model's output leaves −L
-dŷ/dk of a lagging one, so the lag is one more column of the forward fit, and the output is advanced by what is found
-until nothing is left.
-
-Between samples the signal is interpolated by a sinc with a Kaiser window (J. F. Kaiser, "Nonrecursive digital filter
-design using the I0-sinh window function", 1974) and not by a spline: halfway between samples a cubic spline keeps 75 %
-of the variance of white noise, which would look like a better fit, and this kernel 96 %.
+Hysteresis lags too, so the correlation of input and output determines neither. They are unknowns of a forward fit, as
+dynamics without a mode, beside creep and a drift of the sensor.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
+from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS
-from piezo_model.identification.error_model import IdentificationError, Solving, counted_from, spans
-from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
-from piezo_model.identification.start import first_motion
+from piezo_model.identification.dynamics import ORDERS, Separated, Trials, found
+from piezo_model.identification.dynamics_parameters import LONGEST, Parameters
+from piezo_model.identification.error_model import Solving
+from piezo_model.identification.forward import Columns, ForwardFit
+from piezo_model.identification.start import USUAL, first_motion
+from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
 
-HALF_WIDTH = 32
-"""Samples of the interpolation kernel on each side."""
-KAISER_BETA = 10.0
 LAG_SAMPLES = 100_000
 """Samples for the estimate of the lag."""
-LONGEST_LAG = 10
-"""Longest lag that is found, in samples."""
-RESOLUTION = 0.01
-"""Resolution of the lag in samples."""
 SMALLEST = 0.1
-"""Smallest lag in samples that is worth removing."""
-CHANCE = 1e-3
-"""Largest probability of the gain without a lag."""
-ROUNDS, STEPS = 8, 2
-"""Most advances of the output, and steps of the fit after each."""
+"""Smallest lag in samples that is worth a sentence."""
+GAIN = 0.1
+"""Smallest gain of the error."""
+CLEAR = 0.5
+"""Largest ratio of the squares with an amplifier's lag to those with a delay alone at which it is one: a smooth drive
+hardly tells them apart."""
+RESOLUTION = 0.01
+"""Distance from the longest lag, in samples, at which it may be longer."""
+STEPS = 10
+"""Most steps of the fit, of which each finds about a sample."""
 
 
 @dataclass(frozen=True)
 class Lag:
-    """The sensor's delay that fits best, in samples, and the error of the output without and with its removal."""
+    """The lag with which a model errs least, and its errors without and with it, per cent of the output's range."""
 
     samples: float
+    """Delay and the amplifier's delay of a ramp."""
+    amplifier_s: float
+    """Time constant of the amplifier; 0 for a delay alone."""
     removed: bool
+    """Whether it is the sensor's, and so no part of the model."""
+    in_model: bool
     error_percent: float
     error_without_lag_percent: float
     at_edge: bool
-    """Whether the best lag is the largest tried one: it may be larger."""
+    """Whether it is the longest one tried: it may be longer."""
     is_significant: bool
-    """Whether the gain of its removal is clear."""
+    """Whether the gain is clear."""
 
     def sentence(self, sample_time: float) -> str:
         """The lag in words."""
-        samples = (
-            f"{self.samples:.0f} samples or more, the search limit," if self.at_edge else f"{self.samples:.2f} samples"
-        )
-        removed = "; it was removed before the fit" * self.removed
+        samples = f"{self.samples:.2f} samples" + " or more, the search limit," * self.at_edge
+        amplifier = f", of an amplifier with {quantity(self.amplifier_s, 's', 3)}" if self.amplifier_s else ""
+        where = "; it is in the model" if self.in_model else "; it is left out as the sensor's" * self.removed
         return (
-            f"The sensor lags by {samples} ({quantity(self.samples * sample_time, 's', 3)}): the RMS error of the "
-            f"output is {self.error_percent:.3f} % with the lag and {self.error_without_lag_percent:.3f} % "
-            f"without{removed}."
+            f"The output lags by {samples} ({quantity(self.samples * sample_time, 's', 3)}){amplifier}: in a first fit "
+            f"the RMS error is {self.error_percent:.3f} % of the range without a lag and "
+            f"{self.error_without_lag_percent:.3f} % with it{where}."
         )
 
     @property
@@ -71,107 +73,96 @@ class Lag:
         """What to do about it; "" for nothing."""
         if self.removed:
             return "The model is without the lag of the sensor; a loop that the sensor closes has it."
-        if not self.is_significant:
+        if self.in_model or not self.is_significant:
             return ""
         if self.at_edge:
             limit = f"{self.samples:.0f} samples, the search limit"
             return f"Align input and output first: the lag may be longer than {limit}."
-        return "Remove the lag of the sensor with the option --lag remove."
+        return "Take the lag into the model with the option --dynamics estimate, or remove it with --lag remove."
 
 
-def shift_output(y: Vector, lag: float) -> tuple[Vector, slice]:
-    """Advance a signal (samples,) by a number of samples, of either sign.
+@dataclass(frozen=True)
+class _Fits:
+    """Fits with structures of the same orders without a lag and with the best one."""
 
-    Returns
-    -------
-    values : array, shape (kept,)
-        The signal at ``k + lag`` for every sample ``k`` of ``kept``.
-    kept : slice
-        Samples that are kept: those with :data:`HALF_WIDTH` neighbours on both sides.
+    trials: Trials
+    prompt: ForwardFit
+    late: ForwardFit
 
-    Examples
-    --------
-    >>> values, kept = shift_output(np.arange(200.0), 1.5)
-    >>> kept, values[:2].round(3).tolist()
-    (slice(30, 167, None), [31.5, 32.5])
+    @classmethod
+    def of(cls, trials: Trials, starts: Collection[float], *, delay_alone: bool) -> _Fits:
+        """The best fit from one of some delays in samples, with that of an amplifier where it is clearly better."""
+        T, drift = trials.recording.sample_time, Columns.of(np.linspace(-1.0, 1.0, trials.recording.length))
+
+        def fitted(parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
+            return trials.fit(parameters, near, steps=STEPS, further=drift)
+
+        begins = [Parameters(Dynamics((), (), (), T * samples), T, free=True) for samples in starts]
+        prompt = fitted(Parameters(Dynamics((), (), (), 0.0), T))
+        late = min((fitted(begin, prompt) for begin in begins), key=lambda fit: fit.cost)
+        if not delay_alone:
+            slow = fitted(replace(begins[0], with_lag=True), late)
+            late = slow if slow.cost < CLEAR * late.cost else late
+        return cls(trials, prompt, late)
+
+    @property
+    def samples(self) -> float:
+        """The lag of a ramp."""
+        return float(found(self.late).vector.sum())
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the error falls clearly and the lag exceeds its interval."""
+        deviation = math.sqrt(np.diag(self.late.covariance)[self.trials.structure.d + 1 :].max())
+        return (
+            self.samples > max(SMALLEST, DEVIATIONS * deviation)
+            and self.late.cost < (1.0 - GAIN) ** 2 * self.prompt.cost
+        )
+
+
+def separate_lag(
+    recording: Recording, separated: Separated, solving: Solving, *, keep: bool, remove: bool
+) -> tuple[Separated, Lag | None]:
+    """The recording as of a stage without the lag that it has, if that is to be kept in the model or removed, and the
+    lag; None where the drive does not move the output.
+
+    A lag that is significant beside few plays has to be beside many, too: what few plays leave of a loop resembles one.
     """
-    whole = math.floor(lag)
-    start, stop = max(0, HALF_WIDTH - 1 - whole), min(y.size, y.size - HALF_WIDTH - whole)
-    distance = np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1) - (lag - whole)
-    window = np.i0(KAISER_BETA * np.sqrt(np.clip(1 - (distance / HALF_WIDTH) ** 2, 0, None)))
-    kernel = np.sinc(distance) * window
-    around = y[start + whole - HALF_WIDTH + 1 : stop + whole + HALF_WIDTH]
-    values = np.correlate(around, kernel / kernel.sum(), mode="valid")
-    return values, slice(start, stop)
+    prepared = separated.prepared
+    head = recording.head(first_motion(recording, prepared.skip) + LAG_SAMPLES)
+
+    def fits(orders: tuple[int, int], starts: Collection[float]) -> _Fits:
+        return _Fits.of(Trials.of(head, head, prepared, solving, orders), starts, delay_alone=remove)
+
+    best = fits(USUAL, {0, _best_shift(head.y, prepared.fit.y_model[: head.length])})
+    if best.is_significant:
+        best = fits(ORDERS, [found(best.late).start.delay_s / head.sample_time])
+    late, at, samples, is_significant = best.late, best.trials.structure.d + 1, best.samples, best.is_significant
+    if late.P[at, at] == 0.0:
+        return separated, None
+    at_edge = bool(found(late).vector.max() > LONGEST - RESOLUTION)
+    certain = is_significant and not at_edge
+    removed, in_model = certain and remove, certain and keep and not remove
+    scale = 100.0 * abs(best.trials.structure.y_scale) / float(np.ptp(head.y[best.trials.counted]))
+    without, behind = (scale * math.sqrt(fit.cost) for fit in (best.prompt, late))
+    lag = Lag(samples, found(late).start.amplifier_lag_s, removed, in_model, without, behind, at_edge, is_significant)
+    if not (removed or in_model):
+        return separated, lag
+    return replace(best.trials.separated(recording, prepared, late), finding=separated.finding), lag
 
 
-def without_lag(recording: Recording, lag: float) -> Recording:
-    """Return the recording with the output advanced by a lag; the samples at the ends of its parts, which lack
-    neighbours, are not counted."""
-    y, uncounted = np.empty(recording.length), np.ones(recording.length, dtype=bool)
-    for first, last in ((part.start, part.stop) for part in spans(recording)):
-        y[first:last] = np.interp(np.arange(last - first) + lag, np.arange(last - first), recording.y[first:last])
-        if last - first <= 2 * HALF_WIDTH + lag:
-            continue
-        values, kept = shift_output(recording.y[first:last], lag)
-        into = slice(first + kept.start, first + kept.start + values.size)
-        y[into] = values
-        uncounted[into] = recording.uncounted[into.start + round(lag) : into.stop + round(lag)]
-    return replace(recording, y=y, uncounted=uncounted)
+def _best_shift(y: Vector, y_model: Vector) -> int:
+    """Whole samples by which the output of a model (N,) is late to correlate the most with another one (N,)."""
+
+    def correlation(samples: int) -> float:
+        pair = y[samples:] - y.mean(), y_model[: y.size - samples] - y_model.mean()
+        return float(pair[0] @ pair[1]) / max(float(np.linalg.norm(pair[0]) * np.linalg.norm(pair[1])), 1e-300)
+
+    return max(range(min(int(LONGEST), y.size // 2)), key=correlation)
 
 
-def estimate_lag(
-    recording: Recording,
-    fit: ForwardFit,
-    skip: int,
-    drift: Columns | None,
-    solving: Solving,
-    span: float,
-    *,
-    remove: bool,
-) -> Lag | None:
-    """Return the delay of the output with the smallest error of the output, over the same samples for all delays.
-
-    Errors are shares of ``span``. The gain is significant if the variance of the error falls by an F test, and
-    the lag exceeds its interval.
-
-    None if the recording is too short, or the drive moves at its ends alone.
-    """
-    head = recording.head(first_motion(recording, skip) + LAG_SAMPLES)
-    longest = min(LONGEST_LAG, (head.length - skip) // 20)
-    counted = counted_from(without_lag(head, float(longest)), skip) & counted_from(without_lag(head, 0.0), skip)
-    too_few = int(np.count_nonzero(counted)) <= fit.structure.d
-    if too_few or not np.ptp(head.x[counted]):
-        if remove:
-            moves = "the drive moves too close to the ends of the recording"
-            why = f"{head.length} samples are too few" if too_few else moves
-            raise IdentificationError(f"{recording.name}: {why} to look for a lag")
-        return None
-
-    def fitted(lag: float, near: ForwardFit, *, search: bool) -> ForwardFit:
-        columns = [] if drift is None else [Columns(drift.signals[: head.length], drift.low, drift.high)]
-        if search:
-            outputs = (near.y_model[part] for part in spans(head))
-            lead = -np.concatenate([np.gradient(y) if y.size > 1 else np.zeros(y.size) for y in outputs])
-            columns.insert(0, Columns.of(lead, -lag, longest - lag))
-        further, states = Columns.joined(columns) if columns else None, fit.states[: len(head.starts)]
-        advanced = without_lag(head, lag)
-        return fit_forward(advanced, counted, fit.structure, states, near.v, solving, steps=STEPS, further=further)
-
-    found = searched = lagging = fitted(0.0, fit, search=False)
-    lag = 0.0
-    for _ in range(ROUNDS):
-        found = searched = fitted(lag, found, search=True)
-        change = float(found.further[0])
-        lag += change
-        if abs(change) < RESOLUTION:
-            break
-    lag = 0.0 if lag < RESOLUTION else lag
-    found = fitted(lag, found, search=False)
-    scale = 100.0 * abs(fit.structure.y_scale) / span
-    with_lag, without = (scale * math.sqrt(each.cost) for each in (lagging, found))
-    independent, at = lagging.independent, fit.structure.d
-    chance = f_distribution.sf(lagging.cost / max(found.cost, EXACT), independent, independent)
-    smallest = max(SMALLEST, DEVIATIONS * math.sqrt(searched.covariance[at, at]))
-    is_significant = bool(lag > smallest and chance < CHANCE)
-    return Lag(lag, remove and lag > 0.0, with_lag, without, longest - lag <= RESOLUTION, is_significant)
+def with_sensor(model: HysteresisCreepModel) -> HysteresisCreepModel:
+    """The model with the lag of the sensor that was removed from it."""
+    if (lag := model.report.get("lag")) is None or not lag["removed"]:
+        return model
+    return replace(model, dynamics=Dynamics((), (), (), lag["samples"] * model.structure.sample_time))

@@ -17,7 +17,7 @@ from piezo_model.identification.adequacy import outlier
 from piezo_model.identification.error_model import States, counted_from, one_thread
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import simulate
-from piezo_model.identification.sensor_lag import without_lag
+from piezo_model.identification.sensor_lag import with_sensor
 from piezo_model.identification.start import start_and_transient, y_range
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
@@ -94,12 +94,11 @@ def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
     model = model.at(recording.sample_time)
     s, own = model.structure, model.report.get("recording") == recording.digest()
     recording = recording.in_units(s.input_unit, s.output_unit)
-    (states, skip), lag = start_and_transient(model, recording), model.report.get("lag")
+    seen = with_sensor(model)
+    states, skip = start_and_transient(seen, recording)
     low, high = y_range(recording, skip)
-    if lag is not None and lag["removed"]:
-        recording = without_lag(recording, lag["samples"])
     errors, counted = (
-        recording.y - simulate(s, model.arrays, recording, states, model.dynamics),
+        recording.y - simulate(s, model.arrays, recording, states, seen.dynamics),
         counted_from(recording, skip),
     )
     inside = errors[counted & (np.abs(s.unit_input(recording.x)) <= WITHIN)]

@@ -302,7 +302,7 @@ def test_steps_determine_the_modes_the_residual_compliance_and_the_delay(
 )
 def test_no_resonance_is_found_where_there_is_none(kind: str, drive: str, noise_um: float) -> None:
     model = identify(made(kind, drive, [], noise_um), n=5, m=3, force=True)
-    assert model.dynamics is None
+    assert model.dynamics is None or not model.dynamics.frequencies_Hz
     assert not any("resonance" in sentence for sentence in model.report["sentences"])
 
 

@@ -9,11 +9,10 @@ import pytest
 from known_models import a_drive, structure, true_model
 from plain_model import simulate_file
 from programs import real_recording
-from scipy.signal import sawtooth
+from scipy.signal import lfilter, sawtooth
 
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
 from piezo_model.identification import sensor_lag
-from piezo_model.identification.sensor_lag import HALF_WIDTH, shift_output
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import RecordingError
 
@@ -92,14 +91,13 @@ def test_a_whole_and_a_fractional_lag_are_identified_and_reported(tenths: int, c
     assert found["removed"] == (choice == "remove")
     assert found["error_without_lag_percent"] < 0.2 * found["error_percent"]
     (sentence,) = sentences(model, f"{found['samples']:.2f} samples")  # the advice does not repeat the number
-    assert ("it was removed before the fit" in sentence) == (choice == "remove")
-    assert any("--lag remove" in advice for advice in model.report["advice"]) == (choice == "estimate")
-    if choice == "remove":
-        with_lag = identify(x[fine * 20 :: fine], y, s, lag="ignore")
-        trimmed = shift_output(y, found["samples"])[1].start
-        assert model.report["fit"]["skipped"] == 0
-        assert model.report["fit"]["samples"] <= with_lag.report["fit"]["samples"] - trimmed
-        assert model.report["fit"]["rms_percent"] < 0.3 * with_lag.report["fit"]["rms_percent"]
+    assert ("left out as the sensor's" in sentence) == (choice == "remove")
+    with_lag = identify(x[fine * 20 :: fine], y, s, lag="ignore")
+    assert model.report["fit"]["skipped"] == 0
+    assert model.report["fit"]["rms_percent"] < 0.3 * with_lag.report["fit"]["rms_percent"]
+    assert (model.dynamics is None) == (choice == "remove")
+    judged = model.validate(Recording.from_arrays(x[fine * 20 :: fine], y, 5e-3))
+    assert judged.fit.rms == pytest.approx(model.report["fit"]["rms"], rel=0.1)
 
 
 def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
@@ -117,9 +115,10 @@ def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
 
 
 def test_a_lag_beyond_the_longest_tried_one_is_reported_as_a_lower_bound() -> None:
-    s, x = structure(creep_rates=()), a_drive()
-    model = identify(x[20:], true_model(s).simulate(x)[5:-15], s, force=True)  # refused as a delay otherwise
-    assert sentences(model, "lags by 10 samples or more, the search limit")
+    k = np.arange(6000)
+    recording = Recording.from_arrays(displacement(k), 2 * displacement(k - 40), 1e-3)
+    model = identify(recording, force=True)  # refused as a delay otherwise
+    assert sentences(model, "lags by 20.00 samples or more, the search limit")
 
 
 def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,7 +143,8 @@ def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(
     model = identify(
         x, true_model(s).simulate(x) + 0.001 * np.random.default_rng(0).standard_normal(x.size), s, force=force
     )
-    assert model.report["lag"] is None
+    assert model.report["lag"]["samples"] == pytest.approx(0.0, abs=0.01)
+    assert not model.report["lag"]["is_significant"]
     assert model.report["fit"]["max_percent"] < 5.0
 
 
@@ -210,7 +210,7 @@ def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(mis
     model = identify(gaps, structure=s, lag=lag)
     fit = model.report["fit"]
     assert fit["samples"] + fit["missing"] == whole.report["fit"]["samples"] + whole.report["fit"]["missing"]
-    assert fit["missing"] == len(missing) or lag == "remove"
+    assert fit["missing"] == len(missing)
     assert (f"samples ({fit['missing']} not counted);" in model.report["headline"]) == (fit["missing"] > 0)
     assert fit["rms"] == pytest.approx(whole.report["fit"]["rms"], rel=0.05)
     assert np.abs(model.simulate(x) - whole.simulate(x)).max() < 0.05
@@ -254,13 +254,6 @@ X = a_drive(400)
         (X, X, {"skip": 395}, "only 5 of 400 samples are counted after skipping 395, too few for 11 weights"),
         (X, X, {"skip": -1}, "skip must be a whole number of at least 0, not -1"),
         (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
-        (X[:140], X[:140], {"lag": "remove", "skip": 100}, "140 samples are too few to look for a lag"),
-        (
-            np.arange(400) < 5,
-            X,
-            {"lag": "remove"},
-            "the drive moves too close to the ends of the recording to look for a lag",
-        ),
         (np.arange(400) < 5, X, {"skip": 20}, "the drive does not move after the first 20 samples, which are skipped"),
         (X, X[:-1], {}, r"of one length and not empty, not of shapes \(400,\) and \(399,\)"),
         (X, None, {}, "identification from arrays needs x, y and a structure"),
@@ -281,8 +274,8 @@ def test_data_that_cannot_give_a_model_are_refused_in_one_sentence(x, y, options
 
 
 def displacement(k: np.ndarray) -> np.ndarray:
-    """A signal that is known between the samples, too, with frequencies up to a third of the Nyquist frequency."""
-    return 20 * np.sin(0.03 * k) + 3 * np.cos(0.4 * k + 1) + 0.5 * np.sin(1.0 * k) - 96
+    """A signal that is known between the samples, too, with thirty samples a period or more."""
+    return 20 * np.sin(0.03 * k) + 3 * np.cos(0.1 * k + 1) + 0.5 * np.sin(0.2 * k) - 96
 
 
 @pytest.mark.parametrize("lag", [0.4, 2.3, 6.0])
@@ -291,7 +284,9 @@ def test_a_lag_of_the_sensor_is_found_to_a_hundredth_of_a_sample(lag: float) -> 
     recording = Recording.from_arrays(displacement(k), 2 * displacement(k - lag), 1e-3)
     found = identify(recording, n=2, m=1, creep_rates=(), force=True).report["lag"]
     assert found["samples"] == pytest.approx(lag, abs=0.01)
-    assert found["error_without_lag_percent"] < 0.01 * found["error_percent"]
+    assert (
+        found["error_without_lag_percent"] < 0.1 * found["error_percent"]
+    )  # the samples before the first one are unknown
 
 
 def of_a_stage(name: str, x: np.ndarray, lag: float = 0.0, noise_um: float = 0.02) -> Recording:
@@ -320,19 +315,38 @@ def test_a_lag_in_noise_is_named_with_errors_that_are_shares_of_the_full_range(l
     report = identify(of_a_stage("maxwell_slip", TONES, lag)).report
     assert report["lag"]["is_significant"]
     assert report["lag"]["samples"] == pytest.approx(lag, abs=0.3)  # creep lags, too
-    assert report["lag"]["error_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.03)
+    assert report["lag"]["error_without_lag_percent"] < report["fit"]["rms_percent"] < report["lag"]["error_percent"]
     assert report["selection"]["table"][0]["error_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.1)
 
 
-@pytest.mark.parametrize("lag", [0.25, 0.5, 1.9, -0.4, -3.75, 10.01, 40.5, 0.0, 7.0])
-def test_a_shifted_signal_is_the_signal_between_its_samples_wherever_these_have_neighbours(lag: float) -> None:
-    k = np.arange(500)
-    values, kept = shift_output(displacement(k), lag)
-    assert kept.start == max(0, np.ceil(HALF_WIDTH - 1 - np.floor(lag)))
-    assert kept.stop - 1 == min(499, np.floor(499 - HALF_WIDTH - np.floor(lag)))
-    np.testing.assert_allclose(values, displacement(k[kept] + lag), atol=1e-4)
+def amplified(x: np.ndarray, tau_s: float, sample_time: float) -> np.ndarray:
+    """Four samples of an amplifier of first order for each that is held."""
+    p = np.exp(-0.25 * sample_time / tau_s)
+    return np.asarray(lfilter([1 - p], [1, -p], np.repeat(x - x[0], 4)) + x[0])
 
 
-def test_a_shift_by_half_a_sample_keeps_the_noise_so_that_it_does_not_look_like_a_better_fit() -> None:
-    noise = np.random.default_rng(2).normal(size=50_000)
-    assert np.var(shift_output(noise, 0.5)[0]) > 0.95 * np.var(noise)
+@pytest.mark.parametrize(("tau_s", "delay_s"), [(4e-3, 0.0), (4e-3, 1e-3), (0.0, 2e-3)])
+def test_a_delay_and_the_lag_of_an_amplifier_without_a_mode_are_in_the_model(tau_s: float, delay_s: float) -> None:
+    def made(seed: int, hold: int) -> Recording:
+        rng = np.random.default_rng(seed)
+        x = np.repeat(rng.uniform(0.0, 150.0, 6000 // hold), hold)
+        y = plants.get("maxwell_slip", sample_time=2.5e-4).run(amplified(x, tau_s, 1e-3) if tau_s else np.repeat(x, 4))
+        late = round(delay_s / 1e-3)
+        y = np.concatenate([np.full(late, y[3]), y[3::4][: x.size - late]])
+        return Recording.from_arrays(x, y + rng.normal(0.0, 0.01, x.size), 1e-3)
+
+    model = identify(made(1, 40))
+    assert model.dynamics is not None
+    assert model.dynamics.frequencies_Hz == ()
+    assert model.dynamics.delay_s == pytest.approx(delay_s, abs=1e-4)
+    assert model.dynamics.amplifier_lag_s == pytest.approx(tau_s, rel=0.03)
+    assert model.validate(made(2, 15)).fit.rms < 3.0 * model.report["fit"]["rms"]
+    assert sentences(model, "; it is in the model")
+
+
+def test_a_drive_of_two_levels_is_said_not_to_determine_hysteresis() -> None:
+    x = np.repeat(np.random.default_rng(0).integers(0, 2, 200), 40) * 100.0
+    y = plants.get("maxwell_slip", sample_time=1e-3).run(x)
+    model = identify(Recording.from_arrays(x, y + np.random.default_rng(1).normal(0.0, 0.02, y.size), 1e-3), force=True)
+    assert sentences(model, "The drive has 2 levels and hardly anything between them, so hysteresis is not determined")
+    assert not model.report["drive"]["hysteresis"]

@@ -81,7 +81,6 @@ def test_a_model_that_is_hardly_better_than_a_line_is_refused_with_the_reason(se
         identify(made, dynamics="ignore")
     report = identify(made, dynamics="ignore", force=True).report
     assert report["fit"]["rms_percent"] > 0.7 * report["fit"]["line_percent"]
-    assert report["lag"]["error_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
