@@ -23,7 +23,7 @@ SERVER = """
 import gc, json, os, resource, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests themselves may run in the background
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # or under nohup
-from bench.cli import standard_streams
+from bench.cli import prepare_streams
 from bench.cli.app import command_line, run
 from bench.problems import sets
 command_line()  # imports every verb
@@ -39,7 +39,7 @@ while line := sys.stdin.readline():
             os.dup2(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND), number)
         for stream in (sys.stdout, sys.stderr):
             stream.reconfigure(encoding=call["encoding"])
-        standard_streams.prepare()
+        prepare_streams()
         os.chdir(call["folder"])
         if call["largest_file"]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (call["largest_file"],) * 2)

@@ -5,12 +5,13 @@ fault of the program itself.
 """
 
 import atexit
+import io
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
-
-from bench.cli import standard_streams
+from typing import TextIO
 
 REFUSED = 2
 """Exit status after a user's mistake."""
@@ -18,6 +19,51 @@ FAILED = 3
 """Exit status of a comparison, or a history, that found what its options name."""
 INTERRUPTED = 128 + signal.SIGINT
 """Exit status after Ctrl-C, as in shells: 128 plus the number of the signal."""
+
+
+class OutputError(Exception):
+    """Standard output cannot be written; the message is one sentence.
+
+    It is not an OSError, which libraries would handle as their own.
+    """
+
+
+class _Stream(io.FileIO):
+    """A standard stream that is redirected to the null device after its first failure; a failure of standard error is
+    silent."""
+
+    def write(self, data: object) -> int:
+        try:
+            return super().write(data)  # type: ignore[arg-type]
+        except OSError as error:
+            with suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
+            if self.fileno() == 1:
+                raise OutputError(f"standard output cannot be written ({error.strerror})") from None
+            return len(memoryview(data))  # type: ignore[arg-type]
+
+
+def prepare_streams() -> None:
+    """Open the standard streams that are closed, and make them safe to write to; OutputError if there is no standard
+    output.
+
+    The next file that is opened would take the number of a descriptor that the caller closed, and printed text would
+    end up in it. A character that the terminal's encoding lacks is printed as an escape sequence.
+    """
+    closed = []
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:  # the lowest free number
+        closed.append(number)
+    os.close(number)
+    sys.stderr = _stream(2, sys.stderr, lines=True)
+    if 1 in closed:
+        raise OutputError("standard output is closed; send it to a file, or to /dev/null")
+    sys.stdout = _stream(1, sys.stdout, lines=sys.stdout.isatty())
+
+
+def _stream(number: int, before: TextIO | None, lines: bool) -> TextIO:
+    raw = _Stream(number, "w", closefd=False)
+    encoding = before.encoding if before else "utf-8"
+    return io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=lines)
 
 
 def main() -> None:
@@ -41,9 +87,9 @@ def main() -> None:
 
     atexit.register(leave)  # runs last, and skips the second that the libraries' own clean-up takes
     try:
-        standard_streams.prepare()
+        prepare_streams()
         from bench.cli.app import run
-    except (standard_streams.OutputError, ModuleNotFoundError) as error:
+    except (OutputError, ModuleNotFoundError) as error:
         absent = f"the command needs the package {getattr(error, 'name', '')}: install piezobench[bench]"
         print(f"piezobench: {absent if isinstance(error, ImportError) else error}", file=sys.stderr)
         status = REFUSED

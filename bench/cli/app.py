@@ -16,8 +16,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli import INTERRUPTED, REFUSED
-from bench.cli.standard_streams import OutputError
+from bench.cli import INTERRUPTED, REFUSED, OutputError
 
 VERBS = {
     "race": ("race_verbs", "Race solvers and compare their accuracy and speed."),

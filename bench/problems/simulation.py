@@ -4,6 +4,7 @@ No actuator is in the model class. Each starts at the low end of its major loop,
 measured with noise and quantisation; the unseen data for validation follow, under another drive.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -41,6 +42,12 @@ REACHES = (
     (5, 3, 0.2, 0.05),
 )
 """(n, m, share of the input range that the drive covers, length of the building phase in s) of the set excitation."""
+FORGOTTEN_S = 2.0
+DRIFT_PER_S = 0.005
+"""Time constant of the data basis of the set drift, and change of its actuator's gain."""
+FIRST_S, EVERY_S, SNAPSHOTS, UNSEEN_S = 2.0, 0.25, 32, 0.5
+"""Time before its first problem, which has no predecessor and is not raced; from one to the next, and their number;
+and length of the unseen data."""
 
 
 @dataclass(frozen=True)
@@ -183,3 +190,43 @@ class Excitation(Simulated):
         for n, m, reach, build_s in REACHES
         for proximal in (0.0, 1e-10)
     }
+
+
+class Drift(ProblemSet):
+    """A data basis that forgets, over the Preisach actuator under a random walk, whose gain drifts by half a per cent a
+    second: a sequence of problems, each close to the previous one.
+
+        P_k = Σ_j λ^(k−j) Ξ_j Ξ_jᵀ / W_k,   λ = exp(−Ts/τ),   τ = 2 s
+
+    The optimum of the previous problem is ``warm_start``. A solver that runs beside a controller gets such problems,
+    and a warm start should help there.
+    """
+
+    name = "drift"
+    description = "snapshots of a forgetting data basis (2 s) every 0.25 s over a drifting actuator, with warm starts"
+
+    def names(self) -> Sequence[str]:
+        """Moments of the snapshots."""
+        return [f"t{FIRST_S + k * EVERY_S:05.2f}s" for k in range(1, SNAPSHOTS + 1)]
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Certify a snapshot every quarter of a second."""
+        experiment = Experiment(
+            "relay_preisach", "random_walk", build_s=FIRST_S, drift_per_s=DRIFT_PER_S, seed=self.seed
+        )
+        plant, x, y, basis = experiment.measured(
+            FIRST_S + SNAPSHOTS * EVERY_S + UNSEEN_S, math.exp(-SAMPLE_TIME / FORGOTTEN_S)
+        )
+        first, step, unseen_samples = (round(seconds / SAMPLE_TIME) for seconds in (FIRST_S, EVERY_S, UNSEEN_S))
+        basis.update(x[:first], y[:first])
+        start = basis.problem()
+        previous, neighbours = certified(self.name, "start", start).optimal_weights, [start]
+        for name, end in zip(self.names(), range(first + step, first + SNAPSHOTS * step + 1, step), strict=True):
+            basis.update(x[end - step : end], y[end - step : end])
+            unseen = slice(end, end + unseen_samples)
+            validation = Validation(basis.structure, basis.state.copy(), x[unseen], y[unseen], plant.noise_um)
+            now = basis.problem()
+            problem = certified(self.name, name, now, validation, previous, neighbours[-3:])
+            previous = problem.optimal_weights
+            neighbours.append(now)
+            yield problem

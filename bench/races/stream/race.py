@@ -33,8 +33,7 @@ from bench.messages.task import (
     Tier,
     settings_ladder,
 )
-from bench.problems.drift import DRIFT_PER_S, TIME_CONSTANT_S
-from bench.problems.simulation import Experiment
+from bench.problems.simulation import DRIFT_PER_S, FORGOTTEN_S, Experiment
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.chosen_settings import DEFAULT, EACH, choices, table_of
@@ -104,7 +103,7 @@ class StreamSettings(TierSettings):
     plant: str = "relay_preisach"
     drive: str = "random_walk"
     drift_per_s: float = DRIFT_PER_S
-    time_constant_s: float = TIME_CONSTANT_S
+    time_constant_s: float = FORGOTTEN_S
 
     @property
     def experiment(self) -> Experiment:
