@@ -1,7 +1,8 @@
 """Invalid files: arbitrary content, valid documents and tables with one change each, and runs whose texts are code."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -137,9 +138,17 @@ FORMAT = "{0.__class__.__mro__}{{ 7 * 7 }}%s${HOME}$(touch HARMED)`touch HARMED`
 PAYLOADS = (PYTHON, SCRIPT, FORMAT)
 
 
-def text_columns(schema: pa.Schema) -> tuple[str, ...]:
-    """The columns of a table that hold any text."""
-    return tuple(each.name for each in schema if pa.types.is_large_string(each.type) and each.name not in CHOICES)
+NEEDED = ("status", "settings", "machine")
+"""Columns without whose texts a run is refused."""
+
+
+def hostile_texts(schema: pa.Schema, together: bool) -> list[tuple[list[str], Sequence[str]]]:
+    """Columns of texts and payloads for them: all columns but needed ones, with each payload, if ``together``; else
+    each column alone, with all payloads in turn."""
+    texts = [each.name for each in schema if pa.types.is_large_string(each.type) and each.name not in CHOICES]
+    if together:
+        return [([name for name in texts if name not in NEEDED], (payload,)) for payload in PAYLOADS]
+    return [([name], PAYLOADS) for name in texts]
 
 
 def change_machine(folder: Path, **changes: object) -> None:
@@ -156,16 +165,18 @@ def change_machine(folder: Path, **changes: object) -> None:
             parquet.write_table(table.set_column(at, "machine", pa.array([key] * table.num_rows)), file)
 
 
-def make_hostile(run: Run, file: str, columns: Iterable[str], payload: str) -> None:
-    """Append the payload to each text of these columns, and put it into the descriptions of machine and field."""
-    change_machine(run.path, processor=payload, core=payload, warnings=[payload])
+def make_hostile(run: Run, file: str, columns: Iterable[str], payloads: Sequence[str]) -> None:
+    """Append the payloads in turn to the texts of these columns, and put them into the descriptions of machine and
+    field."""
+    change_machine(run.path, processor=payloads[0], core=payloads[-1], warnings=[*payloads])
     table = parquet.read_table(run.path / file)
     for name in columns:
         texts = [
             json.dumps({**json.loads(text), payload: payload}) if name == "settings" else text + payload
-            for text in table[name].to_pylist()
+            for text, payload in zip(table[name].to_pylist(), cycle(payloads), strict=False)
         ]
         table = table.set_column(table.column_names.index(name), name, pa.array(texts))
     parquet.write_table(table, run.path / file)
-    left_out = {"paper": {payload.replace("/", ""): payload}}
-    run.note(field={payload: payload}, absent={payload: payload}, left_out=left_out)
+    named = {payload: payload for payload in payloads}
+    left_out = {"paper": {payload.replace("/", ""): payload for payload in payloads}}
+    run.note(field=named, absent=named, left_out=left_out)

@@ -151,27 +151,20 @@ def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race
 def assert_harmless(
     piezobench: CommandLine, browser: Browser, run: Run, schema: Schema, folder: Path, labels: bool
 ) -> None:
-    """Code in the texts of a run is not evaluated in its report: in all of them but the status, the settings and
-    the machine if ``labels``, else in one column after the other."""
-    texts = hostile_files.text_columns(schema.arrow)
-    chosen = (
-        [[name for name in texts if name not in ("status", "settings", "machine")]]
-        if labels
-        else [[name] for name in texts]
-    )
-    for columns in chosen:
-        for number, payload in enumerate(hostile_files.PAYLOADS):
-            copy = Run(folder / f"{'-'.join(columns)[:40]}-{number}")
-            shutil.copytree(run.path, copy.path)
-            hostile_files.make_hostile(copy, schema.file, columns, payload)
-            call = piezobench("report", copy.path, folder=folder)
-            assert not list(folder.rglob("HARMED")), (columns, payload)
-            if call.status:
-                assert call.refusal
-            else:
-                browser.open(copy.path / "report.html")
-                assert browser.console() == []
-                assert browser.run("return document.title").endswith(copy.path.name)
+    """Code in the texts of a run is not evaluated in its report: in all of them but the needed ones if ``labels``, else
+    in one column after the other."""
+    for number, (columns, payloads) in enumerate(hostile_files.hostile_texts(schema.arrow, labels)):
+        copy = Run(folder / f"{'-'.join(columns)[:40]}-{number}")
+        shutil.copytree(run.path, copy.path)
+        hostile_files.make_hostile(copy, schema.file, columns, payloads)
+        call = piezobench("report", copy.path, folder=folder)
+        assert not list(folder.rglob("HARMED")), (columns, payloads)
+        if call.status:
+            assert call.refusal
+        else:
+            browser.open(copy.path / "report.html")
+            assert browser.console() == []
+            assert browser.run("return document.title").endswith(copy.path.name)
 
 
 @pytest.fixture(scope="session")

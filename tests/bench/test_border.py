@@ -17,11 +17,11 @@ from hostile_files import (
     DEEP,
     LONG,
     PAYLOADS,
+    hostile_texts,
     make_hostile,
     spoiled,
     spoiled_documents,
     spoiled_tables,
-    text_columns,
 )
 from pyarrow import parquet
 from qpsolvers import Problem
@@ -270,19 +270,18 @@ def test_a_program_whose_headers_are_damaged_is_refused(tmp_path: Path) -> None:
 def test_no_text_of_a_run_is_evaluated_in_a_comparison_or_a_decision(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
-    labels = [name for name in text_columns(ONESHOT.arrow) if name not in ("status", "settings", "task", "machine")]
-    for payload in PAYLOADS:
-        for columns in (labels, ["setting"], ["settings"], ["solver"], ["problem"], ["host"]):
-            shutil.rmtree(tmp_path / "run", ignore_errors=True)
-            shutil.copytree(clean_race.run.path, tmp_path / "run")
-            make_hostile(Run(tmp_path / "run"), "rows.parquet", columns, payload)
-            for words in (
-                ["compare", clean_race.run.path, tmp_path / "run", "--out", tmp_path / "c"],
-                ["deploy", tmp_path / "run", "--out", tmp_path / "d.json", "--simulated", "--deadline", 1e6],
-            ):
-                call = piezobench(*words, folder=tmp_path)
-                assert call.status == 0 or call.refusal
-                assert not list(tmp_path.rglob("HARMED")), (columns, payload)
+    alone = [([name], PAYLOADS) for name in ("setting", "settings", "solver", "problem", "host")]
+    for columns, payloads in (*hostile_texts(ONESHOT.arrow, together=True), *alone):
+        shutil.rmtree(tmp_path / "run", ignore_errors=True)
+        shutil.copytree(clean_race.run.path, tmp_path / "run")
+        make_hostile(Run(tmp_path / "run"), "rows.parquet", set(columns) - {"task"}, payloads)
+        for words in (
+            ["compare", clean_race.run.path, tmp_path / "run", "--out", tmp_path / "c"],
+            ["deploy", tmp_path / "run", "--out", tmp_path / "d.json", "--simulated", "--deadline", 1e6],
+        ):
+            call = piezobench(*words, folder=tmp_path)
+            assert call.status == 0 or call.refusal
+            assert not list(tmp_path.rglob("HARMED")), (columns, payloads)
 
 
 HARM = """

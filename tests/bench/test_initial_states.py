@@ -178,38 +178,14 @@ def test_a_model_without_initial_states_begins_at_rest_with_a_message(
 ) -> None:
     saved = json.loads((desk / "model.json").read_text())
     (tmp_path / "model.json").write_text(json.dumps({**saved, "start": None}))
-    call = piezobench(
-        "simulate",
-        "model.json",
-        desk / "stage.csv",
-        "--input",
-        "voltage_V",
-        "--out",
-        "y.csv",
-        "--json",
-        folder=tmp_path,
-    )
-    assert json.loads(call.stdout)["start"] == "rest"
+    for model, start in (("model.json", ()), (desk / "model.json", ("--start", "rest"))):
+        words = ("simulate", model, desk / "stage.csv", "--input", "voltage_V", *start, "--out", "y.csv", "--json")
+        assert json.loads(piezobench.run(*words, folder=tmp_path).stdout)["start"] == "rest"
     refused = piezobench(
         "compensate", "model.json", desk / "wanted.csv", "--start", "recording", "--out", "x.csv", folder=tmp_path
     )
     assert (refused.status, (tmp_path / "x.csv").exists()) == (2, False)
     assert "the model has no states from before a recording; begin at rest" in refused.stderr
-    begun = json.loads(
-        piezobench(
-            "simulate",
-            desk / "model.json",
-            desk / "stage.csv",
-            "--input",
-            "voltage_V",
-            "--out",
-            tmp_path / "z.csv",
-            "--start",
-            "rest",
-            "--json",
-        ).stdout
-    )
-    assert begun["start"] == "rest"
 
 
 def test_a_model_without_a_report_is_validated_with_a_page(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:

@@ -1,21 +1,27 @@
-"""Problem sets: their range, contents, options and proofs."""
+"""Problem sets: their range, contents, options and proofs; the set of measured actuators and its files."""
 
 import json
-from itertools import pairwise
+import subprocess
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import CommandLine
+from make_measured import PROGRAMS
+from make_measured import make as made_from
 from measured_rows import judged
+from program_files import same_problem
 
 from bench.messages.task import Outcome, Status
-from bench.problems import RaceProblem, all_sets, make, sets
+from bench.problems import RaceProblem, all_sets, find, make, sets
+from bench.problems.measured import FOLDER, read
 from bench.problems.protocol import SCALINGS, Scaling
 from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed
+from bench.races.oneshot.passes import OneshotSettings
 from bench.races.run_problems import raced
 from bench.races.settings import RaceSettings
-from piezo_model import HysteresisCreepModel, plants
+from piezo_model import DataBasis, HysteresisCreepModel, plants
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS
@@ -268,3 +274,139 @@ def test_a_set_makes_only_the_problems_that_are_wanted_under_their_names() -> No
         problem_set = make(name)
         problem_set.wanted = {problem_set.names()[1]}
         assert [problem.name for problem in problem_set.problems()] == [problem_set.names()[1]]
+
+
+@pytest.fixture(scope="module")
+def paper() -> list[RaceProblem]:
+    return list(islice(find("paper")(seed=0).problems(), 2))
+
+
+@pytest.fixture(scope="module", params=sorted(sets()))
+def first(request: pytest.FixtureRequest, paper: list[RaceProblem]) -> RaceProblem:
+    return paper[0] if request.param == "paper" else next(find(request.param)().problems())
+
+
+@pytest.mark.parametrize("scaling", SCALINGS)
+def test_the_certificate_of_a_problem_is_accepted(
+    first: RaceProblem, paper: list[RaceProblem], scaling: Scaling
+) -> None:
+    for problem in (first, paper[1]):
+        verify(problem.forms[scaling].qp, problem.forms[scaling].certificate)
+
+
+def test_both_scalings_have_the_same_optimal_weights(first: RaceProblem) -> None:
+    scaled, raw = (first.forms[s].to_weights @ np.array(first.forms[s].certificate.x) for s in SCALINGS)
+    np.testing.assert_allclose(raw, scaled, rtol=0.0, atol=1e-6 * abs(scaled).max())
+
+
+def test_a_problem_is_saved_and_loaded_to_the_last_bit(first: RaceProblem, tmp_path: Path) -> None:
+    first.save(tmp_path / "problem.npz")
+    loaded = RaceProblem.load(tmp_path / "problem.npz")
+    assert loaded.set_name == first.set_name
+    assert same_problem(loaded, first)
+    assert [path.name for path in tmp_path.iterdir()] == ["problem.npz"]
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_another_problem(paper: list[RaceProblem]) -> None:
+    again, other = (next(find("paper")(seed=seed).problems()) for seed in (0, 1))
+    assert same_problem(again, paper[0])
+    assert not same_problem(other, paper[0])
+
+
+def test_the_optimum_fits_unseen_data_better_than_a_straight_line(
+    paper: list[RaceProblem],
+) -> None:
+    problem = paper[0]
+    assert problem.validation is not None
+    n = problem.validation.structure.play_thresholds
+    straight = problem.optimal_weights.copy()
+    straight[: len(n)] = 0.0
+    straight[-len(n) - 1 :] = 0.0
+    assert problem.validation.error_percent(problem.optimal_weights) < problem.validation.error_percent(straight)
+
+
+@pytest.fixture(scope="module")
+def by_seed() -> list[dict[str, RaceProblem]]:
+    return [{problem.name: problem for problem in make("measured", seed).problems()} for seed in range(PROGRAMS + 1)]
+
+
+def test_measured_actuators_are_raced_by_default_and_have_sources_and_licences() -> None:
+    assert OneshotSettings().problem_sets == ("paper", "measured")
+    files = list(FOLDER.glob("*.npz"))
+    assert len(files) == len(make("measured").names()) >= 3
+    assert all(path.stat().st_size < 30_000 for path in files)
+    readme = (FOLDER / "README.md").read_text()
+    for path in files:
+        line = next(line for line in readme.splitlines() if f"`{path.name}`" in line)
+        licence = FOLDER / line.split("[")[1].split("]")[0]
+        assert "MIT License" in licence.read_text()
+
+
+def test_every_proof_holds_and_other_seeds_use_other_samples(
+    by_seed: list[dict[str, RaceProblem]],
+) -> None:
+    first = by_seed[0]
+    for problem in first.values():
+        for form in problem.forms.values():
+            verify(form.qp, form.certificate)
+            assert form.optimum_is_unique
+    for name in first:
+        programs = [problems[name].forms["raw"].qp.P.tobytes() for problems in by_seed]
+        assert len(set(programs)) == PROGRAMS
+        assert programs[PROGRAMS] == programs[0]
+
+
+def test_the_model_of_an_optimum_follows_the_samples_after_it_and_the_noise_is_below_its_error(
+    by_seed: list[dict[str, RaceProblem]],
+) -> None:
+    for problem in by_seed[0].values():
+        v = problem.validation
+        assert v is not None
+        error_um = v.error_percent(problem.optimal_weights) / 100.0 * v.span_um
+        assert 0.0 < v.noise_um < 2.0 * error_um
+        assert error_um < 0.02 * 2.0 * abs(v.structure.y_scale)
+
+
+def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(tmp_path: Path) -> None:
+    sample_time = 1e-3
+    plant = plants.get("relay_preisach", sample_time=sample_time)
+    x = SIGNALS["multi_sine"](duration_s=3.5, sample_time=sample_time, low=0.0, high=150.0, seed=3)
+    y = plant.run(x) + 7.0
+    write_table(
+        tmp_path / "stage.csv", {"time_s": np.arange(x.size) * sample_time, "voltage_V": x, "displacement_um": y}
+    )
+    made_from("stage", tmp_path / "stage.csv", tmp_path)
+    found = [read(tmp_path / "stage.npz", seed) for seed in range(PROGRAMS)]
+    unseen = found[0][1]
+    fitted = 2800
+    np.testing.assert_allclose(unseen.x, x[fitted:], rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(unseen.y, y[fitted:], rtol=1e-6, atol=1e-5)
+    # Together the programs of the longest window count every sample once.
+    P, q, c = (np.mean([getattr(programs[-1], name) for programs, _ in found], axis=0) for name in "Pqc")
+    reference = DataBasis(unseen.structure)
+    reference.update(x[:fitted], y[:fitted])
+    # of y alone, whatever the states were
+    settled = np.arange(unseen.structure.n, unseen.structure.n + unseen.structure.dead_zones)
+    np.testing.assert_allclose(
+        P[np.ix_(settled, settled)], reference.P[np.ix_(settled, settled)], rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(q[settled], reference.q[settled], rtol=1e-9, atol=1e-12)
+    assert c == pytest.approx(reference.c)
+
+
+def test_make_bench_races_on_the_given_recording() -> None:
+    folder = Path(__file__).parents[2]
+
+    def recipe(*words: str) -> str:
+        return subprocess.run(
+            ["make", "-n", "--no-print-directory", "bench", *words],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+
+    assert recipe().strip().endswith("piezobench race")
+    assert '--recording "my stage.csv" --input voltage_V' in recipe(
+        "RECORDING=my stage.csv", "OPTIONS=--input voltage_V"
+    )

@@ -199,15 +199,13 @@ def test_a_recording_without_a_model_is_raced_and_deploy_gives_the_reason(
         model_for(run, simulated=True)
 
 
-def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controller_and_in_a_fleet(
+def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controller(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     chance, t = np.random.default_rng(0), np.arange(6000) * 0.01
     u = 1 + 8 * np.interp(t / 2 % 1, [0, 0.5, 1], [0, 1, 0])
     y = plain_stage.stage(u)
-    for name in ("a", "b"):
-        noise = chance.normal(0, 0.3, t.size)
-        write_table(tmp_path / f"{name}.csv", {"time_s": t, "voltage_V": u, "position_um": y + noise})
+    write_table(tmp_path / "a.csv", {"time_s": t, "voltage_V": u, "position_um": y + chance.normal(0, 0.3, t.size)})
     assert piezobench("race", "--recording", tmp_path / "a.csv", *FEW, "--out", tmp_path, "--name", "run").status == 0
     run = Run.open(tmp_path / "run")
     assert f"of the whole recording. {UNDETERMINED}" in (run.path / "report.md").read_text()
@@ -218,14 +216,6 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
     error = (model.simulate(held) - plain_stage.stage(held))[50:]
     assert np.ptp(error) == 0.0
     assert np.abs(error[0]) < 0.001 * np.ptp(y)
-    names = [tmp_path / f"{name}.csv" for name in ("a", "b")]
-    assert piezobench("identify", *names, "--out-dir", tmp_path / "models").status == 0
-    for path in (tmp_path / "models").glob("?.json"):
-        found = HysteresisCreepModel.load(path)
-        assert (found.structure.creep_rates, found.report["creep"]["sentence"]) == ((), UNDETERMINED)
-    explicit = piezobench("identify", names[0], "--rates", "1", "--out", tmp_path / "with.json")
-    assert f"The creep of the given rates is a guess. {UNDETERMINED}" in " ".join(explicit.stdout.split())
-    assert HysteresisCreepModel.load(tmp_path / "with.json").structure.creep_rates == (1.0,)
 
 
 def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_race(
