@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from solvers.protocol import Matrix, Nanoseconds, Solver, Vector
+from solvers.protocol import Matrix, Nanoseconds, Solver, Timings, Vector
 
 LONG_NS = 100_000_000
 """A longer call is timed once."""
@@ -38,16 +38,6 @@ class Effort:
         return done == 0 or spent_ns < (
             LONG_NS if done < self.fewest else self.budget_s * 1e9 if done < self.most else 0.0
         )
-
-
-@dataclass(frozen=True)
-class Timed:
-    """Raw nanoseconds of updates and solves, shape (n,), and the timed answers (n, d), NaN for an answer of another
-    shape."""
-
-    updates: Nanoseconds
-    solves: Nanoseconds
-    answers: Matrix
 
 
 def answers_us(update_ns: Nanoseconds, solve_ns: Nanoseconds, cpu_us: float = np.nan) -> NDArray[np.float64]:
@@ -91,9 +81,9 @@ def time_block(
     most_ns: float = np.inf,
     clock: Callable[[], int] = perf_counter_ns,
     copied: Callable[..., Vector] = np.array,
-) -> Timed:
+) -> Timings:
     """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start``
-    (d,). No call begins after ``most_ns`` are spent."""
+    (d,). No call begins after ``most_ns`` are spent. The row of an answer of another shape is NaN."""
     update, solve, keywords = solver.update, solver.solve, {} if start is None else {"warm_start": start}
     updates, solves, answers, remaining_ns = [], [], np.full(q.shape, np.nan), most_ns
     with no_garbage_collection():
@@ -110,13 +100,13 @@ def time_block(
             remaining_ns -= end - begin
             if remaining_ns < 0:
                 break
-    return Timed(np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[: len(solves)])
+    return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[: len(solves)]
 
 
-def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf) -> Timed:
+def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf) -> Timings:
     """The same with the clock inside compiled code, which gets the data unchanged."""
     with no_garbage_collection():
-        return Timed(*solver.time_kernel(P, q, start, most_ns))
+        return solver.time_kernel(P, q, start, most_ns)
 
 
 def _store(row: Vector, x: Vector) -> None:

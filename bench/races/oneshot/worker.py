@@ -109,13 +109,13 @@ class TimedSolver:
         """Time update and solve for each P (n, d, d) and q (n, d), and check that the data are unchanged afterwards. No
         call begins after ``most_ns`` are spent."""
         sums, before = (P.sum(), q.sum()), preemptions()
-        timed = self._time(self.solver, P, q, self._start, most_ns)
+        updates, solves, answers = self._time(self.solver, P, q, self._start, most_ns)
         self._block_was_changed |= (P.sum(), q.sum()) != sums
         return Outcome(
             found=True,
             preemptions=preemptions() - before,
-            times={"update": timed.updates, "solve": timed.solves},
-            answers=timed.answers,
+            times={"update": updates, "solve": solves},
+            answers=answers,
         )
 
     def end(self, budget_s: float) -> Outcome:
