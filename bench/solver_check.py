@@ -5,23 +5,23 @@ has two settings here: its defaults, and the finest rung of its ladder if it has
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from qpsolvers import Problem
 
 from bench.messages.progress import Progress, silent
+from bench.messages.task import ChildSettings, Setting, Status, Task, settings_ladder
+from bench.problem_files.program import fields_of
 from bench.problems.protocol import RaceProblem
-from bench.processes.forked_child import ForkedChild
+from bench.processes.solver_child import SolverChild
 from bench.races.metrics import relative_gap
-from piezo_model.child_process import LateError, LostError
-from solvers import Entry, Unsupported
-from solvers.arrays import Vector
+from bench.races.oneshot.worker import OneShot
+from solvers import Entry
 
-LIMIT_S = 10.0
-"""Time limit of one program, after which the solver's process is ended."""
+LIMITS = ChildSettings(time_limit_s=10.0, preload=(OneShot.__module__,))
+"""Of one program, after which the solver's process is ended."""
 LEVELS = (1e-9, 1e-6, 1e-3)
 """Errors by which answers are counted."""
 
@@ -55,47 +55,31 @@ class Checked:
         return self.why or f"called solved, error {self.error:.1e}"
 
 
-def checked_settings(entry: Entry) -> Mapping[str, bool]:
-    """Names of the settings to check, and whether each is the finest rung."""
-    return {"default": False, "finest": True} if len(entry.load().ladder(1.0)) > 1 else {"default": False}
-
-
-def checked(entry: Entry, finest: bool, problems: Sequence[RaceProblem], progress: Progress = silent) -> list[Checked]:
-    """The answers of a solver to programs in original units, in a process of its own."""
-    found = []
-    with ForkedChild() as child:
-        for done, problem in enumerate(problems):
-            progress(f"{entry.name} {problem.name}", done, len(problems))
-            form = problem.forms["raw"]
-            supported = True
-            try:
-                supported, claims, x, why = child.call(LIMIT_S, solved, entry, finest, form.unit, form.qp)
-            except LateError:
-                claims, x, why = False, None, f"no answer within {LIMIT_S:g} s"
-            except LostError as loss:
-                claims, x, why = False, None, f"the process ended with {loss}"
-            if x is not None and x.shape == form.qp.q.shape and np.isfinite(x).all():
-                found.append(Checked(problem.name, claims, max(relative_gap(form, x)), "" if claims else why))
-            elif claims:
-                found.append(Checked(problem.name, claims, math.inf, "called solved, without a finite answer (d,)"))
-            else:
-                found.append(Checked(problem.name, claims, math.nan, why, supported))
+def checked(entry: Entry, problems: Sequence[RaceProblem], progress: Progress = silent) -> dict[str, list[Checked]]:
+    """The answers of a solver to programs in original units, in a process of its own, by the name of its setting."""
+    found = {}
+    with SolverChild(entry, LIMITS) as child:
+        ladder = settings_ladder(child.describe())
+        default = next(setting for setting in ladder if setting.is_default)
+        for name, setting in {"default": default, **({"finest": ladder[-1]} if len(ladder) > 1 else {})}.items():
+            found[name] = list[Checked]()
+            for done, problem in enumerate(problems):
+                progress(f"{entry.name} {problem.name}", done, len(problems))
+                found[name].append(_answer(child, setting, problem))
     return found
 
 
-def solved(entry: Entry, finest: bool, unit: float, qp: Problem) -> tuple[bool, bool, Vector | None, str]:
-    """Whether a solver takes a program, whether it claims to have solved it, its answer, and what it said otherwise."""
-    cls = entry.load()
-    try:
-        solver = cls(**(cls.ladder(unit)[-1] if finest else {}))
-        solver.setup(qp)
-        x = solver.solve()
-        solution = solver.solution()
-    except Unsupported as error:
-        return False, False, None, str(error)
-    except Exception as error:  # a library may raise anything, which is its answer
-        return True, False, None, f"{type(error).__name__}: {error}"
-    return True, bool(solution.found), np.array(x), str(solution.extras.get("status", ""))
+def _answer(child: SolverChild, setting: Setting, problem: RaceProblem) -> Checked:
+    """The answer to one program, as far as it can be measured."""
+    form, entry = problem.forms["raw"], child.entry
+    task = Task(problem.set_name, problem.name, "raw", entry.name, entry.lane, setting)
+    outcome = child.ask(OneShot(task, fields_of(form.qp), c=form.unit))
+    x, why = outcome.x, "" if outcome.found else outcome.message or outcome.solver_status
+    if x is not None and x.shape == form.qp.q.shape and np.isfinite(x).all():
+        return Checked(problem.name, outcome.found, max(relative_gap(form, x)), why)
+    if outcome.found:
+        return Checked(problem.name, True, math.inf, "called solved, without a finite answer (d,)")
+    return Checked(problem.name, False, math.nan, why, outcome.failure != Status.UNSUPPORTED)
 
 
 def worst(found: Sequence[Checked], count: int) -> list[Checked]:

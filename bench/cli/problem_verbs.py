@@ -36,7 +36,7 @@ from bench.problems.proofs import isolated, require_size, start
 from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
-from bench.solver_check import LEVELS, checked, checked_settings, row, worst
+from bench.solver_check import LEVELS, checked, row, worst
 from piezo_model.atomic_file import write_text
 from solvers import find
 from solvers.arrays import Vector
@@ -223,9 +223,9 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
     rows, lines, results = [], [], []
     for entry in entries:
         right = False
-        for setting, finest in checked_settings(entry).items():
-            with progress_bar() as progress:
-                answers = checked(entry, finest, problems, progress)
+        with progress_bar() as progress:
+            found = checked(entry, problems, progress)
+        for setting, answers in found.items():
             counted = row(answers)
             rows.append(
                 (entry.name, setting, *(f"{n:.1e}" if isinstance(n, float) else str(n) for n in counted.values()))
