@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.messages.progress import Progress, silent
-from bench.messages.task import ChildSettings, Setting, Status, Task, settings_ladder
+from bench.messages.task import ChildSettings, Setting, Status, Task, default_setting, settings_ladder
 from bench.problem_files.program import fields_of
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -60,8 +60,8 @@ def checked(entry: Entry, problems: Sequence[RaceProblem], progress: Progress = 
     found = {}
     with SolverChild(entry, LIMITS) as child:
         ladder = settings_ladder(child.describe())
-        default = next(setting for setting in ladder if setting.is_default)
-        for name, setting in {"default": default, **({"finest": ladder[-1]} if len(ladder) > 1 else {})}.items():
+        finest = {"finest": ladder[-1]} if len(ladder) > 1 else {}
+        for name, setting in {"default": default_setting(child.describe()), **finest}.items():
             found[name] = list[Checked]()
             for done, problem in enumerate(problems):
                 progress(f"{entry.name} {problem.name}", done, len(problems))

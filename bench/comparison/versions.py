@@ -20,7 +20,7 @@ from scipy.stats import t as student
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER
 from bench.messages.progress import Progress, silent
-from bench.messages.task import RaceError, Setting, Task
+from bench.messages.task import RaceError, Task, default_setting
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.forked_child import warm_up
@@ -29,7 +29,6 @@ from bench.races.metrics import relative_gap
 from bench.races.oneshot.measuring import interleave
 from bench.timing import cores
 from bench.timing.clock import answers_us
-from solvers.protocol import setting_text
 from solvers.registry import from_file
 
 PAIRS = 5
@@ -106,7 +105,7 @@ def _timed(
     form, times, gaps = problem.forms["scaled"], [], []
     by_name = {(child.entry.name, child.entry.lane): child for child in children}
     tasks = [
-        Task(problem.set_name, problem.name, "scaled", *names, Setting(setting_text(child.describe().defaults)))
+        Task(problem.set_name, problem.name, "scaled", *names, default_setting(child.describe()))
         for names, child in by_name.items()
     ]
     found = interleave(tasks, by_name, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)

@@ -194,6 +194,11 @@ def limited(solver: Described, limit: int) -> Setting:
     )
 
 
+def default_setting(solver: Described) -> Setting:
+    """A solver's defaults."""
+    return next(setting for setting in settings_ladder(solver) if setting.is_default)
+
+
 def tightest(solver: Described) -> Setting:
     """The last setting of a solver's ladder."""
     return settings_ladder(solver)[-1]

@@ -17,7 +17,7 @@ from pyarrow import parquet
 from bench.derived.measurements import ONESHOT, rows_of
 from bench.derived.tiers import tier_settings
 from bench.messages import columns
-from bench.messages.task import RaceError, Setting, Tier, settings_ladder, tightest
+from bench.messages.task import RaceError, Setting, Tier, default_setting, settings_ladder, tightest
 from bench.store import Run
 from piezo_model.atomic_file import replacing
 from solvers.registry import Described
@@ -70,11 +70,6 @@ def choices(solver: Described, tiers: Sequence[Tier], table: pd.DataFrame, name:
             setting, basis = tightest(solver), NOT_REACHED if text == "" else UNTESTED
         chosen.setdefault(setting, {})[tier] = basis
     return chosen
-
-
-def default_setting(solver: Described) -> Setting:
-    """A solver's defaults."""
-    return next(setting for setting in settings_ladder(solver) if setting.is_default)
 
 
 def tier_label(tier: str, basis: str) -> str:

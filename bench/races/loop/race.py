@@ -23,8 +23,8 @@ import numpy as np
 from msgspec import Meta
 
 from bench.messages.columns import COUNT, NUMBER, TEXT, Column, least_good, named, root_mean_square, worst
-from bench.messages.task import PAPER, ChildSettings, Request, Status, Task, Tier
-from bench.races.chosen_settings import EACH, Choices, choices, default_setting, table_of
+from bench.messages.task import PAPER, ChildSettings, Request, Status, Task, Tier, default_setting
+from bench.races.chosen_settings import EACH, Choices, choices, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Driven, LearningEnd, LoopRequest
 from bench.races.settings import Positive, TierSettings, fixed

@@ -31,12 +31,12 @@ from bench.messages.task import (
     Setting,
     Task,
     Tier,
+    default_setting,
     limited,
     settings_ladder,
 )
 from bench.problems.protocol import RaceProblem
 from bench.races import null_solver
-from bench.races.chosen_settings import default_setting
 from bench.races.driver import Part, Race
 from bench.races.oneshot.passes import OneshotSettings, Pass, second_pass
 from bench.races.run_problems import problems_of, save_certificates

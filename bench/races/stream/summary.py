@@ -15,8 +15,8 @@ from collections.abc import Hashable
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from bench.derived.measurements import FLOOR, Microseconds
 from bench.messages.columns import combined
 from bench.messages.task import PAPER, Status
 from bench.races.stream.race import STREAM
@@ -26,7 +26,6 @@ from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, 
 from bench.timing.schedule import PERIOD_US, runs
 
 GROUP = ["solver", "lane", "tier", "settings", "setting"]
-FLOOR = "null"
 FLOOR_NAME = "the machine's floor"
 TOLERATED_FLOOR = 0.01
 """Largest share of deadlines missed by the machine itself in a run that can tell who keeps the schedule."""
@@ -38,7 +37,6 @@ DECADES = np.geomspace(0.5, 1e-6, 60)
 FARTHEST_PERIODS = 1_000
 """Sampling periods up to which the deadline profile goes."""
 ID_COLUMNS = ["view", "name", "solver", "lane"]
-Microseconds = NDArray[np.float64]
 Lines = list[tuple[pd.Series, Microseconds]]
 """Lines of the summary by name, each with its sorted times in µs."""
 
