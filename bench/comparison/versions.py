@@ -10,8 +10,7 @@ show that (T. Mytkowicz et al., "Producing wrong data without doing anything obv
 """
 
 import math
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,12 +23,12 @@ from bench.messages.task import RaceError, Task, default_setting
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.forked_child import warm_up
-from bench.processes.solver_child import SolverChild, entry_of_file
+from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file
 from bench.races.metrics import relative_gap
 from bench.races.oneshot.measuring import interleave
 from bench.timing import cores
 from bench.timing.clock import answers_us
-from solvers.registry import from_file
+from solvers import Lane, from_file
 
 PAIRS = 5
 """Number of pairs of processes."""
@@ -68,11 +67,10 @@ def compare_versions(
     warm_up(entries)
     with cores.claim() as core:
         for pair in range(PAIRS):
-            with ExitStack() as stack:
-                children = [stack.enter_context(SolverChild(entry, core=core.number)) for entry in entries]
+            with SolverPool(entries, STANDARD, core.number) as pool:
                 for done, problem in enumerate(problems):
                     progress(f"{problem.name}, pair {pair + 1}", pair * len(problems) + done, PAIRS * len(problems))
-                    us, gap = _timed(children, files, problem, f"{seed} {pair} {problem.name}")
+                    us, gap = _timed(pool.children, files, problem, f"{seed} {pair} {problem.name}")
                     times.append(us)
                     gaps.append(gap)
     us = np.reshape(times, (PAIRS, len(problems), 2, BLOCKS))
@@ -99,16 +97,15 @@ def _finding(low: float, high: float, matters: float) -> str:
 
 
 def _timed(
-    children: Sequence[SolverChild], files: Sequence[Path], problem: RaceProblem, seed: str
+    children: Mapping[tuple[str, Lane], SolverChild], files: Sequence[Path], problem: RaceProblem, seed: str
 ) -> tuple[np.ndarray, list[float]]:
     """The median time of each version in each block (2, BLOCKS) in µs, and the errors of their first answers."""
     form, times, gaps = problem.forms["scaled"], [], []
-    by_name = {(child.entry.name, child.entry.lane): child for child in children}
     tasks = [
         Task(problem.set_name, problem.name, "scaled", *names, default_setting(child.describe()))
-        for names, child in by_name.items()
+        for names, child in children.items()
     ]
-    found = interleave(tasks, by_name, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
+    found = interleave(tasks, children, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
     for (_, outcome), file in zip(found, files, strict=True):
         if outcome.failure or outcome.x is None:
             why = f"{outcome.failure} {outcome.message}".strip()
