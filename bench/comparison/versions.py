@@ -22,7 +22,6 @@ from bench.messages.progress import Progress, silent
 from bench.messages.task import RaceError, Task, default_setting
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
-from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file
 from bench.races.metrics import relative_gap
 from bench.races.oneshot.measuring import interleave
@@ -64,7 +63,6 @@ def compare_versions(
     """
     entries = [replace(entry_of_file(file, from_file), name=name) for file, name in zip(files, NAMES, strict=True)]
     times, gaps = [], []
-    warm_up(entries)
     with cores.claim() as core:
         for pair in range(PAIRS):
             with SolverPool(entries, STANDARD, core.number) as pool:

@@ -18,7 +18,6 @@ from enum import StrEnum
 from typing import Any
 
 from bench.messages.task import ChildSettings, RaceError
-from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverPool
 from bench.timing import cores
 from solvers.registry import Entry
@@ -165,7 +164,6 @@ class _Worker(ExitStack):
         # A Dask worker under a nanny is a daemon, and multiprocessing forbids daemons to have children; ours end with
         # their connection.
         multiprocessing.current_process().daemon = False
-        warm_up(entries, settings.preload)
         self.pool = self.enter_context(SolverPool(entries, settings, self.core.number))
 
 

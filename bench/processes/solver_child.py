@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.messages.task import ChildSettings, Outcome, RaceError, Request, Task
 from bench.processes import worker
-from bench.processes.forked_child import ForkedChild
+from bench.processes.forked_child import ForkedChild, warm_up
 from bench.processes.sentinel import Sentinel
 from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers import Described, Entry, Lane
@@ -99,6 +99,7 @@ class SolverPool(ExitStack):
     def __init__(self, entries: Sequence[Entry], settings: ChildSettings, core: int | None = None) -> None:
         super().__init__()
         self.entries, self.settings, self.core = tuple(entries), settings, core
+        warm_up(entries, settings.preload)
         self._start(repeat=0)
 
     def _start(self, repeat: int) -> None:

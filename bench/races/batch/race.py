@@ -180,7 +180,7 @@ class BatchRace(TaskRace[BatchSettings]):
             for d in settings.sizes
         }
         several = [entry for entry in self.entrants.values() if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
-        self.parallel = resources.enter_context(SolverPool(several, replace(self.child, preload=self.preload)))
+        self.parallel = resources.enter_context(SolverPool(several, self.child))
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """A part is one batch size: all contestants in random order, those of the lane kernel also with all cores."""
