@@ -123,7 +123,7 @@ class Loop:
     def run(self) -> None:
         """Follow the reference until the end, then ramp to rest; the board's state is ENDED unless the stage takes no
         drive any more."""
-        board, rate, watching = self._board, self._settings.rate, multiprocessing.parent_process()
+        board, rate = self._board, self._settings.rate
         last, show_every = self._settings.seconds * rate or math.inf, max(1, round(SHOW_S * rate))
         before = board.last[0] + 1.0 / rate if board.head else 0.0
         self._answered_ns = self._measured_ns = time.perf_counter_ns() + LEAD_NS
@@ -131,7 +131,7 @@ class Loop:
             signal.setitimer(signal.ITIMER_REAL, self._settings.limit_s)
             if k >= last:
                 self.end("the time is over")
-            if watching is not None and os.getppid() != watching.pid:
+            if is_orphan():
                 self.end("the process that watches the loop has died")
             if not self._ramping:
                 self.obey()
@@ -151,6 +151,12 @@ class Loop:
                 break
             if not self._ramping and board.head % show_every == 0:
                 self._controller.show(board)
+
+
+def is_orphan() -> bool:
+    """Whether the process that started this one has died."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and os.getppid() != parent.pid
 
 
 def real_time(rate: float) -> int:
@@ -178,6 +184,8 @@ def main(settings: LiveSettings, board: Board) -> None:
     """Process of the loop, which has a core of its own until it ends."""
     handle_signals(lambda *_: board.set(stop=1))
     core = cores.claim()
+    if is_orphan():  # while it waited for the core
+        return
     board.set(core=core.number)
     os.sched_setaffinity(0, {core.number})
     spin_ns = real_time(settings.rate)

@@ -30,6 +30,7 @@ from command_line import (
 )
 
 from bench.live.recorder import stream_beside
+from bench.timing import cores
 from piezo_model import Recording
 from piezo_model.recordings.formats.arrow import whole_batches
 
@@ -313,6 +314,21 @@ def keeps_what_it_promises(kind: str, seed: int, stage: Stage, piezobench: Comma
     if kind == "full disk" and y.size:
         words = {"time": "time_s", "input": "drive_V", "output": "displacement_um", "resample": 1.0 / rate}
         assert Recording.open(stream_beside(record), **words).length >= y.size
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_while_it_waits_for_a_core_never_touches_the_stage(
+    stage: Stage, piezobench: CommandLine
+) -> None:
+    with ExitStack() as held:
+        for _ in cores.usable():
+            held.enter_context(cores.claim())
+        call = piezobench.start("live", "--device", stage.file, "--seconds", 1, "--no-page")
+        wait_until(lambda: "waiting for a free core" in call.stderr.read_text())
+        call.kill()
+        call.wait()
+    wait_until_gone(call.pid)
+    assert not stage.drives().size
 
 
 @pytest.mark.slow
