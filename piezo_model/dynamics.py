@@ -229,7 +229,7 @@ class Dynamics:
         return ", ".join(words)
 
     def _parts(self, sample_time: float) -> list[tuple[Vector, Vector]]:
-        """Numerator and denominator of each parallel part of G."""
+        """Numerator and denominator of each parallel part of G, the last one with the residual compliance."""
         whole, part = divmod(self.delay_s / sample_time, 1.0)
         begins, parts = np.zeros(int(whole)), []
         for f, zeta, gain in zip(self.frequencies_Hz, self.damping, self.gains, strict=True):
@@ -237,7 +237,9 @@ class Dynamics:
             pulse = np.diff(_step_response(sample_time * (np.arange(4.0) - part), f, zeta))
             parts.append((np.concatenate([begins, gain * np.convolve(a, pulse)[:3]]), a))
         if (rest := 1.0 - sum(self.gains)) > 1e-12:
-            parts.append((np.concatenate([begins, [rest * (1.0 - part), rest * part]]), np.ones(1)))
+            b, a = parts.pop() if parts else (np.zeros(1), np.ones(1))
+            direct = np.convolve(np.concatenate([begins, [rest * (1.0 - part), rest * part]]), a)
+            parts.append((np.polyadd(b[::-1], direct[::-1])[::-1].copy(), a))
         return parts
 
 
