@@ -389,10 +389,6 @@ def test_an_adapter_without_its_library_is_absent_with_the_reason(monkeypatch: p
     assert "clarabel" in solvers.describe(solvers.find("clarabel", Lane.DIRECT)).absent
 
 
-def test_every_library_of_the_lane_direct_is_here() -> None:
-    assert {entry.name for entry in solvers.entries() if entry.lane is Lane.DIRECT} >= set(DIRECT)
-
-
 def test_the_time_limit_of_highspy_counts_from_each_solve() -> None:
     solver: Any = make(Lane.DIRECT, "highspy", time_limit=2.0)
     solver.setup(pair("one-sided", 8).problems[0])
