@@ -50,29 +50,11 @@ def perturb_optimum(arrays: Arrays, certificate: dict[str, Any]) -> None:
     certificate["x"][0] = float(np.nextafter(certificate["x"][0], np.inf))
 
 
-def lower_value(arrays: Arrays, certificate: dict[str, Any]) -> None:
-    certificate["value"] = f"-{certificate['value'].lstrip('-')}1"
-
-
-def release_bound(arrays: Arrays, certificate: dict[str, Any]) -> None:
-    certificate["lower"] = certificate["lower"][1:] or [0]
-
-
 def perturb_data(arrays: Arrays, certificate: dict[str, Any]) -> None:
     arrays["scaled/q"][3] *= 1.0 + 1e-15
 
 
-def deny_uniqueness(arrays: Arrays, certificate: dict[str, Any]) -> None:
-    certificate["unique"] = not certificate["unique"]
-
-
-CHANGES = {
-    perturb_optimum: "line 7 (answer)",
-    lower_value: "line 6 (value)",
-    release_bound: "proof line ",
-    perturb_data: "line 1 (problem)",
-    deny_uniqueness: "line 7 (answer)",
-}
+CHANGES = {perturb_optimum: "line 7 (answer)", perturb_data: "line 1 (problem)"}  # test_certificate tries every line
 
 
 @pytest.mark.parametrize("words", [("--set", "noise"), ()])
