@@ -16,6 +16,7 @@ from scipy.signal import csd
 from piezo_model.identification.adequacy import is_undersampled
 from piezo_model.identification.creep import Determined
 from piezo_model.identification.direction import is_monotonic
+from piezo_model.operators import play
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
@@ -27,6 +28,9 @@ SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
 BINS, MOST_LEVELS, ELSEWHERE = 100, 4, 0.01
 """Bins of the drive's range, the most of them that are levels, and the largest share of the samples beside these, of a
 drive that says nothing of what lies between its levels."""
+REVERSAL, END = 0.05, 0.1
+"""Smallest movement back, and width of either end, as shares of the drive's range, of turns that leave no loop inside
+the outer one."""
 COHERENT = 0.5
 FAINT = 1e-9
 """Smallest power of a frequency, as a share of the strongest one, that is no leakage of the window."""
@@ -41,6 +45,8 @@ class Drive:
     drift: bool
     highest_Hz: float
     """Highest frequency at which the output follows the drive; 0 without one."""
+    one_loop: bool
+    """Whether it turns at the ends of its range alone."""
     levels: int
     """Number of levels of a drive with MOST_LEVELS or fewer; 0 for others."""
 
@@ -54,7 +60,8 @@ class Drive:
         cannot = [name for name in cannot if name != "creep"]
         but = f", but not {_listed(cannot, 'or')}" if can and cannot else ""
         dynamics = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
-        return f"{determined}{but}; it shows {dynamics}."
+        alone = " It turns at the ends of its range alone, and says little of the loops inside." * self.one_loop
+        return f"{determined}{but}; it shows {dynamics}.{alone}"
 
 
 def _listed(names: Sequence[str], last: str) -> str:
@@ -66,7 +73,24 @@ def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:
     x = recording.x[skip:]
     levels = level_count(x)
     hysteresis = not is_monotonic(x) and not is_undersampled(x) and not levels
-    return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest_frequency(recording), levels)
+    one_loop, highest = hysteresis and has_one_loop(x), highest_frequency(recording)
+    return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest, one_loop, levels)
+
+
+def has_one_loop(x: Vector) -> bool:
+    """Whether a drive (N,) that turns does so at the ends of its range alone.
+
+    Examples
+    --------
+    >>> swing = np.sin(np.linspace(0.0, 60.0, 3000))
+    >>> has_one_loop(swing), has_one_loop(swing * np.linspace(1.0, 0.1, 3000))
+    (True, False)
+    """
+    u = (x - x.min()) / max(float(np.ptp(x)), 1e-300)
+    z = play(u, np.array([0.5 * REVERSAL]), u[:1])[0][:, 0]
+    moving = np.flatnonzero(np.diff(z))
+    turns = z[moving[1:]][np.diff(np.sign(np.diff(z)[moving])) != 0.0]
+    return bool(turns.size and np.all(np.abs(turns - 0.5) > 0.5 - END))
 
 
 def level_count(x: Vector) -> int:

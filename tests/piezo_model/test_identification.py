@@ -350,3 +350,12 @@ def test_a_drive_of_two_levels_is_said_not_to_determine_hysteresis() -> None:
     model = identify(Recording.from_arrays(x, y + np.random.default_rng(1).normal(0.0, 0.02, y.size), 1e-3), force=True)
     assert sentences(model, "The drive has 2 levels and hardly anything between them, so hysteresis is not determined")
     assert not model.report["drive"]["hysteresis"]
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.9])
+def test_a_drive_that_turns_at_its_ends_alone_is_said_to_show_no_loop_inside(decay: float) -> None:
+    k = np.arange(6000)
+    x = 50.0 - 50.0 * (1.0 - decay * k / k.size) * np.cos(2 * np.pi * k / 600)
+    y = plants.get("maxwell_slip", sample_time=1e-3).run(x)
+    model = identify(Recording.from_arrays(x, y, 1e-3))
+    assert bool(sentences(model, "says little of the loops inside")) == (decay == 0.0)
