@@ -38,7 +38,10 @@ def anytime(measurements: Measurements) -> pd.DataFrame:
     parts = []
     for budget in BUDGETS:
         gaps = rows.cost_gap.where(rows.answer_us <= budget * rows.period_us, math.inf).groupby(keys).min()
-        lines = gaps.groupby(level=LINE).agg(problems="size", median_gap=_median, worst_gap="max")
+        # the upper median, since a mean with an infinite gap is useless
+        lines = gaps.groupby(level=LINE).agg(
+            problems="size", median_gap=lambda gaps: np.sort(gaps)[gaps.size // 2], worst_gap="max"
+        )
         parts.append(lines.reset_index().assign(budget=budget))
     return pd.concat(parts, ignore_index=True)
 
@@ -51,11 +54,6 @@ def drawn(table: pd.DataFrame) -> pd.DataFrame:
     named = found["name"].where(found["name"] == PACE, found["name"] + " (" + found.lane + ")")
     lines = found.assign(name=named, view="", drawn=np.maximum(found.median_gap, LEAST_GAP))
     return ranked(lines, lines.place).drop(columns=["view", "place"])
-
-
-def _median(gaps: pd.Series) -> float:
-    """The upper median, since a mean with an infinite gap is useless."""
-    return float(np.sort(gaps)[gaps.size // 2])
 
 
 def by_budget(table: pd.DataFrame) -> pd.DataFrame:

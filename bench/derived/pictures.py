@@ -113,15 +113,13 @@ def performance_profile(measurements: Measurements) -> pd.DataFrame:
         if ratios.empty:
             continue
         logs = np.log(ratios.fillna(10.0 * float(np.nanmax(ratios))))
-        ratios = ratios[logs.mean().nsmallest(MOST_IN_PROFILE).index]
+        ratios = ratios[logs.mean().nsmallest(MOST_IN_PROFILE).index].dropna(axis="columns", how="all")
         lanes = part.drop_duplicates("name").set_index("name")[["solver", "lane"]]
         for name, column in ratios.items():
-            steps = column.dropna()
-            if len(steps):
-                factors = np.unique([1.0, *steps, np.nanmax(ratios)])
-                shares = [(steps <= factor).sum() / len(times) for factor in factors]
-                of_name = {"view": view, "name": name, **lanes.loc[name], "factor": factors, "share": shares}
-                steps_of.append(pd.DataFrame(of_name))
+            factors = np.unique([1.0, *column.dropna(), np.nanmax(ratios)])
+            shares = [(column <= factor).sum() / len(times) for factor in factors]
+            of_name = {"view": view, "name": name, **lanes.loc[name], "factor": factors, "share": shares}
+            steps_of.append(pd.DataFrame(of_name))
     return together(steps_of)
 
 

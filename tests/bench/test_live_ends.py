@@ -61,7 +61,8 @@ class Stage:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         words = [sys.executable, str(EXAMPLES / "tcp_server.py"), "0", str(folder / "drive.log")]
-        self.server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        # a copy, since pytest changes the environment in another thread
+        self.server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env={**os.environ})
         assert self.server.stdout is not None
         port = self.server.stdout.readline().split()[1]
         text = (EXAMPLES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
