@@ -25,9 +25,9 @@ SAMPLES = 1_000_000
 """Samples from the start in which frequencies are sought."""
 SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
 """Segments of a part, and samples of one."""
-BINS, MOST_LEVELS, ELSEWHERE = 100, 4, 0.01
-"""Bins of the drive's range, the most of them that are levels, and the largest share of the samples beside these, of a
-drive that says nothing of what lies between its levels."""
+BINS, MOST_LEVELS, TOO_FEW, ELSEWHERE = 100, 20, 4, 0.01
+"""Bins of the drive's range, the most of them that are levels, the most that determine no hysteresis, and the largest
+share of the samples beside these, of a drive that says little of what lies between its levels."""
 REVERSAL, END = 0.05, 0.1
 """Smallest movement back, and width of either end, as shares of the drive's range, of turns that leave no loop inside
 the outer one."""
@@ -72,7 +72,7 @@ def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:
     """What the drive of a recording can determine after the skipped samples."""
     x = recording.x[skip:]
     levels = level_count(x)
-    hysteresis = not is_monotonic(x) and not is_undersampled(x) and not levels
+    hysteresis = not is_monotonic(x) and not is_undersampled(x) and not 0 < levels <= TOO_FEW
     one_loop, highest = hysteresis and has_one_loop(x), highest_frequency(recording)
     return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest, one_loop, levels)
 

@@ -123,9 +123,9 @@ class FitReport:
             )
         if self.drive.levels:
             yield (
-                95.0,
-                f"The drive has {self.drive.levels} levels and hardly anything between them, so hysteresis is not "
-                "determined; record steps between many levels.",
+                80.0,
+                f"The drive has {self.drive.levels} levels and hardly anything between them, where the model is a "
+                "guess; record steps between many levels.",
             )
         if sentence := self.determined.sentence(s.creep_rates, self.creep_chosen):
             yield 85.0, sentence
