@@ -189,6 +189,11 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
             f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
             f"structure is {first.sample_time:g} s"
         )
+    if first.creep_rates and (fastest := max(first.creep_rates)) * recording.sample_time > 1.0:
+        raise IdentificationError(
+            f"{recording.name}: a creep rate of {fastest:g} per second is above one over the sampling period, "
+            f"{1.0 / recording.sample_time:g}"
+        )
     progress("start", 0, 4)
     own_range = options.structure is None
 

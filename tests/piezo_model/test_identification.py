@@ -11,7 +11,7 @@ from plain_model import simulate_file
 from programs import real_recording
 from scipy.signal import lfilter, sawtooth
 
-from piezo_model import HysteresisCreepModel, Recording, identify, plants
+from piezo_model import HysteresisCreepModel, IdentificationError, Recording, identify, plants
 from piezo_model.identification import sensor_lag
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import RecordingError
@@ -190,6 +190,12 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
     rms, worst = errors_percent(simulated[half:], y[half:])
     assert rms < 1.2 * model.report["fit"]["rms_percent"]  # 0.300 % after 0.293 % on the half that it knows
     assert worst < 1.2 * model.report["fit"]["max_percent"]
+
+
+def test_a_creep_rate_beyond_the_sampling_rate_is_refused() -> None:
+    s, x = structure(creep_rates=()), a_drive(3000)
+    with pytest.raises(IdentificationError, match=r"^arrays: a creep rate of 1e[+]09 per second is above one over the"):
+        identify(Recording.from_arrays(x, true_model(s).simulate(x), s.sample_time), n=2, m=1, creep_rates=(1.0, 1e9))
 
 
 # Missing outputs.
