@@ -138,8 +138,9 @@ class DynamicsFinding:
             yield f"The output also rings near {self.also_rings[0]:.3g} Hz, which is not in the model."
         without, behind = self.held_out_percent
         yield (
-            f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; with "
-            f"the dynamics the error on held-out data is {behind:.3g} % of the range instead of {without:.3g} %."
+            f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; in "
+            f"a first fit the error on held-out data is {behind:.3g} % of the range with the dynamics and "
+            f"{without:.3g} % without."
         )
 
 
