@@ -33,6 +33,23 @@ def autocorrelation_time(errors: Sequence[Vector]) -> float:
     return max(1.0, float(times[ended[0] if ended.size else -1]))
 
 
+def independent_samples(errors: Sequence[Vector]) -> float:
+    """Number of independent samples in the errors (N,) of each part, from their periodograms S: the sum of
+    N_e = 4 (Σ S)² / Σ S², which is N for white noise.
+
+    Examples
+    --------
+    >>> white = np.random.default_rng(0).normal(size=4000)
+    >>> 3000 < independent_samples([white]) < 4500 and independent_samples([np.cumsum(white)]) < 40
+    True
+    """
+    total = 0.0
+    for error in errors:
+        power = np.abs(np.fft.rfft(error - error.mean()))[1:] ** 2 if error.size else np.zeros(1)
+        total += 4.0 * float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
+    return max(total, 3.0)
+
+
 def inverse_over(P: Matrix, free: Mask) -> Matrix:
     """Inverse of P over the free unknowns, and 0 elsewhere."""
     inverse, at = np.zeros_like(P), np.ix_(free, free)

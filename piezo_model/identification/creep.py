@@ -29,8 +29,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_model.identification.autocorrelation import independent_samples
 from piezo_model.identification.error_model import Solving, spans
-from piezo_model.identification.forward import EXACT, STILL, ForwardFit, independent_samples
+from piezo_model.identification.forward import EXACT, ForwardFit
+from piezo_model.identification.gram_matrix import STILL
 from piezo_model.operator_state import OperatorState
 from piezo_model.operators import creep, play
 from piezo_model.recordings import Recording

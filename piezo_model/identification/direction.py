@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_model.identification.error_model import Solving, one_thread
-from piezo_model.identification.start import USUAL, first_motion, prepare, structure_of, y_range
+from piezo_model.identification.start import USUAL, prepare, structure_of, y_range
+from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.evidence import REASONS
 from piezo_model.units import percent

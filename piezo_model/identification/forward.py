@@ -17,8 +17,7 @@ The slopes dz/dr of the initial states of a part over the thresholds may be unkn
 depends on its own initial state alone, so the derivatives by all of them are the differences of the rows after a nudge
 to all. Further columns, such as a drift, are added to the output.
 
-A step needs no more than GRAM_SAMPLES rows: of a longer recording every k-th block has some. ŷ and the cost are those
-of all samples.
+ŷ and the cost are those of all samples; the Gram matrix needs fewer (`gram_matrix`).
 
 Source: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd edition 2006, section 10.3, for Gauss–Newton.
 """
@@ -34,33 +33,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.dynamics import Dynamics
-from piezo_model.identification.autocorrelation import autocorrelation_time, inverse_over
+from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples, inverse_over
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import Solving, States, spans
+from piezo_model.identification.gram_matrix import gram_of
+from piezo_model.identification.memory_curve import initial_slopes, state_with_slopes
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.operator_state import OperatorState, padded_thresholds
+from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.regressors import Regressors
 from piezo_model.simulation import (
     Arrays,
     all_weights,
     arrays_of,
     before_dynamics,
-    behind_amplifier,
     behind_dynamics,
     respond,
 )
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
-CHUNK = 4096
-"""Largest number of samples whose rows are held at once."""
-GRAM_SAMPLES = 1_000_000
-"""Samples of a Gram matrix."""
 GAIN = 0.1
 """Largest gain that further unknowns must have, as a share of the cost."""
-STILL = 1e-9
-"""Largest range of an operator at rest, normalised units."""
 NUDGE = 1e-6
 """Difference of initial states for their derivatives, normalised units."""
 MIN_SLOPE, MAX_SLOPE = 1e-3, 1e6
@@ -163,45 +156,10 @@ class ForwardFit(Trial):
         return other.cost < (1.0 - min(GAIN, unknowns * math.log(independent) / independent)) * self.cost
 
 
-def independent_samples(errors: Sequence[Vector]) -> float:
-    """Number of independent samples in the errors (N,) of each part, from their periodograms S: the sum of
-    N_e = 4 (Σ S)² / Σ S², which is N for white noise.
-
-    Examples
-    --------
-    >>> white = np.random.default_rng(0).normal(size=4000)
-    >>> 3000 < independent_samples([white]) < 4500 and independent_samples([np.cumsum(white)]) < 40
-    True
-    """
-    total = 0.0
-    for error in errors:
-        power = np.abs(np.fft.rfft(error - error.mean()))[1:] ** 2 if error.size else np.zeros(1)
-        total += 4.0 * float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
-    return max(total, 3.0)
-
-
 def piece_slopes(s: ModelStructure, v: Vector, unit_y: Vector) -> Vector:
     """Slope of S⁻¹ in the piece of each output, shape (N,)."""
     r = np.array(s.dead_zone_thresholds)
     return np.asarray(v[s.slices[1]][np.searchsorted(np.delete(r, s.middle), unit_y)])
-
-
-def initial_slopes(s: ModelStructure, state: OperatorState) -> Vector:
-    """Slopes dz/dr of the play states over the thresholds, shape (n,), from −1 to 1."""
-    return np.asarray(np.clip(np.diff(state.play[: s.n + 1]) / np.diff(s.thresholds), -1.0, 1.0))
-
-
-def state_with_slopes(part: Recording, s: ModelStructure, slopes: Vector | float) -> OperatorState:
-    """States of a memory curve with slopes dz/dr that begins at the first input of a part; creep rests with the plays.
-
-    A play too wide for the drive rests in the middle, where the drive does not move it.
-    """
-    low, high = s.unit_input(np.array([part.x.min(), part.x.max()]))
-    first, half = float(s.unit_input(part.x[:1])[0]), 0.5 * (high - low)
-    r, play = padded_thresholds(s), np.full(s.lanes, first)
-    play[1 : s.n + 1] += np.cumsum(np.diff(s.thresholds) * slopes)
-    play = np.where(r >= half, 0.5 * (low + high), play)
-    return OperatorState(play, np.tile(play, len(s.creep_rates)))
 
 
 def simulate(
@@ -394,53 +352,3 @@ def _nudged(s: ModelStructure, state: OperatorState, nudges: Vector) -> Operator
     nudged.play[1 : s.n + 1] += nudges
     nudged.creep.reshape(-1, s.lanes)[:, 1 : s.n + 1] += nudges
     return nudged
-
-
-def gram_of(
-    recording: Recording,
-    counted: Mask,
-    s: ModelStructure,
-    starts: Sequence[States],
-    unit_y: Vector,
-    columns: Callable[..., Matrix],
-    beside: Matrix,
-    *,
-    slopes: bool = False,
-    dynamics: Dynamics | None = None,
-) -> tuple[Matrix, Mask]:
-    """Means of the products of columns over the counted samples of every block, or of every few in a long recording,
-    and which operators moved (d,).
-
-    The columns are a function of the number of a part, samples of it, and their rows (x, Ξ(x, y)) from each of the
-    starts, one after another. They pass the dynamics; those ``beside`` (N, k) do not.
-    """
-    blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
-    size, r = CHUNK // blocks, padded_thresholds(s)
-    lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
-    total, count = np.zeros(()), 0
-    for i, part in enumerate(spans(recording)):
-        unit_x = s.unit_input(behind_amplifier(s, dynamics, recording.x[part], starts[0][i]))
-        first_play = np.clip(starts[0][i].play, unit_x[0] - r, unit_x[0] + r)
-        lowest = np.minimum(lowest, np.minimum(first_play, unit_x.min() + r))
-        highest = np.maximum(highest, np.maximum(first_play, unit_x.max() - r))
-        regressors, through = [Regressors(s, start[i], slopes=slopes) for start in starts], None
-        for k, first in enumerate(range(part.start, part.stop, size)):
-            samples = slice(first, min(first + size, part.stop))
-            x = unit_x[first - part.start : samples.stop - part.start]
-            if k % blocks:
-                through = None
-                for each in regressors:
-                    each.advance(x)
-                continue
-            J = columns(i, samples, *(each.rows(x, unit_y[samples]) for each in regressors))
-            if dynamics is not None:
-                through = through or dynamics.stream(s.sample_time)
-                J = through(J)
-            chosen = np.hstack([J, beside[samples]])
-            if not counted[samples].all():
-                chosen = chosen[counted[samples]]
-            total, count = total + chosen.T @ chosen, count + len(chosen)
-    plays = (highest - lowest > STILL)[: s.n + 1]
-    moved = np.ones(s.d, dtype=bool)  # a piece of S⁻¹ that the output never enters has a column of zeros
-    moved[s.slices[0]], moved[s.slices[2]] = plays[1:], plays[: s.creep_weights]
-    return total / count, moved

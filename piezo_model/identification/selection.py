@@ -29,7 +29,8 @@ from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import Determined, memory_curve
 from piezo_model.identification.error_model import Solving, States, spans
-from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, gram_of
+from piezo_model.identification.forward import MIN_SLOPE, ForwardFit
+from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +19,14 @@ from piezo_model.identification.dynamics import ORDERS, Separated, Trials, found
 from piezo_model.identification.dynamics_parameters import LONGEST, Parameters
 from piezo_model.identification.error_model import Solving
 from piezo_model.identification.forward import Columns, ForwardFit
-from piezo_model.identification.start import USUAL, first_motion
-from piezo_model.model import HysteresisCreepModel
+from piezo_model.identification.start import USUAL
+from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
+
+if TYPE_CHECKING:
+    from piezo_model.model import HysteresisCreepModel
 
 LAG_SAMPLES = 100_000
 """Samples for the estimate of the lag."""

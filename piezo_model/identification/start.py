@@ -1,17 +1,10 @@
 """The sign of the output, a switch-on transient, and the states before the first sample, which no recording contains.
 
-The initial play states over their thresholds are a curve that starts at the first input, z(0) = x(0) with |dz/dr| ≤ 1:
-the memory of the actuator's past. The state of a play is visible until the drive has erased it, so nearly every sample
-contributes. Four curves are compared by the error of the output of their forward fits (`forward`): at rest, dz/dr = 0;
-after a long ascent, −1; after a long descent, 1; and searched, with the slopes as further unknowns of the best of
-these. Rest is left only for a clear gain, since one more unknown always fits a little better. Creep rests with the
-plays, except where a known model is validated: there it may have been driven before, and had a level for each rate.
-Every part of a recording has a start of its own.
-
-First samples of a switch-on transient, which no start explains, have an error far larger than all later ones and are
-skipped.
-
-Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
+The initial states of a part are a memory curve (`memory_curve`). The state of a play is visible until the drive has
+erased it, so nearly every sample contributes. Four curves are compared by the error of the output of their forward fits
+(`forward`): at rest, dz/dr = 0; after a long ascent, −1; after a long descent, 1; and searched, with the slopes as
+further unknowns of the best of these. Rest is left only for a clear gain, since one more unknown always fits a little
+better. Creep rests with the plays. Samples of a transient are skipped (`transient`).
 """
 
 from __future__ import annotations
@@ -19,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,52 +22,26 @@ from piezo_model.identification.error_model import (
     States,
     accumulate,
     counted_from,
-    one_thread,
     spans,
 )
-from piezo_model.identification.forward import (
-    GRAM_SAMPLES,
-    NUDGE,
-    Columns,
-    ForwardFit,
-    fit_forward,
-    simulate,
-    state_with_slopes,
-)
+from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
+from piezo_model.identification.gram_matrix import GRAM_SAMPLES
+from piezo_model.identification.memory_curve import state_with_slopes
+from piezo_model.identification.transient import first_motion, index_after_travel, longest_transient, transient
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.simulation import Arrays
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Vector
-
-if TYPE_CHECKING:
-    from piezo_model.model import HysteresisCreepModel
 
 CURVES = {"at rest": 0.0, "after an ascent": -1.0, "after a descent": 1.0}
 """Slopes dz/dr of the initial play states."""
 SEARCHED = "searched"
 CURVE_UNKNOWNS = 3
 """Unknowns that one of three curves is worth."""
-MOVED = 0.01
-"""Largest range of a resting drive, as a share of its whole range."""
-TRANSIENT_SHARE = 0.1
-"""Longest transient, as a share of the recording."""
-FAR_MORE, NOTABLE = 4.0, 0.03
-"""Smallest ratio of a transient's error to the largest later one, and its smallest error as a share of the range."""
-LARGER = 1.5
-"""Smallest ratio of the error at the end of a transient to the largest later one."""
-SPOILED = 3.0
-"""Smallest ratio of the later errors of fits with and without the first samples that shows these to be a transient."""
 HEAD = 200_000
 """Samples after the drive has erased the initial states that decide about the start."""
 NARROWER, FLAT = 0.005, 0.1
 """Smallest narrowing of the output's range that is followed, and smallest range left, as shares of it."""
-FARTHEST = 2.0
-"""Largest distance of a creep state before the first sample from the play's, normalised units."""
-SAME = 1.001
-"""Largest ratio of the error to the reported one at which the identification's initial state is kept."""
-
-
 USUAL = 5, 3
 """Orders n and m of a first fit."""
 
@@ -133,12 +99,12 @@ def prepare(
     single = len(recording.starts) == 1
     head = recording.head(_memory_erased_from(recording, s) + GRAM_SAMPLES) if single else recording
     found = _fitted(head, s, skip or 0, solving)
-    longest = _longest_transient(head) if skip is None else 0
+    longest = longest_transient(head) if skip is None else 0
     if longest:
         settled = _ranged(recording, s, longest, fit_range)
         later = _fitted(head, settled, longest, solving)
         spoiled = abs(s.y_scale / settled.y_scale) * found.fit.error
-        if skip := _transient(0.5 * spoiled, 0.5 * later.fit.error, longest):
+        if skip := transient(0.5 * spoiled, 0.5 * later.fit.error, longest):
             found = _fitted(head, _ranged(recording, s, skip, fit_range), skip, solving)
     if head.length < recording.length:
         counted = counted_from(recording, found.skip)
@@ -277,25 +243,11 @@ def require(recording: Recording, counted: Mask, s: ModelStructure, skip: int) -
         )
 
 
-def first_motion(recording: Recording, skip: int) -> int:
-    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if
-    it stays at rest."""
-    return _index_after_travel(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
-
-
-def _index_after_travel(recording: Recording, span: float, skip: int = 0) -> int:
-    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
-    never does."""
-    x = recording.x[skip:]
-    covered = np.flatnonzero(np.maximum.accumulate(x) - np.minimum.accumulate(x) >= span)
-    return skip + int(covered[0]) if covered.size else recording.length
-
-
 def _memory_erased_from(recording: Recording, s: ModelStructure) -> int:
     """Index of the first sample at which every play that the drive moves is independent of its initial state."""
     span = recording.x_range[1] - recording.x_range[0]
     widths = (2.0 * r * s.x_scale for r in s.play_thresholds)
-    return _index_after_travel(recording, max((width for width in widths if width < span), default=0.0))
+    return index_after_travel(recording, max((width for width in widths if width < span), default=0.0))
 
 
 def initial_segment(recording: Recording, s: ModelStructure) -> Recording:
@@ -307,124 +259,3 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
     """Range of the output after the first ``skip`` samples."""
     y = recording.y[skip:]
     return float(y.min()), float(y.max())
-
-
-def _longest_transient(recording: Recording) -> int:
-    """Largest number of samples at the start that may be a transient; 0 if the drive does not move after them."""
-    longest = int(TRANSIENT_SHARE * spans(recording)[0].stop)
-    return longest if longest and first_motion(recording, longest) < recording.length else 0
-
-
-def _transient(whole: Vector, later: Vector, longest: int) -> int:
-    """Number of first samples that the fit of the later ones does not describe; 0 if the fit of the whole describes
-    them and all others. The errors (N,) of both are shares of one range."""
-    whole, later = np.abs(whole), np.abs(later)
-    spoiled = float(np.max(whole[longest:])) > SPOILED * float(np.max(later[longest:]))
-    return transient_end(later, longest) if spoiled or transient_end(whole, longest) else 0
-
-
-def transient_end(error: Vector, longest: int) -> int:
-    """Number of samples in a transient of at most ``longest``, whose error, as a share of the range, is far larger than
-    all later ones; 0 for none."""
-    later = float(np.max(error[longest:]))
-    if np.max(error[:longest], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
-        return 0
-    return int(np.flatnonzero(error[:longest] > LARGER * later)[-1]) + 1
-
-
-def _with_creep_levels(
-    part: Recording,
-    counted: Mask,
-    arrays: Arrays,
-    found: ForwardFit,
-    shift: Columns,
-    solving: Solving,
-    parameters: Parameters | None,
-) -> ForwardFit:
-    """The fit of known weights, those of ``arrays``, with the creep of each rate begun at a level of its own, if the
-    gain is clear."""
-    s, state = found.structure, found.states[0].copy()
-    if not s.creep_rates:
-        return found
-    effects = []
-    for rate in range(len(s.creep_rates)):
-        nudged = state.copy()
-        nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
-        solving.passes += 1
-        change = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics)) - found.y_model
-        effects.append(Columns.of(change / NUDGE, -FARTHEST, FARTHEST))
-
-    def fit(further: Columns) -> ForwardFit:
-        return fit_forward(
-            part, counted, s, [state], found.v, solving, weights_known=True, further=further, parameters=parameters
-        )
-
-    levels = fit(Columns.joined([shift, *effects])).further[1:]
-    state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
-    other = fit(shift)
-    return other if found.improved_by(other, len(effects)) else found
-
-
-def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[States, int]:
-    """The states before the first sample of each part of a recording with which a model, and a constant added to it,
-    err least, and the number of samples in a transient.
-
-    The identification's states are kept if the error is as small as it was there.
-    """
-    s, solving, report = model.structure, Solving(), model.report.get("fit")
-    v, sweeps = s.inverse_slope_map @ model.weights, list(recording.sweeps())
-    known, parameters = model.starts, _known(model)
-    if report is not None and len(known) == len(sweeps):
-        head = initial_segment(recording, s) if len(sweeps) == 1 else recording
-        counted = counted_from(head, report["skipped"])
-        if counted.any():
-            own = fit_forward(head, counted, s, known, v, solving, steps=0, weights_known=True, parameters=parameters)
-            if abs(s.y_scale) * math.sqrt(own.cost) <= SAME * report["rms"]:
-                longest, error = _longest_transient(head), _centred(own, counted)
-                return known, transient_end(np.abs(error), longest) if longest else 0
-    states, skips = zip(*(_start_and_transient(model, sweep, v, solving) for sweep in sweeps), strict=True)
-    return states, skips[0]
-
-
-def _start_and_transient(
-    model: HysteresisCreepModel, part: Recording, v: Vector, solving: Solving
-) -> tuple[OperatorState, int]:
-    """The same of one part."""
-    s, parameters = model.structure, _known(model)
-    head = initial_segment(part, s)
-    shift, longest = Columns.of(np.ones(head.length)), _longest_transient(head)
-
-    def fitted(skip: int) -> tuple[ForwardFit, Vector]:
-        counted = counted_from(head, skip)
-        best = start_of(head, counted, s, v, solving, shift, parameters)[1]
-        best = _with_creep_levels(head, counted, model.arrays, best, shift, solving, parameters)
-        return best, _centred(best, counted)
-
-    whole, error = fitted(0)
-    if longest and np.max(np.abs(whole.error[:longest])) > np.max(np.abs(whole.error[longest:])):
-        settled, later = fitted(longest)
-        if skip := _transient(error, later, longest):
-            return settled.states[0], skip
-    return whole.states[0], 0
-
-
-def _known(model: HysteresisCreepModel) -> Parameters | None:
-    return None if model.dynamics is None else Parameters(model.dynamics, model.structure.sample_time)
-
-
-def _centred(fit: ForwardFit, counted: Mask) -> Vector:
-    """Errors (N,) of a fit from their median, as shares of the range."""
-    return np.asarray(0.5 * (fit.error - np.median(fit.error[counted])))
-
-
-@one_thread
-def simulated(model: HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
-    """Output (N,) of a model over a recording, from the states before each part with which it errs least, or from given
-    ones before the first sample."""
-    model = model.at(recording.sample_time)
-    s = model.structure
-    recording = recording.in_units(s.input_unit, s.output_unit)
-    given = [] if state is None else [state]
-    if len(given) < len(recording.starts):
-        given += start_and_transient(model, recording)[0][len(given) :]
-    return simulate(s, model.arrays, recording, given, model.dynamics)

@@ -17,8 +17,9 @@ from piezo_model.identification.adequacy import outlier
 from piezo_model.identification.error_model import States, counted_from, one_thread
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import simulate
+from piezo_model.identification.known_start import start_and_transient
 from piezo_model.identification.sensor_lag import with_sensor
-from piezo_model.identification.start import start_and_transient, y_range
+from piezo_model.identification.start import y_range
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
 

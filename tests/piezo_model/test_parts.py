@@ -8,11 +8,10 @@ import pytest
 from plain_stage import THRESHOLDS, Vector, stage
 
 from piezo_model import HysteresisCreepModel, Recording, identify
-from piezo_model.identification import forward, start
-from piezo_model.identification.autocorrelation import autocorrelation_time
+from piezo_model.identification import gram_matrix, start
+from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples
 from piezo_model.identification.creep import holds
 from piezo_model.identification.fit_errors import alternate_blocks
-from piezo_model.identification.forward import independent_samples
 
 SAMPLE_TIME = 5e-3
 
@@ -111,9 +110,9 @@ def test_sweeps_below_each_other_do_not_show_a_lag_that_the_sensor_has_not(lag: 
 def test_a_long_recording_gives_the_model_of_all_of_it_from_a_million_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     made = joined([(swelling(40.0, 12_000), UP)])
     whole = identify(made, n=5, m=1)
-    for module in (forward, start):
+    for module in (gram_matrix, start):
         monkeypatch.setattr(module, "GRAM_SAMPLES", 3000)
-    monkeypatch.setattr(forward, "CHUNK", 400)
+    monkeypatch.setattr(gram_matrix, "CHUNK", 400)
     thinned = identify(made, n=5, m=1)
     assert thinned.report["start"] == whole.report["start"]
     assert thinned.report["fit"]["samples"] == made.length

@@ -1,0 +1,75 @@
+"""The Gram matrix of columns over a recording, in blocks, behind the dynamics if there are some.
+
+No more than GRAM_SAMPLES rows are needed: of a longer recording every k-th block has some.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from piezo_model.dynamics import Dynamics
+from piezo_model.identification.error_model import States, spans
+from piezo_model.operator_state import padded_thresholds
+from piezo_model.recordings import Recording
+from piezo_model.regressors import Regressors
+from piezo_model.simulation import behind_amplifier
+from piezo_model.structure import ModelStructure
+from solvers.arrays import Mask, Matrix, Vector
+
+CHUNK = 4096
+"""Largest number of samples whose rows are held at once."""
+GRAM_SAMPLES = 1_000_000
+"""Samples of a Gram matrix."""
+STILL = 1e-9
+"""Largest range of an operator at rest, normalised units."""
+
+
+def gram_of(
+    recording: Recording,
+    counted: Mask,
+    s: ModelStructure,
+    starts: Sequence[States],
+    unit_y: Vector,
+    columns: Callable[..., Matrix],
+    beside: Matrix,
+    *,
+    slopes: bool = False,
+    dynamics: Dynamics | None = None,
+) -> tuple[Matrix, Mask]:
+    """Means of the products of columns over the counted samples of every block, or of every few in a long recording,
+    and which operators moved (d,).
+
+    The columns are a function of the number of a part, samples of it, and their rows (x, Ξ(x, y)) from each of the
+    starts, one after another. They pass the dynamics; those ``beside`` (N, k) do not.
+    """
+    blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
+    size, r = CHUNK // blocks, padded_thresholds(s)
+    lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
+    total, count = np.zeros(()), 0
+    for i, part in enumerate(spans(recording)):
+        unit_x = s.unit_input(behind_amplifier(s, dynamics, recording.x[part], starts[0][i]))
+        first_play = np.clip(starts[0][i].play, unit_x[0] - r, unit_x[0] + r)
+        lowest = np.minimum(lowest, np.minimum(first_play, unit_x.min() + r))
+        highest = np.maximum(highest, np.maximum(first_play, unit_x.max() - r))
+        regressors, through = [Regressors(s, start[i], slopes=slopes) for start in starts], None
+        for k, first in enumerate(range(part.start, part.stop, size)):
+            samples = slice(first, min(first + size, part.stop))
+            x = unit_x[first - part.start : samples.stop - part.start]
+            if k % blocks:
+                through = None
+                for each in regressors:
+                    each.advance(x)
+                continue
+            J = columns(i, samples, *(each.rows(x, unit_y[samples]) for each in regressors))
+            if dynamics is not None:
+                through = through or dynamics.stream(s.sample_time)
+                J = through(J)
+            chosen = np.hstack([J, beside[samples]])
+            if not counted[samples].all():
+                chosen = chosen[counted[samples]]
+            total, count = total + chosen.T @ chosen, count + len(chosen)
+    plays = (highest - lowest > STILL)[: s.n + 1]
+    moved = np.ones(s.d, dtype=bool)  # a piece of S⁻¹ that the output never enters has a column of zeros
+    moved[s.slices[0]], moved[s.slices[2]] = plays[1:], plays[: s.creep_weights]
+    return total / count, moved

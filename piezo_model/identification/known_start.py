@@ -1,0 +1,128 @@
+"""The states before a recording of a known model, and the samples of a transient, for its validation.
+
+The weights stay, and a constant is added to the output. Creep may have been driven before the recording, so each rate
+may begin at a level of its own; otherwise the start is found as in an identification (`start`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from piezo_model.identification.dynamics_parameters import Parameters
+from piezo_model.identification.error_model import Solving, States, counted_from, one_thread
+from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
+from piezo_model.identification.start import initial_segment, start_of
+from piezo_model.identification.transient import longest_transient, transient, transient_end
+from piezo_model.operator_state import OperatorState
+from piezo_model.recordings import Recording
+from piezo_model.simulation import Arrays
+from solvers.arrays import Mask, Vector
+
+if TYPE_CHECKING:
+    from piezo_model.model import HysteresisCreepModel
+
+FARTHEST = 2.0
+"""Largest distance of a creep state before the first sample from the play's, normalised units."""
+SAME = 1.001
+"""Largest ratio of the error to the reported one at which the identification's initial state is kept."""
+
+
+def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[States, int]:
+    """The states before the first sample of each part of a recording with which a model, and a constant added to it,
+    err least, and the number of samples in a transient.
+
+    The identification's states are kept if the error is as small as it was there.
+    """
+    s, solving, report = model.structure, Solving(), model.report.get("fit")
+    v, sweeps = s.inverse_slope_map @ model.weights, list(recording.sweeps())
+    known, parameters = model.starts, _known(model)
+    if report is not None and len(known) == len(sweeps):
+        head = initial_segment(recording, s) if len(sweeps) == 1 else recording
+        counted = counted_from(head, report["skipped"])
+        if counted.any():
+            own = fit_forward(head, counted, s, known, v, solving, steps=0, weights_known=True, parameters=parameters)
+            if abs(s.y_scale) * math.sqrt(own.cost) <= SAME * report["rms"]:
+                longest, error = longest_transient(head), _centred(own, counted)
+                return known, transient_end(np.abs(error), longest) if longest else 0
+    states, skips = zip(*(_start_and_transient(model, sweep, v, solving) for sweep in sweeps), strict=True)
+    return states, skips[0]
+
+
+def _start_and_transient(
+    model: HysteresisCreepModel, part: Recording, v: Vector, solving: Solving
+) -> tuple[OperatorState, int]:
+    """The same of one part."""
+    s, parameters = model.structure, _known(model)
+    head = initial_segment(part, s)
+    shift, longest = Columns.of(np.ones(head.length)), longest_transient(head)
+
+    def fitted(skip: int) -> tuple[ForwardFit, Vector]:
+        counted = counted_from(head, skip)
+        best = start_of(head, counted, s, v, solving, shift, parameters)[1]
+        best = _with_creep_levels(head, counted, model.arrays, best, shift, solving, parameters)
+        return best, _centred(best, counted)
+
+    whole, error = fitted(0)
+    if longest and np.max(np.abs(whole.error[:longest])) > np.max(np.abs(whole.error[longest:])):
+        settled, later = fitted(longest)
+        if skip := transient(error, later, longest):
+            return settled.states[0], skip
+    return whole.states[0], 0
+
+
+def _with_creep_levels(
+    part: Recording,
+    counted: Mask,
+    arrays: Arrays,
+    found: ForwardFit,
+    shift: Columns,
+    solving: Solving,
+    parameters: Parameters | None,
+) -> ForwardFit:
+    """The fit of known weights, those of ``arrays``, with the creep of each rate begun at a level of its own, if the
+    gain is clear."""
+    s, state = found.structure, found.states[0].copy()
+    if not s.creep_rates:
+        return found
+    effects = []
+    for rate in range(len(s.creep_rates)):
+        nudged = state.copy()
+        nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
+        solving.passes += 1
+        change = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics)) - found.y_model
+        effects.append(Columns.of(change / NUDGE, -FARTHEST, FARTHEST))
+
+    def fit(further: Columns) -> ForwardFit:
+        return fit_forward(
+            part, counted, s, [state], found.v, solving, weights_known=True, further=further, parameters=parameters
+        )
+
+    levels = fit(Columns.joined([shift, *effects])).further[1:]
+    state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
+    other = fit(shift)
+    return other if found.improved_by(other, len(effects)) else found
+
+
+def _known(model: HysteresisCreepModel) -> Parameters | None:
+    return None if model.dynamics is None else Parameters(model.dynamics, model.structure.sample_time)
+
+
+def _centred(fit: ForwardFit, counted: Mask) -> Vector:
+    """Errors (N,) of a fit from their median, as shares of the range."""
+    return np.asarray(0.5 * (fit.error - np.median(fit.error[counted])))
+
+
+@one_thread
+def simulated(model: HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
+    """Output (N,) of a model over a recording, from the states before each part with which it errs least, or from given
+    ones before the first sample."""
+    model = model.at(recording.sample_time)
+    s = model.structure
+    recording = recording.in_units(s.input_unit, s.output_unit)
+    given = [] if state is None else [state]
+    if len(given) < len(recording.starts):
+        given += start_and_transient(model, recording)[0][len(given) :]
+    return simulate(s, model.arrays, recording, given, model.dynamics)
