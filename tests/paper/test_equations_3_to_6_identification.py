@@ -156,6 +156,6 @@ def test_the_weights_of_a_model_in_the_class_are_recovered(offset: bool, rates: 
     np.testing.assert_allclose(model.weights, truth.weights, rtol=0, atol=1e-7)
     assert model.report["fit"]["skipped"] == 0
     assert model.report["certificate"]["cost_gap"] < 1e-9
-    assert model.report["lag"]["samples"] == 0.0
-    assert any("no lag that is worth removing" in sentence for sentence in model.report["sentences"])
+    assert model.report["lag"]["samples"] < 1e-9
+    assert any("shows no lag" in sentence for sentence in model.report["sentences"])
     assert identify(x, truth.simulate(x, state), s, state=state).report["fit"]["max_percent"] < 1e-4
