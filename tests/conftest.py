@@ -23,8 +23,6 @@ settings.register_profile("drawn", deadline=None, max_examples=100 if ALL else 2
 settings.register_profile("repeated", settings.get_profile("drawn"), derandomize=True)
 settings.load_profile("repeated")
 
-pytest_plugins = ["small_races"]
-
 SHARING = {
     "small races": (
         "border",

@@ -164,7 +164,7 @@ def test_the_workers_of_a_host_have_the_cores_of_all_of_them() -> None:
     distributed = library("distributed")
     first, second = cores.usable()[:2]
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
         distributed.Client(cluster) as client,
     ):
         addresses = [*client.scheduler_info()["workers"]]

@@ -232,7 +232,7 @@ def recorded(path: Path) -> pa.Table:
 
 
 @pytest.fixture(scope="module")
-def ended(
+def drawn_ends(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[dict[tuple[str, int], Future[None]]]:
     """The drawn runs that this session tests, several at once, since each waits for most of its time."""
@@ -249,7 +249,7 @@ def ended(
     cases = [
         (item.callspec.params["kind"], item.callspec.params["seed"])
         for item in request.session.items
-        if isinstance(item, pytest.Function) and "ended" in item.fixturenames
+        if isinstance(item, pytest.Function) and "drawn_ends" in item.fixturenames
     ]
     with ExitStack() as stack:
         for _ in range(min(AT_ONCE, len(cases))):
@@ -262,9 +262,9 @@ def ended(
 @pytest.mark.sample(3)
 @pytest.mark.parametrize(("kind", "seed"), drawn())
 def test_however_and_whenever_a_run_ends_it_keeps_what_it_promises(
-    kind: str, seed: int, ended: dict[tuple[str, int], Future[None]]
+    kind: str, seed: int, drawn_ends: dict[tuple[str, int], Future[None]]
 ) -> None:
-    ended[kind, seed].result()
+    drawn_ends[kind, seed].result()
 
 
 def keeps_what_it_promises(kind: str, seed: int, stage: Stage, piezobench: CommandLine, tmp_path: Path) -> None:
