@@ -4,7 +4,8 @@
 
 where σ² is the variance of the error, and τ = 1 + 2 Σ ρ_k its autocorrelation time, so that N / τ samples are
 independent. A weight at its bound 0 has the interval from 0 to 1.96 of the deviations that it would have if released.
-The intervals are those for given orders; what the choice of orders adds is not in them.
+The intervals are those for given orders; what the choice of orders adds is not in them. Where no more samples are
+independent than there are unknowns, there are none.
 """
 
 import math
@@ -21,12 +22,14 @@ STEP = 1e-4
 """Change of a weight for the derivatives of the figures, normalised units."""
 
 
-def intervals(fit: ForwardFit) -> dict[str, Any]:
+def intervals(fit: ForwardFit) -> dict[str, Any] | None:
     """Intervals [low, high] of the weights of a fit, in the order of ``weight_names``, and of the figures by their
-    names; None for a weight that the data do not determine."""
+    names; None for a weight that the data do not determine, and for all if they determine none."""
     s, T = fit.structure, fit.structure.slope_map
     time, samples = autocorrelation_time(fit.errors), sum(error.size for error in fit.errors)
-    variance = fit.cost * time / max(samples - np.count_nonzero(fit.free) * time, 1.0)
+    if (beyond := samples - np.count_nonzero(fit.free) * time) <= 0.0:
+        return None
+    variance = fit.cost * time / beyond
     C = variance * inverse_over(fit.P, fit.free)[: s.d, : s.d]
     weights, deviations = fit.weights, np.sqrt(np.maximum(np.diag(T @ C @ T.T), 0.0))  # 0 where rounding is all of it
     ranges: list[list[float] | None] = []

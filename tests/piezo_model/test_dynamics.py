@@ -376,6 +376,13 @@ def test_a_third_resonance_that_rings_little_is_said_to_be_left_out() -> None:
     assert any(re.match("The output also rings near 80. Hz", sentence) for sentence in model.report["sentences"])
 
 
+def test_figures_have_no_intervals_where_the_model_leaves_a_ringing_that_hardly_dies_away() -> None:
+    model = identify(made("relay_preisach", "sweep", [(827.4, 0.0059, 1.0)], 0.02, seed=31))
+    assert model.report["intervals"] is None
+    assert not any("intervals for these orders" in sentence for sentence in model.report["sentences"])
+    assert any("A faint resonance near 828 Hz" in sentence for sentence in model.report["sentences"])
+
+
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
     recording = made("relay_preisach", "triangle", [(400.0, 0.24, 1.0)], 0.05, size=SIZE // 2)
     model = identify(recording, force=True)
