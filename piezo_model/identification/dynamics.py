@@ -265,6 +265,11 @@ class Trials:
             self.recording, counted, s, states, v, solving, steps=steps, further=further, parameters=parameters
         )
 
+    def percent(self, mean_square: float) -> float:
+        """The root of a mean square error in normalised units, per cent of the output's range."""
+        span = float(np.ptp(self.recording.y[self.counted]))
+        return 100.0 * abs(self.structure.y_scale) / span * math.sqrt(mean_square)
+
     def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
         """Fit, and once more from what was found if a bound holds a frequency or a damping of a smaller error."""
         fit, modes = self.fit(parameters, near), len(parameters.start.frequencies_Hz)
@@ -320,15 +325,14 @@ class Trials:
             "its frequency is uncertain": np.any(uncertain),
             "the error on held-out data does not fall": not falls,
         }
-        scale = 100.0 * abs(self.structure.y_scale) / float(np.ptp(self.recording.y[self.counted]))
-        without, behind = (scale * math.sqrt(squares.sum() / count) for squares in (before, after))
+        without, behind = (self.percent(squares.sum() / count) for squares in (before, after))
 
         def step(further: Columns) -> ForwardFit:
             return self.fit(parameters, best, steps=1, further=further)
 
         also = 0.0, 0.0
         if falls and rest is not None and (cost := step(_ringing(best, rest, T)).cost) < 0.5 * best.cost:
-            also = rest.frequency_Hz, scale * math.sqrt(best.cost - cost)
+            also = rest.frequency_Hz, self.percent(best.cost - cost)
         reason = next((why for why, applies in reasons.items() if applies), "")
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
         late = deviations[modes * (3 if parameters.residual else 2)]

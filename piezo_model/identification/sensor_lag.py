@@ -147,8 +147,7 @@ def separate_lag(
     at_edge = bool(found(late).vector.max() > LONGEST - RESOLUTION)
     certain = is_significant and not at_edge
     removed, in_model = certain and remove, certain and keep and not remove
-    scale = 100.0 * abs(best.trials.structure.y_scale) / float(np.ptp(head.y[best.trials.counted]))
-    without, behind = (scale * math.sqrt(fit.cost) for fit in (best.prompt, late))
+    without, behind = (best.trials.percent(fit.cost) for fit in (best.prompt, late))
     lag = Lag(samples, found(late).start.amplifier_lag_s, removed, in_model, without, behind, at_edge, is_significant)
     if not (removed or in_model):
         return separated, lag
