@@ -316,6 +316,14 @@ def test_a_stage_without_a_lag_is_not_said_to_have_one(name: str, x: np.ndarray)
     )
 
 
+@pytest.mark.parametrize(("x", "alone"), [(TRIANGLE, True), (TONES, False)])
+def test_a_drive_that_turns_at_the_ends_of_its_range_alone_is_said_to_tell_little_of_inner_loops(
+    x: np.ndarray, alone: bool
+) -> None:
+    model = identify(of_a_stage("relay_preisach", x))
+    assert bool(sentences(model, "turns at the ends of its range alone, and says little of the loops inside")) == alone
+
+
 @pytest.mark.parametrize("lag", [1.0, 3.0])
 def test_a_lag_in_noise_is_named_with_errors_that_are_shares_of_the_full_range(lag: float) -> None:
     report = identify(of_a_stage("maxwell_slip", TONES, lag)).report
