@@ -20,8 +20,7 @@ import pandas as pd
 
 from bench.comparison.compare import compare_runs
 from bench.derived.measurements import Measurements
-from bench.messages.columns import Column
-from bench.messages.task import Status
+from bench.messages import Column, Status
 from bench.report.words import number
 from bench.store import Run, RunError
 from piezo_model.atomic_file import replacing
