@@ -128,6 +128,7 @@ class CompensatorBank(Stateful):
         threads: int = 1,
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
+        checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", dynamics=dynamics)
         checks.whole(1, count=count, threads=threads)
         require_seconds(
             forgetting_time_s=forgetting_time_s, hand_over_s=hand_over_s, reset_s=reset_s, blend_time_s=blend_time_s
@@ -180,7 +181,9 @@ class CompensatorBank(Stateful):
         for tile in range(tiles_before, tiles):
             late = math.floor(tile * GOLDEN % 1.0 * self.interval) + tile % checkpoints * self.interval
             bindings.bank_prepare(core.block, tile, late)
-        self._view("w_H")[tiles_before:, 0] = 1.0
+        # lanes without an actuator have an inverse, too
+        for name, line in (("w_H", 0), ("w_S", s.middle), ("candidate", s.slices[1])):
+            self._view(name)[tiles_before:, line] = 1.0
         workspace = bindings.bank_workspace_bytes(*shape, self.block)
         self._workspaces = [State(workspace, lambda block: {}) for _ in range(self.threads)]
 
@@ -405,7 +408,7 @@ class CompensatorBank(Stateful):
         if dynamics.shape != (slots.size, self._dynamics.shape[1]) or dynamics.dtype != np.float64:
             raise ValueError("dynamics must be numbers of each actuator")
         for numbers in np.unique(dynamics, axis=0) if dynamics.shape[1] else ():
-            self._of(numbers)
+            self._of(numbers).require(self.structure.sample_time)
         self._core.restore(state["core"], bindings.bank_restore)
         self._place(slots.copy())
         self._dynamics = dynamics.copy()

@@ -291,6 +291,19 @@ def test_each_lane_of_a_bank_is_a_single_learner_of_its_own_dynamics_to_the_last
     assert [model.dynamics for model in bank.models] == each[:2] + each[3:]
 
 
+@pytest.mark.parametrize("count", [1, 11])
+def test_a_bank_with_dynamics_of_any_number_of_actuators_is_loaded_as_it_was_saved(count: int, tmp_path: Path) -> None:
+    bank, reference = CompensatorBank(S, count, dynamics=ONE), np.repeat(scan(30.0, 0.1)[:, None], count, axis=1)
+    bank.run(reference, reference)
+    bank.save(tmp_path / "bank.npz")
+    loaded = CompensatorBank.load(tmp_path / "bank.npz")
+    np.testing.assert_array_equal(loaded.run(reference, reference), bank.run(reference, reference))
+    state = bank.get_state()
+    state["dynamics"][0, 0] = 0.36 / T
+    with pytest.raises(ValueError, match="the resonance at 3600 Hz is above 35 % of the sampling rate"):
+        bank.restore(state)
+
+
 def test_a_bank_refuses_dynamics_for_which_it_has_no_room() -> None:
     bank = CompensatorBank(S, 2, dynamics=ONE)
     with pytest.raises(ValueError, match="the model has dynamics and the bank has none, or the other way round"):
