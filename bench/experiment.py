@@ -18,7 +18,8 @@ import numpy as np
 import pandas as pd
 
 from bench.messages.progress import Progress, silent
-from bench.report import INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table, Where, write_report
+from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table, Where
+from bench.report.writing import write_report
 from bench.stage import trial
 from bench.stage.setup import AMPLITUDE_UM, AXES, LEVELS, RANGE_UM, StageSetup, percent
 from bench.stage.trial import Trial

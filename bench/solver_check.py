@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.messages import ChildSettings, Progress, Setting, Status, Task, default_setting, settings_ladder, silent
+from bench.messages.progress import Progress, silent
+from bench.messages.task import ChildSettings, Setting, Status, Task, default_setting, settings_ladder
 from bench.problem_files.program import fields_of
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import SolverChild

@@ -33,8 +33,11 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
-from bench.messages import Column, Row, Task, columns, named
-from bench.problem_files import ProblemFileError, npz
+from bench.messages import columns
+from bench.messages.columns import Column, named
+from bench.messages.task import Row, Task
+from bench.problem_files import npz
+from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
 from bench.timing import machine
 from piezo_model import json_file

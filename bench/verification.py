@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from bench.derived.measurements import rows_of
-from bench.messages import Progress, Status, silent
-from bench.problems import RaceProblem, mixture
+from bench.messages.progress import Progress, silent
+from bench.messages.task import Status
+from bench.problems.fresh import mixture
+from bench.problems.protocol import RaceProblem
 from bench.races.metrics import relative_gap
 from bench.report.words import settings_label
 from bench.store import Run

@@ -11,8 +11,10 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.measurements import FLOOR, Measurements
-from bench.messages import TYPICAL, Column, Tier, combined, worst
-from bench.report import OURS_NOTE, Axis, Figure, Mark, Plot, Report, Table, gap, marked, number
+from bench.messages.columns import TYPICAL, Column, combined, worst
+from bench.messages.task import Tier
+from bench.report.report import Axis, Figure, Mark, Plot, Report, Table
+from bench.report.words import OURS_NOTE, gap, marked, number
 from bench.store import Run, RunError
 
 LANES = ("box_active_set (direct)", "daqp (direct)")

@@ -34,7 +34,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import median_abs_deviation
 
-from bench.derived import HOT, INTERLEAVED, LANE, MEASURED, Measurements, right, tier_settings
+from bench.derived.measurements import HOT, INTERLEAVED, Measurements
+from bench.derived.tiers import LANE, MEASURED, right, tier_settings
 from bench.messages.task import Status, Tier
 from bench.store import Run
 from bench.timing.clock import Effort

@@ -20,7 +20,8 @@ import pandas as pd
 
 from bench.comparison.compare import compare_runs
 from bench.derived.measurements import Measurements
-from bench.messages import Column, Status
+from bench.messages.columns import Column
+from bench.messages.task import Status
 from bench.report.words import number
 from bench.store import Run, RunError
 from piezo_model.atomic_file import replacing

@@ -10,23 +10,12 @@ import pandas as pd
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
 from bench.derived.ranking import TIER_NAMES
-from bench.messages import Column, Tier
-from bench.report import (
-    OURS_NOTE,
-    ROW,
-    Axis,
-    Figure,
-    Mark,
-    Plot,
-    Report,
-    Table,
-    joined,
-    marked,
-    plain_json,
-    solver_lanes,
-    whole,
-    write_report,
-)
+from bench.messages.columns import Column
+from bench.messages.task import Tier
+from bench.report.console import plain_json
+from bench.report.report import ROW, Axis, Figure, Mark, Plot, Report, Table
+from bench.report.words import OURS_NOTE, joined, marked, solver_lanes, whole
+from bench.report.writing import write_report
 from bench.store import Run
 from piezo_model.atomic_file import write_text
 

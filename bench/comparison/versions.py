@@ -18,12 +18,15 @@ import numpy as np
 from scipy.stats import t as student
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER
-from bench.messages import Progress, RaceError, Task, default_setting, silent
-from bench.problems import FreshData, RaceProblem
+from bench.messages.progress import Progress, silent
+from bench.messages.task import RaceError, Task, default_setting
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file
 from bench.races.metrics import relative_gap
 from bench.races.oneshot.measuring import interleave
-from bench.timing import answers_us, cores
+from bench.timing import cores
+from bench.timing.clock import answers_us
 from solvers import Lane, from_file
 
 PAIRS = 5

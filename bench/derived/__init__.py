@@ -1,8 +1,1 @@
-"""Results derived from a table of measurements by pure functions; nothing derived is stored.
-
-What other parts import is in ``__init__.pyi``; each name is imported from its file when it is first used.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+"""Results derived from a table of measurements by pure functions; nothing derived is stored."""

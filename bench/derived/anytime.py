@@ -20,7 +20,8 @@ from bench.derived.pictures import ranked
 from bench.derived.ranking import PACE, with_pace
 from bench.derived.tiers import PROBLEM, TOLERANCE
 from bench.messages.task import PAPER, Status, Tier
-from bench.report import LEAST_GAP, OURS_NOTE, Table, gap, solver_lanes
+from bench.report.report import LEAST_GAP, Table
+from bench.report.words import OURS_NOTE, gap, solver_lanes
 
 BUDGETS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000, 15_200)
 """Sampling periods; the last one is the paper's 1.9 s."""

@@ -28,7 +28,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.derived.tiers import LANE, applies, measured, right, supported, tier_settings
-from bench.messages import (
+from bench.messages.columns import (
     COUNT,
     FLAG,
     NUMBER,
@@ -36,16 +36,16 @@ from bench.messages import (
     TEXT,
     TYPICAL,
     Column,
-    Status,
-    Tier,
     first_text,
     named,
     typical_of_all,
     worst,
 )
+from bench.messages.task import Status, Tier
 from bench.report.words import gap, marked, number, settings_label, share
 from bench.store import Run, RunError, Schema, Session
-from bench.timing import PERIOD_US, answers_us
+from bench.timing.clock import answers_us
+from bench.timing.schedule import PERIOD_US
 
 
 def status_counts(statuses: pd.Series) -> str:

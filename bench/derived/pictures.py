@@ -17,8 +17,10 @@ import pandas as pd
 from bench.derived import ranking, summary
 from bench.derived.measurements import Measurements, at_tiers
 from bench.derived.verdict import KNOWN
-from bench.messages import TYPICAL, Status, Tier, worst
-from bench.report import BEST, LEAST_GAP, MARK, duration, marked, together
+from bench.messages.columns import TYPICAL, worst
+from bench.messages.task import Status, Tier
+from bench.report.report import BEST, LEAST_GAP, together
+from bench.report.words import MARK, duration, marked
 from solvers.registry import OURS
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]

@@ -26,8 +26,10 @@ import pandas as pd
 
 from bench.derived.measurements import HOT, INTERLEAVED, Measurements
 from bench.derived.tiers import PROBLEM, TARGETS, distance, right, supported
-from bench.messages import PAPER, TYPICAL, Column, Status, Tier, combined
-from bench.report import MARK, OURS_NOTE, Table, gap, marked, number, settings_label
+from bench.messages.columns import TYPICAL, Column, combined
+from bench.messages.task import PAPER, Status, Tier
+from bench.report.report import Table
+from bench.report.words import MARK, OURS_NOTE, gap, marked, number, settings_label
 from piezo_model.json_file import decoded
 from solvers import Lane
 from solvers.registry import FAMILIES, OURS

@@ -1,8 +1,63 @@
-"""Problem sets, each in a file or a folder of its own, and problems with their certified optima.
+"""Problem sets; the folder is the registry: every ``ProblemSet`` class with a name in a file here is one."""
 
-What other parts import is in ``__init__.pyi``; each name is imported from its file when it is first used.
-"""
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterable, Mapping, Sequence
 
-import lazy_loader
+from bench.problems.protocol import ProblemSet, ProblemSetError, RaceProblem
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_options", "find", "make", "sets"]
+
+
+def all_sets() -> dict[str, type[ProblemSet]]:
+    """Every problem set by name."""
+    classes = {}
+    for file in pkgutil.iter_modules(__path__):
+        for cls in vars(importlib.import_module(f"{__name__}.{file.name}")).values():
+            if inspect.isclass(cls) and issubclass(cls, ProblemSet) and hasattr(cls, "name"):
+                classes[cls.name] = cls
+    return dict(sorted(classes.items()))
+
+
+def sets() -> dict[str, type[ProblemSet]]:
+    """The problem sets that need only a seed, by name."""
+    return {name: cls for name, cls in all_sets().items() if not cls.needs}
+
+
+def find(name: str) -> type[ProblemSet]:
+    """The problem set of that name; ProblemSetError lists the known ones."""
+    known = all_sets()
+    if name not in known:
+        raise ProblemSetError(f"there is no problem set {name!r}; known are {', '.join(sorted(known))}")
+    return known[name]
+
+
+def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> ProblemSet:
+    """Make a problem set from a seed and the options that apply to it.
+
+    Raises
+    ------
+    ProblemSetError
+        There is no such set, or a required option is missing.
+
+    Examples
+    --------
+    >>> make("noise", options={"recording": "stage.csv"}).names()[:2]
+    ['noise-none', 'noise-1e-05']
+    """
+    cls = find(name)
+    own = {**cls.needs, **cls.takes}
+    return cls(seed, **{option: value for option, value in (options or {}).items() if option in own})
+
+
+def check_options(names: Sequence[str], options: Iterable[str]) -> None:
+    """ProblemSetError for an unknown set, or an option that none of the sets has."""
+    chosen = [find(name) for name in names]
+    for option in options:
+        if not any(option in (*cls.needs, *cls.takes) for cls in chosen):
+            takers = [name for name, cls in sorted(all_sets().items()) if option in (*cls.needs, *cls.takes)]
+            raise ProblemSetError(
+                f"--{option.replace('_', '-')} is for the problem set {' or '.join(takers)}, and not "
+                f"for {' and '.join(names)}"
+            )

@@ -21,7 +21,10 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix, diags
 
-from bench.problem_files import READERS, ReadProgram, about, checked, opened, read, read_test_set, require, suffix_of
+from bench.problem_files import READERS, ReadProgram, read, suffix_of
+from bench.problem_files.npz import opened
+from bench.problem_files.program import about, checked, require
+from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
 from bench.problems.proofs import isolated, proof, proven, require_size
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem

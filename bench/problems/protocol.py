@@ -15,7 +15,8 @@ import msgspec
 import numpy as np
 from qpsolvers import Problem
 
-from bench.problem_files import ProblemFileError, doubles, opened, packed, packed_program, unpacked, unpacked_program
+from bench.problem_files.npz import opened, packed, packed_program, unpacked, unpacked_program
+from bench.problem_files.program import ProblemFileError, doubles
 from bench.problems import proofs
 from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState

@@ -14,8 +14,10 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
-from bench.derived import ONESHOT, rows_of, tier_settings
-from bench.messages import RaceError, Setting, Tier, columns, default_setting, settings_ladder, tightest
+from bench.derived.measurements import ONESHOT, rows_of
+from bench.derived.tiers import tier_settings
+from bench.messages import columns
+from bench.messages.task import RaceError, Setting, Tier, default_setting, settings_ladder, tightest
 from bench.store import Run
 from piezo_model.atomic_file import replacing
 from solvers.registry import Described

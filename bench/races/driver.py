@@ -18,8 +18,11 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import pandas as pd
 
-from bench.messages import ChildSettings, Outcome, Progress, Request, Row, Task
-from bench.processes import SolverPool, Workers, engine, sentinel
+from bench.messages.progress import Progress
+from bench.messages.task import ChildSettings, Outcome, Request, Row, Task
+from bench.processes import engine, sentinel
+from bench.processes.engine import Workers
+from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.field import checked, described_by, field_of
 from bench.races.settings import RaceSettings

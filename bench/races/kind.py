@@ -11,12 +11,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from bench.messages import Progress, RaceError
+from bench.messages.progress import Progress
+from bench.messages.task import RaceError
 from bench.processes.engine import Workers
 from bench.races.driver import Race, drive
 from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings
-from bench.report import Report, joined, write_report
+from bench.report.report import Report
+from bench.report.words import joined
+from bench.report.writing import write_report
 from bench.store import Anchor, Run, RunError, Schema
 from piezo_model.json_file import brief, convert
 

@@ -16,8 +16,10 @@ import math
 import numpy as np
 from qpsolvers import Solution
 
-from bench.messages import Outcome, Row, Status, amount
-from bench.problems import CertifiedForm, FreshData, RaceProblem
+from bench.messages.solver_info import amount
+from bench.messages.task import Outcome, Row, Status
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import exact_cost_gap
 from solvers.protocol import Matrix, Vector

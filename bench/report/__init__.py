@@ -1,8 +1,1 @@
-"""Building blocks of all reports: wording, tables for terminal and Markdown, plots, and self-contained pages.
-
-What other parts import is in ``__init__.pyi``; each name is imported from its file when it is first used.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+"""Building blocks of all reports: wording, tables for terminal and Markdown, plots, and self-contained pages."""

@@ -1,8 +1,1 @@
-"""Timing of microseconds: the clock, percentiles, and disturbances by the machine.
-
-What other parts import is in ``__init__.pyi``; each name is imported from its file when it is first used.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+"""Timing of microseconds: the clock, percentiles, and disturbances by the machine."""

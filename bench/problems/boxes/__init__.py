@@ -11,7 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from bench.problem_files import ReadProgram, opened, unpacked_program
+from bench.problem_files.npz import opened, unpacked_program
+from bench.problem_files.program import ReadProgram
 from bench.problems.foreign import ForeignPrograms, Source
 
 DATA = Path(__file__).with_name("programs.npz")

@@ -22,25 +22,12 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from bench.messages import (
-    COUNT,
-    NUMBER,
-    PAPER,
-    TEXT,
-    ChildSettings,
-    Column,
-    Request,
-    Status,
-    Task,
-    Tier,
-    default_setting,
-    least_good,
-    named,
-    root_mean_square,
-    worst,
-)
-from bench.races import EACH, Choices, Part, Positive, TaskRace, TierSettings, choices, fixed, table_of
+from bench.messages.columns import COUNT, NUMBER, TEXT, Column, least_good, named, root_mean_square, worst
+from bench.messages.task import PAPER, ChildSettings, Request, Status, Task, Tier, default_setting
+from bench.races.chosen_settings import EACH, Choices, choices, table_of
+from bench.races.driver import Part, TaskRace
 from bench.races.loop.worker import Driven, LearningEnd, LoopRequest
+from bench.races.settings import Positive, TierSettings, fixed
 from bench.report.words import gap, whole
 from bench.stage.setup import AXES, RANGE_UM, StageSetup
 from bench.stage.trial import straight

@@ -7,29 +7,13 @@ import numpy as np
 import pandas as pd
 
 from bench.derived.pictures import ranked
-from bench.messages import PAPERS_SETTING, Column, combined, root_mean_square, worst
-from bench.races import Kind, definition, tier_label
+from bench.messages.columns import Column, combined, root_mean_square, worst
+from bench.messages.task import PAPERS_SETTING
+from bench.races.chosen_settings import definition, tier_label
+from bench.races.kind import Kind
 from bench.races.loop.race import LOOP, LoopRace, LoopSettings
-from bench.report import (
-    GREY,
-    LEAST_GAP,
-    OURS_NOTE,
-    Axis,
-    Figure,
-    Mark,
-    Plot,
-    Report,
-    Table,
-    format_distinct,
-    gap,
-    joined,
-    marked,
-    number,
-    settings_label,
-    side_by_side,
-    what_went_wrong,
-    whole,
-)
+from bench.report.report import GREY, LEAST_GAP, Axis, Figure, Mark, Plot, Report, Table, side_by_side, what_went_wrong
+from bench.report.words import OURS_NOTE, format_distinct, gap, joined, marked, number, settings_label, whole
 from bench.stage.setup import RANGE_UM
 from bench.store import Run
 

@@ -2,7 +2,8 @@
 
 import pandas as pd
 
-from bench.derived import Measurements, anytime, pictures
+from bench.derived import anytime, pictures
+from bench.derived.measurements import Measurements
 from bench.report.report import INK, LEAST_GAP, ROW, Axis, Figure, Mark, Plot, best_lines
 from solvers import Lane
 

@@ -22,11 +22,13 @@ from numpy.typing import NDArray
 from bench.derived.measurements import FLOOR, ONESHOT
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
 from bench.problem_files.program import fields_of
-from bench.problems import CertifiedForm, FreshData, RaceProblem
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge, judge_timed
 from bench.races.oneshot.worker import Further, OneShot, TimedSolver
-from bench.timing import LEAST_SHARE, LONG_NS, Effort, answers_us, percentile
+from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
+from bench.timing.percentiles import percentile
 from solvers.protocol import Lane, Matrix
 
 UNSEEN_NS = 250_000

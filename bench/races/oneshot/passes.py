@@ -23,12 +23,17 @@ from itertools import groupby
 
 import pandas as pd
 
-from bench.derived import FLOOR, HOT, INTERLEAVED, ONESHOT, at_tiers, newest, supported, tier_settings
+from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, ONESHOT, at_tiers, newest
+from bench.derived.tiers import supported, tier_settings
 from bench.messages.task import Outcome, Row, Start, Status, Task, Tier, Timed
-from bench.problems import CertifiedForm, FreshData, RaceProblem
-from bench.processes import EVERY_S, SolverPool
-from bench.races import Part, RaceSettings, Tell, null_solver, option
+from bench.problems.fresh import FreshData
+from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.processes.sentinel import EVERY_S
+from bench.processes.solver_child import SolverPool
+from bench.races import null_solver
+from bench.races.driver import Part, Tell
 from bench.races.oneshot.measuring import interleave, row_of, timed
+from bench.races.settings import RaceSettings, option
 from bench.store import Run
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling

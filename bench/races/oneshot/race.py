@@ -21,11 +21,12 @@ from typing import Any
 
 from bench.derived.measurements import FLOOR, ONESHOT, Measurements
 from bench.derived.ranking import PACE, ranking
-from bench.messages import (
+from bench.messages import user_cache
+from bench.messages.progress import Progress
+from bench.messages.task import (
     NO_SETTING,
     PAPER,
     ChildSettings,
-    Progress,
     RaceError,
     Setting,
     Task,
@@ -33,11 +34,12 @@ from bench.messages import (
     default_setting,
     limited,
     settings_ladder,
-    user_cache,
 )
 from bench.problems.protocol import RaceProblem
-from bench.races import Part, Race, null_solver, problems_of, save_certificates
+from bench.races import null_solver
+from bench.races.driver import Part, Race
 from bench.races.oneshot.passes import OneshotSettings, Pass, second_pass
+from bench.races.run_problems import problems_of, save_certificates
 from bench.report.words import joined, marked
 from bench.store import Anchor, Run
 from piezo_model.identification_problem import Scaling

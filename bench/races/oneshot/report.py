@@ -7,14 +7,19 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.derived import ONESHOT, Measurements, anytime, ranking, summary, verdict
+from bench.derived import anytime
+from bench.derived import summary as summaries
+from bench.derived.measurements import ONESHOT, Measurements
+from bench.derived.ranking import WRAPPERS, like_with_like, ranking, short_table, wrapper_share, yardstick
+from bench.derived.verdict import below_rounding, notes, verdict
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
 from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
 from bench.races.oneshot.passes import AnytimeSettings, OneshotSettings
 from bench.races.oneshot.race import OneshotRace, anchors, drift
-from bench.report import OURS_NOTE, Report, Table, gap, joined, marked, number, settings_label
+from bench.report.report import Report, Table
+from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
 from bench.store import Run, RunError
 from solvers.registry import file_digest
 
@@ -91,43 +96,35 @@ DEFINITIONS = (
     OURS_NOTE,
 )
 
-REPEATED = (
-    "fresh processes: times are medians over these, and answer_us_spread in summary.csv is their range over the median."
-)
-
 
 def report(run: Run, race: OneshotSettings) -> Report:
     """The report of a finished run."""
     measurements, settings = Measurements.of(run), run.settings
-    lines, table, costs = summary.summary(measurements), ranking.ranking(measurements), optima(run, measurements.rows)
+    summary, table, costs = summaries.summary(measurements), ranking(measurements), optima(run, measurements.rows)
     drifted = settings.get("conditions", {}).get("sentinel_drift", 0.0)
-    note = ranking.yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
-    shown = lines.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
+    note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
+    shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
-    misses = dict(summary.kept(run, measurements, race.keep_misses))
-    beside, versions, missed = (
-        ranking.like_with_like(measurements),
-        settings.get("field", {}),
-        summary.misses(measurements),
-    )
+    misses = dict(summaries.kept(run, measurements, race.keep_misses))
+    beside, versions, missed = like_with_like(measurements), settings.get("field", {}), summaries.misses(measurements)
     return Report(
-        verdict.verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
-        ranking.short_table(table, note),
-        lines,
-        figures(measurements, lines),
-        terminal=ranking.short_table(table, note, terminal=True),
+        verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
+        short_table(table, note),
+        summary,
+        figures(measurements, summary),
+        terminal=short_table(table, note, terminal=True),
         scope=f"{measurements.problems} problem{'s' if measurements.problems != 1 else ''}",
         notes=[
-            *verdict.below_rounding(costs),
-            *verdict.notes(measurements, lines),
+            *below_rounding(costs),
+            *notes(measurements, summary),
             *remarks(run, measurements, misses),
         ],
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
-        definitions=[*DEFINITIONS, *([f"Every solver ran in {race.repeats} {REPEATED}"] if race.repeats > 1 else [])],
+        definitions=[*DEFINITIONS, *_of_repeats(run)],
         tables=[
             Table.of(
                 "Every solver at every tier",
-                shown.assign(right=right.mask(shown.status == summary.NOTHING, "–")),
+                shown.assign(right=right.mask(shown.status == summaries.FLOOR, "–")),
                 ONESHOT.columns,
                 3,
                 filters=("problem set", "scaling", "lane", "tier", "start", "status"),
@@ -154,8 +151,8 @@ def report(run: Run, race: OneshotSettings) -> Report:
             ),
             Table.of(
                 "Wrapper overhead",
-                ranking.wrapper_share(measurements),
-                ranking.WRAPPERS,
+                wrapper_share(measurements),
+                WRAPPERS,
                 3,
                 filters=("lane",),
                 note="Median µs of update and solve through a package, over that of the same library in the lane "
@@ -172,8 +169,8 @@ def report(run: Run, race: OneshotSettings) -> Report:
             ),
             Table.of(
                 "What went wrong",
-                summary.failures(measurements),
-                summary.WRONG,
+                summaries.failures(measurements),
+                summaries.WRONG,
                 8,
                 filters=("lane", "scaling", "status"),
             ),
@@ -259,6 +256,18 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(lines)
+
+
+def _of_repeats(run: Run) -> list[str]:
+    count = run.settings["settings"].get("repeats", 1)
+    return (
+        [
+            f"Every solver ran in {count} fresh processes: times are medians over these, and answer_us_spread in "
+            "summary.csv is their range over the median."
+        ]
+        if count > 1
+        else []
+    )
 
 
 def _span(values: pd.Series) -> str:
