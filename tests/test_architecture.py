@@ -26,7 +26,7 @@ LEVELS = (
     {"derived"},  # computed from a table of measurements
     {"races"},  # shared by the kinds of race
     {"a race"},  # one kind of race
-    {"comparison", "deploy", "experiment", "export", "fleet", "live", "solver_check", "verification"},
+    {"accuracy", "comparison", "deploy", "experiment", "export", "fleet", "live"},
     {"cli"},
 )
 """From the bottom up, packages and then the parts of ``bench``; a part imports itself and lower levels only."""

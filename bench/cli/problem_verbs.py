@@ -16,6 +16,7 @@ import numpy as np
 import typer
 from qpsolvers import Problem
 
+from bench.accuracy import LEVELS, checked, row, worst
 from bench.cli.options import (
     SET_OPTIONS,
     AsJson,
@@ -36,7 +37,6 @@ from bench.problems.proofs import isolated, require_size, start
 from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
-from bench.solver_check import LEVELS, checked, row, worst
 from piezo_model.atomic_file import write_text
 from solvers import find
 from solvers.arrays import Vector

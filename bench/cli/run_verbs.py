@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 
 import typer
 
+from bench.accuracy import verify_run
 from bench.cli import FAILED
 from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
 from bench.comparison import report as comparison_report
-from bench.comparison.combination import combination
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
-from bench.comparison.history import FOLLOWED, history, regressions, write_asv
+from bench.comparison.several_runs import FOLLOWED, combination, history, regressions, write_asv
 from bench.comparison.versions import compare_versions
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import Rule
@@ -28,7 +28,6 @@ from bench.report.words import OURS_NOTE
 from bench.report.writing import write_report
 from bench.store import RunError
 from bench.timing import machine
-from bench.verification import verify_run
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 

@@ -18,8 +18,7 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import FLOOR as NULL
-from bench.derived.measurements import ONESHOT, Measurements, at_tiers
+from bench.derived.measurements import FLOOR, ONESHOT, Measurements, at_tiers
 from bench.derived.tiers import LANE, distance
 from bench.messages.columns import Column, combined
 from bench.messages.task import Status, Tier
@@ -32,7 +31,7 @@ from solvers.certificate import NotCertified
 from solvers.registry import OURS
 
 GROUP = ["problem_set", "scaling", "solver", "lane", "tier", "setting", "start"]
-FLOOR = "floor"
+NOTHING = "floor"
 """Name and status of the solver that does nothing; its own name, null, would read as a missing value in a CSV."""
 WRONG = (
     Column("solver", heading="solver", format=marked),
@@ -50,7 +49,7 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     ``settings`` are those of the first problem, since tolerances are multiples of a constant of the problem;
     ``left_out`` counts all sets together.
     """
-    nothing = measurements.rows[measurements.rows.solver == NULL].assign(tier=str(Tier.DEFAULT), right=False)
+    nothing = measurements.rows[measurements.rows.solver == FLOOR].assign(tier=str(Tier.DEFAULT), right=False)
     rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
     tasks = rows.groupby(GROUP, dropna=False).task
     table = combined(rows, ONESHOT.columns, GROUP).assign(
@@ -61,8 +60,8 @@ def summary(measurements: Measurements) -> pd.DataFrame:
         ours=table.solver.isin(OURS),
     )
     table = table.merge(measurements.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
-    floor = table.solver == NULL
-    table.loc[floor, ["solver", "status"]] = FLOOR
+    floor = table.solver == FLOOR
+    table.loc[floor, ["solver", "status"]] = NOTHING
     order = ["problem_set", "scaling", "floor", "all_right", "answer_us"]
     return (
         table.assign(floor=floor)
@@ -73,7 +72,7 @@ def summary(measurements: Measurements) -> pd.DataFrame:
 
 def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
     """The rows of a summary with this start, without the floor."""
-    return table[(table.status != FLOOR) & (table.start == start)]
+    return table[(table.status != NOTHING) & (table.start == start)]
 
 
 def failures(measurements: Measurements) -> pd.DataFrame:

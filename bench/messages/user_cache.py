@@ -6,8 +6,9 @@ Nothing depends on the cache: if it cannot be written, one warning is logged, an
 import logging
 import os
 import threading
-from collections.abc import Callable
 from pathlib import Path
+
+from piezo_model.atomic_file import write_text
 
 _warned = threading.Lock()
 """Held once the warning is logged."""
@@ -18,11 +19,11 @@ def folder(name: str = "") -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "piezobench" / name
 
 
-def keep(path: Path, write: Callable[[Path], None]) -> None:
-    """Call ``write`` for a file of the cache; errors are logged once."""
+def keep(path: Path, text: str) -> None:
+    """Write a file of the cache; errors are logged once."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path)
+        write_text(path, text)
     except OSError as error:
         if _warned.acquire(blocking=False):
             logging.getLogger("piezobench").warning(

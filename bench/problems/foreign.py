@@ -1,5 +1,6 @@
-"""Programs from elsewhere: files of a folder (NPZ, MAT of the Maros–Mészáros set, QPS, MPS, SIF) or a test set of
-qpbenchmark.
+"""Programs from elsewhere: files of a folder (NPZ, MAT of the Maros–Mészáros set, QPS, MPS, SIF), a test set of
+qpbenchmark, or two hundred small programs with bounds, for the tests of any solver: the same bits everywhere, and for
+ever.
 
 They have equalities, general rows, ranges, free variables and sparse matrices, which stay sparse; a solver that does
 not support them reports it. The raw form is the program as given, the scaled form is equilibrated by powers of two (see
@@ -22,7 +23,7 @@ from qpsolvers import Problem
 from scipy.sparse import csc_matrix, diags
 
 from bench.problem_files import READERS, ReadProgram, read, suffix_of
-from bench.problem_files.npz import opened
+from bench.problem_files.npz import opened, unpacked_program
 from bench.problem_files.program import about, checked, require
 from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
@@ -33,6 +34,7 @@ from solvers.certificate import WORK, NotCertified
 
 Source = Callable[[], ReadProgram | RaceProblem]
 """Reads a program, or a problem saved with its proofs, in a process of its own; it is pickled."""
+BOXES = Path(__file__).with_name("boxes.npz")
 DOCUMENTS = ("", ".py", ".md", ".txt", ".csv", ".html", ".pdf")
 """Suffixes of files that stand beside programs and are not mentioned."""
 
@@ -145,6 +147,21 @@ class QpbenchmarkTestSet(ForeignPrograms):
     def sources(self) -> Sequence[tuple[str, Source]]:
         """The problems of the test set."""
         return [(name, partial(_checked, f"{self.path}: {name}", qp)) for name, qp in self._programs]
+
+
+class Boxes(ForeignPrograms):
+    """The stored programs, by kind: forty of each that ``examples/problem_sets/make_boxes.py`` draws, and forty from
+    identification. License of the data: CC BY 4.0."""
+
+    name = "boxes"
+    description = "200 small programs with bounds, for a solver's own tests: ill-conditioned, degenerate, scaled"
+    takes: ClassVar = {}
+
+    def sources(self) -> Sequence[tuple[str, Source]]:
+        """Name of each program, and what makes it."""
+        with opened(BOXES) as arrays:
+            names = dict.fromkeys(key.partition("/")[0] for key in arrays)
+            return [(name, partial(ReadProgram, unpacked_program(arrays, f"{name}/"))) for name in names]
 
 
 def _checked(where: str, qp: Problem) -> ReadProgram:

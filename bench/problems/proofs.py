@@ -17,7 +17,6 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,7 +29,6 @@ from bench.messages import user_cache
 from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
 from piezo_model import json_file
-from piezo_model.atomic_file import write_text
 from piezo_model.child_process import LateError, LostError
 from solvers.arrays import Vector
 from solvers.certificate import WORK, Certificate, NotCertified, certify, verify
@@ -114,7 +112,7 @@ def proof(qp: Problem, begin: Callable[[Problem], Vector] = start, work: float =
             cached = CachedProof(certify(qp, begin(qp), work=work))
         except NotCertified as error:
             cached = CachedProof(None, str(error))
-        user_cache.keep(path, partial(write_text, text=json.dumps(asdict(cached))))
+        user_cache.keep(path, json.dumps(asdict(cached)))
     if cached.proof is None:
         raise NotCertified(cached.refusal)
     return cached.proof

@@ -12,7 +12,9 @@ from typing import ClassVar
 import numpy as np
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
-from piezo_model import DataBasis, ModelStructure, OperatorState, plants
+from piezo_model import DataBasis, ModelStructure, OperatorState, Recording, plants
+from piezo_model.identification.error_model import Solving
+from piezo_model.identification.forward import fit_forward, step_problem
 from piezo_model.signals import SIGNALS, decaying_triangle
 from solvers.arrays import Vector
 
@@ -48,6 +50,9 @@ DRIFT_PER_S = 0.005
 FIRST_S, EVERY_S, SNAPSHOTS, UNSEEN_S = 2.0, 0.25, 32, 0.5
 """Time before its first problem, which has no predecessor and is not raced; from one to the next, and their number;
 and length of the unseen data."""
+
+STEPPED, STEPS = ("relay_preisach", "bouc_wen", "maxwell_slip"), 3
+"""Actuators of the set forward, and number of steps on each."""
 
 
 @dataclass(frozen=True)
@@ -230,3 +235,40 @@ class Drift(ProblemSet):
             previous = problem.optimal_weights
             neighbours.append(now)
             yield problem
+
+
+class Forward(ProblemSet):
+    """Programs of the steps by which ``identify`` minimises the error of the output
+    (`piezo_model.identification.forward`), three on each of three actuators.
+
+    They have the box of (6) and begin at its optimum, and the modelled output in place of the measured one among the
+    regressors. The first half of the samples is a neighbouring window.
+    """
+
+    name = "forward"
+    description = "the programs of the Gauss–Newton steps from the optimum of (6) to the smallest error of the output"
+
+    def names(self) -> Sequence[str]:
+        """Names of the steps on all actuators."""
+        return [f"{actuator}-step-{step}" for actuator in STEPPED for step in range(1, STEPS + 1)]
+
+    def problems(self) -> Iterator[RaceProblem]:
+        """Drive, measure, and certify the program of each step, which starts from the weights of the one before."""
+        solving = Solving()
+        for name in STEPPED:
+            experiment = Experiment(name, "multi_sine", noise=1e-3, seed=self.seed)
+            plant, x, y, basis = experiment.measured(experiment.build_s)
+            s, states = basis.structure, [basis.state.copy()]
+            basis.update(x, y)
+            unseen = decaying_triangle(duration_s=VALIDATION_S, sample_time=SAMPLE_TIME, low=x.min(), high=x.max())
+            validation = Validation(s, basis.state.copy(), unseen, plant.run(unseen), plant.noise_um)
+            first, recording = basis.problem(), Recording.from_arrays(x, y, SAMPLE_TIME)
+            whole, v = np.ones(x.size, dtype=bool), s.inverse_slope_map @ solving.optimum(first)
+            for step in range(STEPS):
+                fit = fit_forward(recording, whole, s, states, v, solving, steps=min(step, 1))
+                half, all_of_it = (
+                    step_problem(recording, counted, fit, first) for counted in (np.arange(x.size) < x.size // 2, whole)
+                )
+                program = f"{name}-step-{step + 1}"
+                yield certified(self.name, program, all_of_it, validation, fit.weights, neighbours=[half])
+                v = fit.v

@@ -4,7 +4,7 @@ The folder is the registry: each ``report.py`` in a folder beside this file defi
 settings and report.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -44,8 +44,6 @@ class Kind:
     """Makes the :class:`bench.report.report.Report` of a finished run from its rows and its settings."""
     anchors: Callable[[Run], Sequence[Anchor]] | None = None
     """What is timed again when solvers are added to a finished run; None if none can be added."""
-    finding: Callable[[Run], Sequence[str]] | None = None
-    """What a finished run says of a one-shot race beside it; None for nothing."""
 
     @property
     def schema(self) -> Schema:
@@ -112,23 +110,11 @@ class Kind:
         report = replace(
             report,
             title=f"{self.title} {run.path.name}",
-            verdict=[*report.verdict, *(findings(run.path.parent) if self.name == DEFAULT else ())],
             scope="; ".join(filter(None, scope)) + ".",
             limits=limits,
             environment=environment(run),
         )
         return report, write_report(report, run.path)
-
-
-def findings(folder: Path) -> Iterator[str]:
-    """What the newest finished run in a folder says, of each kind that has a finding."""
-    for kind in kinds().values():
-        tables = sorted(folder.glob(f"*/{kind.schema.file}"), key=lambda path: path.stat().st_mtime)
-        if kind.finding is not None and tables:
-            try:
-                yield from kind.finding(open_run(tables[-1].parent))
-            except RunError as error:  # no fault of the run beside it
-                yield f"The {kind.name} race beside this run cannot be read: {error}."
 
 
 @cache

@@ -8,7 +8,6 @@ import json
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -18,7 +17,6 @@ import vl_convert
 from bench.messages import user_cache
 from bench.report.console import plain_json
 from bench.report.report import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
-from piezo_model.atomic_file import write_text
 
 VEGA_LITE = "6.4"
 WIDTH = 780
@@ -78,7 +76,7 @@ def library() -> str:
         return cached.read_text(encoding="utf-8")
     bundle: str = vl_convert.javascript_bundle(vl_version=VEGA_LITE)  # type: ignore[call-arg]
     bundle = bundle.replace("</script", "<\\/script")
-    user_cache.keep(cached, partial(write_text, text=bundle))
+    user_cache.keep(cached, bundle)
     return bundle
 
 

@@ -8,7 +8,7 @@ guarantees (``random.Random.random``), and hence do not depend on a library or a
 
 Unless q has to be rounded, x is an optimum.
 
-python examples/problem_sets/make_boxes.py                  # writes bench/problems/boxes/programs.npz again
+python examples/problem_sets/make_boxes.py                  # writes bench/problems/boxes.npz again
 python examples/problem_sets/make_boxes.py --out boxes      # writes boxes.npz, a QPS file and a certificate each
 
 boxes.npz has, for each program, NAME/P, NAME/q, NAME/lb, NAME/ub, the optimum NAME/x and its value NAME/value, rounded.
@@ -27,7 +27,7 @@ from qpsolvers import Problem
 
 from bench.problem_files.npz import packed_program
 from bench.problems import make
-from bench.problems.boxes import DATA, Boxes
+from bench.problems.foreign import BOXES, Boxes
 from piezo_model.atomic_file import replacing, write_text
 from piezo_model.identification_problem import Scaling
 from solvers.certificate_document import document
@@ -136,5 +136,5 @@ if __name__ == "__main__":
         of_kinds = {f"{kind}-{i:02d}": drawn(kind, i) for kind in KINDS for i in range(EACH)}
         stored = of_kinds | dict(sorted(from_identification().items()))
         programs = {key: array for name, qp in stored.items() for key, array in packed_program(qp, f"{name}/").items()}
-        with replacing(DATA) as temporary:
+        with replacing(BOXES) as temporary:
             np.savez_compressed(temporary, **programs)

@@ -21,7 +21,7 @@ from scipy.sparse import csc_matrix
 from bench.problem_files import read
 from bench.problem_files.npz import packed_program
 from bench.problem_files.program import ReadProgram, fields_of
-from bench.problems.boxes import Boxes
+from bench.problems.foreign import Boxes
 from solvers.certificate import certify
 from solvers.certificate_document import document
 

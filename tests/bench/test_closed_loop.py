@@ -1,7 +1,6 @@
 """The closed-loop race in its quick form: rows, judgement, report."""
 
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,8 @@ from small_races import assert_harmless
 
 from bench.messages.progress import silent
 from bench.messages.task import NO_SETTING, Task, Tier
-from bench.races.kind import findings, kind_of, kinds
+from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
-from bench.races.loop import report
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings
 from bench.races.loop.worker import drive
 from bench.store import Run
@@ -159,26 +157,6 @@ def test_the_report_answers_whether_accuracy_matters_and_its_page_draws_it(run: 
     summary = pd.read_csv(run.path / "summary.csv")
     assert len(summary) == 6 * 2
     assert browser.sections(path.with_suffix(".html")) == ["loop", "loop_time"]
-
-
-def test_a_one_shot_race_beside_it_says_what_the_stage_notices_of_the_papers_method(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert list(findings(run.path.parent)) == []  # the quick race has no phase of 15 200 steps
-    monkeypatch.setattr(report, "PAPERS_SETTING", STEPS_1000)
-    (said,) = findings(run.path.parent)
-    assert re.match(
-        r"In the loop with a simulated stage \(run loop\) the paper's 15 200 steps reach a tracking error of \S+ nm on "
-        r"the still stage, \S+ times the least, at a cost gap of \S+; \S+ nm on the drifting stage",
-        said,
-    )
-
-
-def test_a_damaged_loop_race_beside_a_one_shot_race_is_named_in_its_verdict(run: Run, tmp_path: Path) -> None:
-    damaged = shutil.copytree(run.path, tmp_path / "loop") / "loop.parquet"
-    damaged.write_bytes(damaged.read_bytes()[:100])
-    (said,) = findings(tmp_path)
-    assert re.match(r"The loop race beside this run cannot be read: \S*loop\.parquet: cannot be read \(", said)
 
 
 def test_a_solver_is_not_added_to_a_loop_race(piezobench: CommandLine, run: Run) -> None:

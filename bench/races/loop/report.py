@@ -89,15 +89,6 @@ def _paper(table: pd.DataFrame) -> list[str]:
     return ["; ".join(reached)] if reached else []
 
 
-def finding(run: Run) -> list[str]:
-    """Whether the stage notices the cost gap of the paper's method."""
-    return [
-        f"In the loop with a simulated stage (run {run.path.name}) the paper's 15 200 steps reach a tracking error of "
-        f"{reached}."
-        for reached in _paper(summary(run.rows(LOOP)))
-    ]
-
-
 def notes(table: pd.DataFrame) -> Iterator[str]:
     """Errors and times to learn of the exact learners that were refused no more often than the best one."""
     for problem, learned in _learned(table):
@@ -223,6 +214,4 @@ def ranking(table: pd.DataFrame) -> Table:
     )
 
 
-KIND = Kind(
-    "loop", "Closed-loop race", "learning in the loop with a stage", LoopSettings, LoopRace, report, finding=finding
-)
+KIND = Kind("loop", "Closed-loop race", "learning in the loop with a stage", LoopSettings, LoopRace, report)

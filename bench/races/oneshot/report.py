@@ -96,6 +96,10 @@ DEFINITIONS = (
     OURS_NOTE,
 )
 
+REPEATED = (
+    "fresh processes: times are medians over these, and answer_us_spread in summary.csv is their range over the median."
+)
+
 
 def report(run: Run, race: OneshotSettings) -> Report:
     """The report of a finished run."""
@@ -120,11 +124,11 @@ def report(run: Run, race: OneshotSettings) -> Report:
             *remarks(run, measurements, misses),
         ],
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
-        definitions=[*DEFINITIONS, *_of_repeats(run)],
+        definitions=[*DEFINITIONS, *([f"Every solver ran in {race.repeats} {REPEATED}"] if race.repeats > 1 else [])],
         tables=[
             Table.of(
                 "Every solver at every tier",
-                shown.assign(right=right.mask(shown.status == summaries.FLOOR, "–")),
+                shown.assign(right=right.mask(shown.status == summaries.NOTHING, "–")),
                 ONESHOT.columns,
                 3,
                 filters=("problem set", "scaling", "lane", "tier", "start", "status"),
@@ -256,18 +260,6 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(lines)
-
-
-def _of_repeats(run: Run) -> list[str]:
-    count = run.settings["settings"].get("repeats", 1)
-    return (
-        [
-            f"Every solver ran in {count} fresh processes: times are medians over these, and answer_us_spread in "
-            "summary.csv is their range over the median."
-        ]
-        if count > 1
-        else []
-    )
 
 
 def _span(values: pd.Series) -> str:

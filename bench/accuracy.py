@@ -1,0 +1,179 @@
+"""Whether answers are right, judged in exact arithmetic with nothing timed: those of a solver, and those of a run.
+
+A *solver* solves each program of a set once. An answer's error is the larger of its relative cost gap and its relative
+violation (`bench.races.metrics`). A solver has two settings here: its defaults, and the finest rung of its ladder if it
+has one.
+
+The accuracy in a *run* has to follow from the answers that are stored in it. The certificates are replayed from the
+data of the problems; the first answer of each row, and the worst judged timed one on the data of its draw, have to give
+the stored cost gap and violation to the last bit. This shows that gaps follow from stored answers. It does not show who
+gave the answers, nor that statuses, iterations or times are true.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.derived.measurements import rows_of
+from bench.messages.progress import Progress, silent
+from bench.messages.task import ChildSettings, Setting, Status, Task, default_setting, settings_ladder
+from bench.problem_files.program import fields_of
+from bench.problems.fresh import mixture
+from bench.problems.protocol import RaceProblem
+from bench.processes.solver_child import SolverChild
+from bench.races.metrics import relative_gap
+from bench.races.oneshot.worker import OneShot
+from bench.report.words import settings_label
+from bench.store import Run
+from solvers import Entry
+from solvers.certificate import NotCertified
+
+LIMITS = ChildSettings(time_limit_s=10.0, preload=(OneShot.__module__,))
+"""Of one program, after which the solver's process is ended."""
+LEVELS = (1e-9, 1e-6, 1e-3)
+"""Errors by which answers are counted."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The answer to one program."""
+
+    problem: str
+    claims: bool
+    """Whether the solver said that it was solved."""
+    error: float
+    """NaN without an answer."""
+    why: str = ""
+    """What the solver said, if it has no answer."""
+    is_supported: bool = True
+    """Whether the solver takes such a program at all."""
+
+    def is_within(self, level: float) -> bool:
+        """Whether it is said to be solved, and is as near."""
+        return self.claims and self.error <= level
+
+    def is_missed(self, level: float) -> bool:
+        """Whether the solver takes the program, and has no such answer."""
+        return self.is_supported and not self.is_within(level)
+
+    def verdict(self) -> str:
+        """What is wrong with it, in a few words."""
+        if not self.claims:
+            return f"not solved: {self.why}" if self.why else "not solved"
+        return self.why or f"called solved, error {self.error:.1e}"
+
+
+def checked(entry: Entry, problems: Sequence[RaceProblem], progress: Progress = silent) -> dict[str, list[Checked]]:
+    """The answers of a solver to programs in original units, in a process of its own, by the name of its setting."""
+    found = {}
+    with SolverChild(entry, LIMITS) as child:
+        ladder = settings_ladder(child.describe())
+        finest = {"finest": ladder[-1]} if len(ladder) > 1 else {}
+        for name, setting in {"default": default_setting(child.describe()), **finest}.items():
+            found[name] = list[Checked]()
+            for done, problem in enumerate(problems):
+                progress(f"{entry.name} {problem.name}", done, len(problems))
+                found[name].append(_answer(child, setting, problem))
+    return found
+
+
+def _answer(child: SolverChild, setting: Setting, problem: RaceProblem) -> Checked:
+    """The answer to one program, as far as it can be measured."""
+    form, entry = problem.forms["raw"], child.entry
+    task = Task(problem.set_name, problem.name, "raw", entry.name, entry.lane, setting)
+    outcome = child.ask(OneShot(task, fields_of(form.qp), c=form.unit))
+    x, why = outcome.x, "" if outcome.found else outcome.message or outcome.solver_status
+    if x is not None and x.shape == form.qp.q.shape and np.isfinite(x).all():
+        return Checked(problem.name, outcome.found, max(relative_gap(form, x)), why)
+    if outcome.found:
+        return Checked(problem.name, True, math.inf, "called solved, without a finite answer (d,)")
+    return Checked(problem.name, False, math.nan, why, outcome.failure != Status.UNSUPPORTED)
+
+
+def worst(found: Sequence[Checked], count: int) -> list[Checked]:
+    """The answers with the largest errors among those that are called solved, then the others."""
+    return sorted(found, key=lambda each: (not each.claims, -each.error))[:count]
+
+
+def row(found: Sequence[Checked]) -> dict[str, Any]:
+    """Counts: within each level, wrong and called solved, and not solved by its own word."""
+    counts: dict[str, Any] = {f"within {level:.0e}": sum(each.is_within(level) for each in found) for level in LEVELS}
+    claimed = [each for each in found if each.claims]
+    return counts | {
+        "worse, called solved": sum(not each.is_within(LEVELS[-1]) for each in claimed),
+        "not solved, and said so": sum(each.is_supported and not each.claims for each in found),
+        "unsupported": sum(not each.is_supported for each in found),
+        "worst called solved": max((each.error for each in claimed), default=math.nan),
+    }
+
+
+@dataclass(frozen=True)
+class Verified:
+    """How much of a run was judged again."""
+
+    rows: int
+    first: int
+    timed: int
+    """Numbers of rows, of their first answers, and of their timed answers."""
+    proofs: int
+    wrong: tuple[str, ...]
+    """A sentence for each row, or proof, that does not agree."""
+
+
+def verify_run(run: Run, progress: Progress = silent) -> Verified:
+    """Judge every stored answer of a one-shot or anytime race again; RunError for another run or a missing problem."""
+    rows = rows_of(run)
+    by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
+    for done, ((problem_set, name), part) in enumerate(by_problem):
+        progress(f"{problem_set}/{name}", done, len(by_problem))
+        problem = run.problem(str(problem_set), str(name))
+        proofs += len(problem.forms)
+        wrong += [f"{problem_set}/{name}, {scaling}: {why}" for scaling, why in problem.wrong_proofs().items()]
+        wrong += [
+            f"{row['solver']} ({row['lane']}), {settings_label(row['setting']) or 'defaults'}, on {problem_set}/"
+            f"{name}, {row['scaling']}, {row['timed']}: {why}"
+            for row in part.to_dict("records")
+            for why in _wrong(problem, row)
+        ]
+    first, timed = sum(rows.answer.map(len) > 0), sum(rows.timed_call >= 0)
+    return Verified(len(rows), int(first), int(timed), proofs, tuple(wrong))
+
+
+def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
+    """What does not follow from the answers of a row."""
+    if row["digest"] != problem.digest:
+        yield "its digest is that of other data than the stored problem's"
+        return
+    form, answer = problem.forms.get(row["scaling"]), np.array(row["answer"], dtype=np.float64)
+    if form is None:
+        yield "the stored problem has no such scaling"
+        return
+    gaps = (math.nan, math.nan)
+    if row["status"] == Status.OK and answer.shape == form.qp.q.shape and np.isfinite(answer).all():
+        gaps = relative_gap(form, answer)
+    yield from _differences(("cost gap", "violation"), (row["cost_gap"], row["violation"]), gaps)
+    if row["timed_call"] < 0:
+        yield from _differences(("timed gap",), (row["timed_gap"],), (math.nan,))
+        return
+    shares, factors, answer = (
+        np.array(row[key], dtype=np.float64) for key in ("timed_shares", "timed_factors", "timed_answer")
+    )
+    if shares.size != 1 + len(form.windows) or factors.size not in (1, answer.size) or answer.shape != form.qp.q.shape:
+        yield "the draw of its timed answer does not fit the problem"
+        return
+    try:
+        timed = relative_gap(mixture(form, shares, factors), answer)
+    except (NotCertified, ValueError) as error:
+        yield f"the data of its timed answer have no certified optimum ({error})"
+        return
+    stored = (row["timed_gap"], row["timed_violation"])
+    yield from _differences(("timed gap", "timed violation"), stored, (max(timed), timed[1]))
+
+
+def _differences(names: tuple[str, ...], stored: tuple[float, ...], found: tuple[float, ...]) -> Iterator[str]:
+    for name, old, new in zip(names, stored, found, strict=True):
+        if old != new and not (math.isnan(old) and math.isnan(new)):
+            yield f"its {name} is {old:.3g} in the run, and {new:.3g} from its answer"
