@@ -19,7 +19,7 @@ from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from piezo_model import checks
 from piezo_model.atomic_file import replacing
@@ -27,18 +27,14 @@ from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST, Number, Versioned, decoded, packed
-from piezo_model.learning.layout import MEMORY, continuous_numbers, write_settings
-from piezo_model.learning.settings import require_seconds
+from piezo_model.learning.layout import MEMORY, learner_numbers, write_settings
+from piezo_model.learning.settings import LearningSettings
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState, drive_start
 from piezo_model.prefilter import Prefilter
 from piezo_model.regressors import write_slope_regressors
 from piezo_model.structure import ModelStructure
-from solvers.arrays import reals
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Index = NDArray[np.int64]
+from solvers.arrays import Index, Mask, Matrix, Vector, reals
 
 LANES = 8
 """Actuators of a tile."""
@@ -130,26 +126,22 @@ class CompensatorBank(Stateful):
         checks.instance(ModelStructure, structure=structure)
         checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", dynamics=dynamics)
         checks.whole(1, count=count, threads=threads)
-        require_seconds(
-            forgetting_time_s=forgetting_time_s, hand_over_s=hand_over_s, reset_s=reset_s, blend_time_s=blend_time_s
+        self.options: Options = packed(  # without types of NumPy, some of which compute in single precision
+            {
+                "forgetting_time_s": forgetting_time_s,
+                "hand_over_s": hand_over_s,
+                "reset_s": reset_s,
+                "blend_time_s": blend_time_s,
+                "integral_gain": integral_gain,
+                "rate_limit": rate_limit,
+            }
         )
-        options = {
-            "forgetting_time_s": forgetting_time_s,
-            "hand_over_s": hand_over_s,
-            "reset_s": reset_s,
-            "blend_time_s": blend_time_s,
-            "integral_gain": integral_gain,
-            "rate_limit": rate_limit,
-        }
-        self.options: Options = packed(options)  # without types of NumPy, some of which compute in single precision
         self.structure, self.threads, self.dynamics = structure, threads, dynamics
         prefilter = Prefilter(dynamics, structure.sample_time)
         self._modes, self._ring = prefilter.modes, 2 * prefilter.ring
         self._shape = *structure.shape, self._modes, self._ring
         self._dynamics = np.empty((0, 0 if dynamics is None else 3 * self._modes + 2))
-        self.block, self._numbers = continuous_numbers(
-            structure, self.options["hand_over_s"], self.options["forgetting_time_s"], self.options["reset_s"]
-        )
+        self.block, self._numbers = learner_numbers(structure, LearningSettings(mode="continuous", **self.options))
         """Samples of a block."""
         self.interval = int(self._numbers["interval"])
         """Samples from one optimum of an actuator to the next."""
@@ -303,10 +295,10 @@ class CompensatorBank(Stateful):
             bindings.bank_begin(self._core.block, int(tile), lanes)
 
     @property
-    def learning(self) -> NDArray[np.bool_]:
+    def learning(self) -> Mask:
         """Flags (count,) of the actuators that learn, a read-only copy; assign all to switch learning on and off, which
         keeps what is learned."""
-        flags: NDArray[np.bool_] = self._get("memory", self._slots)[:, 0] > 0.0
+        flags: Mask = self._get("memory", self._slots)[:, 0] > 0.0
         flags.flags.writeable = False
         return flags
 

@@ -95,15 +95,6 @@ def ascending(**arguments: tuple[float, float]) -> None:
     )
 
 
-def different(**arguments: tuple[float, float]) -> None:
-    """Require pairs of different finite numbers, of at most `LARGEST` in size."""
-    require(
-        lambda pair: len(pair) == 2 and -LARGEST <= min(ends := reals("", pair)) < max(ends) <= LARGEST,
-        "two finite numbers that differ",
-        **arguments,
-    )
-
-
 def vectors(**arguments: ArrayLike) -> list[Vector]:
     """The arguments as arrays (N,) of doubles; require vectors of real numbers, of the same length."""
     what = "vectors of the same length" if len(arguments) > 1 else "a vector, such as [1.0, 2.0] or one column"

@@ -69,10 +69,8 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     def load(cls, path: str | Path) -> Deployment[HysteresisCreepModel]:
         """Read a file of :meth:`save`; ModelError names the file and what is wrong with it."""
         file = json_file.read(path, Deployment[ModelFile], ModelError)
-        try:
+        with checks.refusing(ModelError, f"{path}: its model is not valid: "):
             model = HysteresisCreepModel.from_file(file.model)
-        except ValueError as error:
-            raise ModelError(f"{path}: its model is not valid: {error}") from None
         return Deployment(**{**msgspec.structs.asdict(file), "model": model})
 
 

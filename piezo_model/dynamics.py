@@ -159,15 +159,8 @@ class Dynamics:
 
     def delay_behind_inverse(self, sample_time: float) -> float:
         """Samples by which G F delays a slow signal."""
-        pairs = self.pole_pairs(sample_time)
-        return self.group_delay(sample_time) + sum(float(np.arange(3) @ (D - R)) for D, R in pairs)
-
-    def group_delay(self, sample_time: float) -> float:
-        """Samples by which G alone delays a slow signal."""
-        return sum(
-            float(np.arange(b.size) @ b - b.sum() / a.sum() * (np.arange(a.size) @ a)) / float(a.sum())
-            for b, a in self._parts(sample_time)
-        )
+        whole, N = self.zeros(sample_time)
+        return whole + float(np.arange(N.size) @ N - sum(np.arange(3) @ R for _, R in self.pole_pairs(sample_time)))
 
     def zeros(self, sample_time: float) -> tuple[int, Vector]:
         """Whole samples of the delay, and N(z) / N(1) of G = z^(−delay) N(z) / Π D_i(z), which is the reference model
@@ -192,11 +185,10 @@ class Dynamics:
         q = np.exp(-2j * np.pi * frequencies_Hz * sample_time)
         return np.asarray(sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in self._parts(sample_time)))
 
-    def anticipated(self, y: ArrayLike, sample_time: float, bandwidth_Hz: float | None = None) -> Vector:
-        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth, by default twice the highest frequency; it
-        anticipates y, which must be known."""
-        if bandwidth_Hz is None:
-            bandwidth_Hz = 2.0 * max(self.frequencies_Hz, default=0.05 / sample_time)
+    def anticipated(self, y: ArrayLike, sample_time: float) -> Vector:
+        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth of twice the highest frequency; it anticipates
+        y, which must be known."""
+        bandwidth_Hz = 2.0 * max(self.frequencies_Hz, default=0.05 / sample_time)
         return self._known(y, sample_time, lambda f, G: np.exp2(-0.5 * (f / bandwidth_Hz) ** 2) / G)
 
     def equalised(self, y: ArrayLike, sample_time: float) -> Vector:
@@ -218,15 +210,16 @@ class Dynamics:
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
     def __str__(self) -> str:
-        modes = [
+        modes = " and ".join(
             f"{quantity(f, 'Hz', 4)} with damping {100.0 * zeta:.3g} %"
             for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)
-        ]
-        words = [f"a resonance at {' and '.join(modes)}"] if modes else []
-        words.append(f"a delay of {quantity(self.delay_s, 's', 3)}")
-        if self.amplifier_lag_s:
-            words.append(f"an amplifier lag of {quantity(self.amplifier_lag_s, 's', 3)}")
-        return ", ".join(words)
+        )
+        words = {
+            f"a resonance at {modes}": modes,
+            f"a delay of {quantity(self.delay_s, 's', 3)}": True,
+            f"an amplifier lag of {quantity(self.amplifier_lag_s, 's', 3)}": self.amplifier_lag_s,
+        }
+        return ", ".join(word for word, applies in words.items() if applies)
 
     def _parts(self, sample_time: float) -> list[tuple[Vector, Vector]]:
         """Numerator and denominator of each parallel part of G, the last one with the residual compliance."""

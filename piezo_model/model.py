@@ -370,10 +370,8 @@ class HysteresisCreepModel(Immutable):
     def load(cls, path: str | Path) -> HysteresisCreepModel:
         """Read a model that :meth:`save` wrote; ModelError names the file and what is wrong with it."""
         file = json_file.read(path, ModelFile, ModelError)
-        try:
+        with checks.refusing(ModelError, f"{path}: is not a valid model: "):
             return cls.from_file(file)
-        except ValueError as error:
-            raise ModelError(f"{path}: is not a valid model: {error}") from None
 
 
 def _is_recording(x: object) -> TypeGuard[Recording]:

@@ -25,7 +25,7 @@ from piezo_model import checks
 from piezo_model.core import Immutable
 from piezo_model.json_file import LARGEST
 from piezo_model.units import conversion
-from solvers.arrays import Matrix, Vector, read_only
+from solvers.arrays import Matrix, Vector, read_only, reals
 from solvers.core import padded
 
 SMALLEST = 1.0 / LARGEST
@@ -92,39 +92,36 @@ class ModelStructure(Immutable):
 
     def __post_init__(self) -> None:
         with checks.refusing(StructureError):
-            self._check()
-
-    def _check(self) -> None:
-        for name in ("play_thresholds", "dead_zone_thresholds", "creep_rates"):
-            object.__setattr__(self, name, tuple(checks.vectors(**{name: getattr(self, name)})[0].tolist()))
-        for name, (least, most) in RANGES.items():
+            for name in ("play_thresholds", "dead_zone_thresholds", "creep_rates"):
+                object.__setattr__(self, name, tuple(checks.vectors(**{name: getattr(self, name)})[0].tolist()))
+            for name, (least, most) in RANGES.items():
+                checks.require(
+                    lambda value, a=least, b=most: np.all(np.less_equal(a, value) & np.less_equal(value, b)),  # type: ignore[misc]
+                    f"from {least:g} to {most:g}",
+                    **{name: getattr(self, name)},
+                )
+            for name in ("sample_time", "x_centre", "x_scale", "y_centre", "y_scale"):
+                object.__setattr__(self, name, float(getattr(self, name)))
+            object.__setattr__(self, "offset", bool(self.offset))
             checks.require(
-                lambda value, a=least, b=most: np.all(np.less_equal(a, value) & np.less_equal(value, b)),  # type: ignore[misc]
-                f"from {least:g} to {most:g}",
-                **{name: getattr(self, name)},
+                lambda r: all(a < b for a, b in pairwise((0.0, *r))),
+                "positive and ascending",
+                play_thresholds=self.play_thresholds,
             )
-        for name in ("sample_time", "x_centre", "x_scale", "y_centre", "y_scale"):
-            object.__setattr__(self, name, float(getattr(self, name)))
-        object.__setattr__(self, "offset", bool(self.offset))
-        checks.require(
-            lambda r: all(a < b for a, b in pairwise((0.0, *r))),
-            "positive and ascending",
-            play_thresholds=self.play_thresholds,
-        )
-        checks.require(
-            lambda r: 0.0 in r and all(a < b for a, b in pairwise(r)),
-            "ascending with 0 among them",
-            dead_zone_thresholds=self.dead_zone_thresholds,
-        )
-        checks.require(lambda scale: abs(scale) >= SMALLEST, f"at least {SMALLEST:g} from 0", y_scale=self.y_scale)
-        checks.require(
-            lambda unit: isinstance(unit, str) and len(unit) <= LONGEST_UNIT,
-            f"a unit of at most {LONGEST_UNIT} characters",
-            input_unit=self.input_unit,
-            output_unit=self.output_unit,
-        )
-        if len(set(self.creep_rates)) != len(self.creep_rates):
-            raise StructureError(f"creep_rates must differ from each other, not {self.creep_rates}")
+            checks.require(
+                lambda r: 0.0 in r and all(a < b for a, b in pairwise(r)),
+                "ascending with 0 among them",
+                dead_zone_thresholds=self.dead_zone_thresholds,
+            )
+            checks.require(lambda scale: abs(scale) >= SMALLEST, f"at least {SMALLEST:g} from 0", y_scale=self.y_scale)
+            checks.require(
+                lambda unit: isinstance(unit, str) and len(unit) <= LONGEST_UNIT,
+                f"a unit of at most {LONGEST_UNIT} characters",
+                input_unit=self.input_unit,
+                output_unit=self.output_unit,
+            )
+            if len(set(self.creep_rates)) != len(self.creep_rates):
+                raise ValueError(f"creep_rates must differ from each other, not {self.creep_rates}")
 
     def samples(self, seconds: float) -> int:
         """Number of samples in a time, at least one."""
@@ -151,7 +148,11 @@ class ModelStructure(Immutable):
         with checks.refusing(StructureError):
             checks.whole(0, n=n, m=m)
             checks.ascending(x_range=x_range)
-            checks.different(y_range=y_range)
+            checks.require(
+                lambda pair: len(pair) == 2 and -LARGEST <= min(ends := reals("", pair)) < max(ends) <= LARGEST,
+                "two finite numbers that differ",
+                y_range=y_range,
+            )
         (x_centre, x_scale), (y_centre, y_scale) = map(_centre_and_scale, (x_range, y_range))
         return cls(
             tuple(i / (n + 1) for i in range(1, n + 1)),
@@ -278,14 +279,7 @@ class ModelStructure(Immutable):
     @cached_property
     def slope_map(self) -> Matrix:
         """The bijection T from slope to weight coordinates, w = T v, shape (d, d)."""
-        T = np.eye(self.d)
-        first, middle = self.n, self.n + self.middle
-        for i in range(first, first + self.dead_zones):
-            if i > middle:
-                T[i, i - 1] = -1.0
-            elif i < middle:
-                T[i, i + 1] = -1.0
-        return read_only(T)
+        return read_only(np.linalg.inv(self.inverse_slope_map).round() + 0.0)  # whole numbers, none of them −0
 
     @cached_property
     def inverse_slope_map(self) -> Matrix:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from piezo_model.compensator import integral_share
-from piezo_model.learning.layout import block_samples, continuous_numbers
-from piezo_model.learning.settings import MIN_SLOPE, LearningSettings, Mode
+from piezo_model.learning.layout import learner_numbers
+from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.operator_state import drive_start
 from piezo_model.structure import ModelStructure
 from solvers.kernel.accelerated_projection import AcceleratedProjection
@@ -126,6 +126,9 @@ class ExportSettings:
         low, high = s.x_range if self.x_limits is None else self.x_limits
         try:
             gain, start = integral_share(self.integral_gain, s.sample_time), drive_start(low, high, self.x_start)
+            mode: Mode = "cyclic" if self.cyclic else "continuous"
+            learning = LearningSettings(self.reset_s, self.build_s, self.learn_s, self.solver, mode=mode)
+            block, numbers = learner_numbers(s, learning)
         except ValueError as error:
             raise ExportError(str(error)) from None
         return {
@@ -135,29 +138,13 @@ class ExportSettings:
             "blend": math.exp(-s.sample_time / LearningSettings.blend_time_s),
             "integral_gain": gain,
             "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
-            **self._learner_numbers(s),
+            **numbers,
+            "steps": 100_000,
+            "tolerance": AcceleratedProjection.fixed_settings["tolerance"],
+            "block": block,
+            "blocks": BLOCKS,
+            "delay": block,
         }
-
-    def _learner_numbers(self, s: ModelStructure) -> dict[str, float]:
-        """Numbers of the learner: block length, ring and hand-over as in `piezo_model.learning`."""
-        if self.cyclic:
-            lasts = {f"{name}_lasts": s.samples(getattr(self, f"{name}_s")) for name in ("reset", "build", "learn")}
-            block = block_samples(tuple(lasts.values()))
-            numbers: dict[str, float] = {
-                **lasts,
-                "forgetting": 1.0,
-                "row_weight": 1.0,
-                "proximal": LearningSettings.proximal,
-                "min_slope": MIN_SLOPE,
-                "step_ratio": 0.5,
-                "steps": 100_000,
-                "tolerance": AcceleratedProjection.fixed_settings["tolerance"],
-            }
-        else:
-            block, numbers = continuous_numbers(
-                s, LearningSettings.hand_over_s, LearningSettings.forgetting_time_s, self.reset_s
-            )
-        return {**numbers, "block": block, "blocks": BLOCKS, "delay": block}
 
 
 def literal(value: float, precision: Precision = "double") -> str:

@@ -18,12 +18,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from piezo_model.identification.direction import is_monotonic, swapped
 from piezo_model.identification.error_model import Solving
-from piezo_model.identification.fit_errors import Baseline, Fit, cross_validate, polynomials, residual, rms
+from piezo_model.identification.fit_errors import Baseline, Fit, cross_validate, residual, rms
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD
 from piezo_model.identification.transient import first_motion
@@ -137,7 +138,7 @@ class _Data:
     @property
     def is_valley(self) -> bool:
         """Whether the best cubic falls and rises again."""
-        columns, grid = polynomials(2.0 * self.thin_u - 1.0, 3), polynomials(np.linspace(-1.0, 1.0, WINDOW), 3)
+        columns, grid = chebvander(2.0 * self.thin_u - 1.0, 3), chebvander(np.linspace(-1.0, 1.0, WINDOW), 3)
         steps = np.diff(grid @ np.linalg.lstsq(columns, self.thin_v, rcond=None)[0])
         return abs(float(steps.sum())) < VALLEY * float(np.abs(steps).sum())
 
@@ -157,7 +158,7 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[st
     without one, and whether it is a resonance."""
     u, v = data.near_u, data.near_v
     leads = poor and sense(data.thin_u, data.thin_v) < REVERSED
-    cubic = rms(residual(polynomials(2.0 * u - 1.0, 3), v))
+    cubic = rms(residual(chebvander(2.0 * u - 1.0, 3), v))
     far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(rms(data.near_own), cubic)
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
     if resonant < min(far_better, delayed):
@@ -193,7 +194,7 @@ def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit,
     """The reason against a model that errs as much as a line, a cubic, or a trend in time; None without one."""
     cubic = fit.cubic_percent / 100.0
     drifts = fit.rms_percent >= NO_BETTER * fit.line_percent  # with a drift that the model leaves out
-    trend = rms(residual(polynomials(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
+    trend = rms(residual(chebvander(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
     if drifts and trend < MUCH_BETTER * min(error, cubic):
         return (
             f"the output drifts with time and does not follow the drive: RMS residual {percent(100.0 * trend)} of "
@@ -227,7 +228,7 @@ def hats(u: Vector) -> Matrix:
 def curves(u: Vector) -> Matrix:
     """Functions of 0 ≤ u ≤ 1 of which a curve is a combination: piecewise linear ones, and polynomials where it is
     smooth and without noise."""
-    return np.hstack([hats(u), polynomials(2.0 * u - 1.0, SMOOTH)])
+    return np.hstack([hats(u), chebvander(2.0 * u - 1.0, SMOOTH)])
 
 
 def sense(u: Vector, v: Vector) -> float:
@@ -283,7 +284,7 @@ def delay_of(u: Vector, v: Vector) -> tuple[float, int]:
         return math.inf, 0
 
     def error(samples: int) -> float:
-        return rms(residual(polynomials(2.0 * u[longest - samples : u.size - samples] - 1.0, 3), v[longest:]))
+        return rms(residual(chebvander(2.0 * u[longest - samples : u.size - samples] - 1.0, 3), v[longest:]))
 
     coarse = np.unique(np.geomspace(1, max(longest, 1), 40).astype(int)).tolist()
     best = coarse.index(min(coarse, key=error))

@@ -33,7 +33,6 @@ from piezo_model.identification.autocorrelation import independent_samples
 from piezo_model.identification.error_model import Solving, spans
 from piezo_model.identification.forward import EXACT, ForwardFit
 from piezo_model.identification.gram_matrix import STILL
-from piezo_model.operator_state import OperatorState
 from piezo_model.operators import creep, play
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -166,13 +165,6 @@ def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
     """
     slowest, fastest = math.log10(1.0 / duration_s), math.log10(0.1 / sample_time)
     return tuple(float(f"{10.0**k:.6g}") for k in range(math.floor(fastest + 1e-9), math.floor(slowest + 1e-9) - 1, -1))
-
-
-def memory_curve(s: ModelStructure, state: OperatorState, thresholds: Vector) -> Vector:
-    """Play states of a structure read at other thresholds, all in normalised units."""
-    curve = np.interp(thresholds, s.thresholds, state.play[: s.n + 1])
-    first: float = state.play[0]
-    return np.asarray(np.clip(curve, first - thresholds, first + thresholds))
 
 
 def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Solving) -> Determined:
@@ -320,7 +312,7 @@ def _columns(
         inside = (at >= part.start) & (at < part.stop)
         columns.append(inside.astype(np.float64))
         x, rows = s.unit_input(recording.x[part]), at[inside] - part.start
-        plays[inside] = play(x, r, memory_curve(s, start, r))[0][rows]
+        plays[inside] = play(x, r, np.interp(r, s.thresholds, start.play[: s.n + 1]))[0][rows]
         decays[inside, i] = np.exp(-np.outer(rows * s.sample_time, rates))
         for j, rate in enumerate(rates):
             states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]

@@ -33,7 +33,7 @@ from piezo_model.identification.dynamics_parameters import SMALLEST_GAIN, Parame
 from piezo_model.identification.error_model import IdentificationError, Solving, States, accumulate, counted_from, spans
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.moving import movement
-from piezo_model.identification.resonance import Peak, Spectra
+from piezo_model.identification.resonance import SHORTEST_SEGMENT, Peak, Spectra, segment_of
 from piezo_model.identification.selection import state_on, union_of, with_orders
 from piezo_model.identification.start import Prepared
 from piezo_model.recordings import Recording
@@ -178,7 +178,7 @@ def separate(
         trials = Trials.of(recording, inverse, prepared, solving)
         return trials.separated(recording, prepared, trials.fit(Parameters(choice, T)))
     head = recording.head(SAMPLES)
-    if choice == "ignore" or not Spectra.can_be_of(head):
+    if choice == "ignore" or segment_of(head) < SHORTEST_SEGMENT:
         return Separated(recording, prepare(recording))
     spectra = Spectra(head)
     if not _is_plausible(peak := spectra.peak()):

@@ -18,7 +18,7 @@ from piezo_model.identification.forward import ForwardFit, fit_forward
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import SMALLEST_PERCENT, percent, quantity
-from solvers.arrays import Mask, Matrix, Vector
+from solvers.arrays import Mask, Vector
 
 BASELINE_SAMPLES = 1_000_000
 """Samples, spread over a longer recording, to which a line and a cubic are fitted."""
@@ -94,14 +94,9 @@ class Baseline:
         )
 
 
-def residual(columns: Matrix, v: Vector, fitted: Mask | slice = slice(None)) -> Vector:
+def residual(columns: np.ndarray, v: Vector, fitted: Mask | slice = slice(None)) -> Vector:
     """Residual (N,) of v (N,) for the combination of the columns (N, p) that is best over the fitted samples."""
     return np.asarray(v - columns @ np.linalg.lstsq(columns[fitted], v[fitted], rcond=None)[0])
-
-
-def polynomials(u: Vector, degree: int) -> Matrix:
-    """Chebyshev polynomials of −1 ≤ u ≤ 1 up to a degree, shape (N, degree + 1)."""
-    return np.asarray(chebvander(u, degree), dtype=np.float64)
 
 
 def rms(error: Vector) -> float:
@@ -115,8 +110,8 @@ def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int
     error, x, y = errors[counted], recording.x[counted], recording.y[counted]
     stride = math.ceil(x.size / BASELINE_SAMPLES)
     u, v = s.unit_input(x[::stride]), s.unit_output(y[::stride])
-    constant, slope = np.linalg.lstsq(polynomials(u, 1), v, rcond=None)[0].tolist()
-    line, cubic = (abs(s.y_scale) * rms(residual(polynomials(u, degree), v)) for degree in (1, 3))
+    constant, slope = np.linalg.lstsq(chebvander(u, 1), v, rcond=None)[0].tolist()
+    line, cubic = (abs(s.y_scale) * rms(residual(chebvander(u, degree), v)) for degree in (1, 3))
     deviation, largest = rms(error), float(np.max(np.abs(error)))
     return Fit(
         samples=error.size,
@@ -155,7 +150,7 @@ def cross_validate(
         held_out = counted & ~inside
         if np.count_nonzero(inside) <= s.d or not held_out.any():
             return None
-        errors = [residual(polynomials(s.unit_input(x), degree), y, inside) for degree in (1, 3)]
+        errors = [residual(chebvander(s.unit_input(x), degree), y, inside) for degree in (1, 3)]
         model = fit_forward(recording, inside, s, fitted.states, fitted.v, solving, steps=STEPS, parameters=known)
         errors.append(s.y_scale * model.error)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]

@@ -79,12 +79,6 @@ class Columns:
         """One column."""
         return cls(signal[:, None], np.array([low]), np.array([high]))
 
-    @classmethod
-    def joined(cls, columns: Sequence[Columns]) -> Columns:
-        """Columns side by side."""
-        signals = np.hstack([each.signals for each in columns])
-        return cls(signals, *(np.concatenate([getattr(each, end) for each in columns]) for end in ("low", "high")))
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -145,10 +139,6 @@ class ForwardFit(Trial):
         """That of (v, further, θ); 0 for those that are not free."""
         samples, time = sum(error.size for error in self.errors), autocorrelation_time(self.errors)
         return self.cost * time / samples * inverse_over(self.P, self.free)
-
-    def slopes(self) -> Vector:
-        """Slope of S⁻¹ at every modelled output before the dynamics, shape (N,)."""
-        return piece_slopes(self.structure, self.v, self.static)
 
     def improved_by(self, other: ForwardFit, unknowns: int) -> bool:
         """Whether the gain of another fit is worth its further unknowns."""

@@ -93,14 +93,15 @@ def _with_creep_levels(
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
         solving.passes += 1
         change = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics)) - found.y_model
-        effects.append(Columns.of(change / NUDGE, -FARTHEST, FARTHEST))
+        effects.append(change / NUDGE)
 
     def fit(further: Columns) -> ForwardFit:
         return fit_forward(
             part, counted, s, [state], found.v, solving, weights_known=True, further=further, parameters=parameters
         )
 
-    levels = fit(Columns.joined([shift, *effects])).further[1:]
+    farthest = np.array([math.inf, *[FARTHEST] * len(effects)])
+    levels = fit(Columns(np.column_stack([shift.signals, *effects]), -farthest, farthest)).further[1:]
     state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
     other = fit(shift)
     return other if found.improved_by(other, len(effects)) else found

@@ -30,7 +30,7 @@ from solvers.arrays import Matrix, Vector
 
 PLAYS = (0.1, 0.25, 0.45, 0.7)
 """Thresholds of the plays, as shares of half the drive's range."""
-SEGMENT, SHORTEST = 8192, 1024
+SEGMENT, SHORTEST_SEGMENT = 8192, 1024
 """Samples of a segment, at most, and at least."""
 FIRST_BIN, LAST = 16, 0.42
 """Bin of the lowest frequency of the scan, and the highest frequency used as a share of the sampling rate."""
@@ -72,7 +72,7 @@ class Spectra:
         u = (2.0 * recording.x - low - high) / (high - low)
         z = play(u, np.array(PLAYS), np.full(len(PLAYS), u[0]))[0]
         columns = np.vstack([u, z.T, recording.y])
-        size = _segment(recording)
+        size = segment_of(recording)
         window, S = np.hanning(size), np.zeros((size // 2 + 1, len(columns), len(columns)), dtype=complex)
         for part in spans(recording):
             for i in range(part.start, part.stop - size + 1, size // 2):
@@ -86,11 +86,6 @@ class Spectra:
         self._powers = np.exp(-2j * np.pi * self.sample_time * lags[:, None] * self.f)
         self._set(S)
         self._set(S / _octave_median(self.f, self._left_by_static(S))[:, None, None])
-
-    @staticmethod
-    def can_be_of(recording: Recording) -> bool:
-        """Whether a recording is long enough."""
-        return _segment(recording) >= SHORTEST
 
     def _set(self, S: Matrix) -> None:
         """Set the spectra: the squares of the output, the spectra of the inputs with it, and with each other, real over
@@ -187,7 +182,7 @@ class Equations:
         return np.sum(self.q * self.coefficients().reshape(self.q.shape), axis=-1)
 
 
-def _segment(recording: Recording) -> int:
+def segment_of(recording: Recording) -> int:
     """Samples of a segment, of which the longest part has four."""
     return min(SEGMENT, max(part.stop - part.start for part in spans(recording)) // 4)
 

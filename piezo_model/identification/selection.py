@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import median_filter
 
-from piezo_model.identification.creep import Determined, memory_curve
+from piezo_model.identification.creep import Determined
 from piezo_model.identification.error_model import Solving, States, spans
-from piezo_model.identification.forward import MIN_SLOPE, ForwardFit
+from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -127,7 +127,8 @@ def union_of(structures: Sequence[ModelStructure]) -> ModelStructure:
 
 def state_on(s: ModelStructure, state: OperatorState, other: ModelStructure) -> OperatorState:
     """Memory curve of a structure read at the thresholds of another one; creep rests with the plays."""
-    play = memory_curve(s, state, other.thresholds)
+    play = np.interp(other.thresholds, s.thresholds, state.play[: s.n + 1])
+    play = np.clip(play, state.play[0] - other.thresholds, state.play[0] + other.thresholds)
     return OperatorState.from_dict({"play": play, "creep": [play] * len(other.creep_rates)}, other)
 
 
@@ -162,10 +163,10 @@ def _gram(
     recording: Recording, counted: Mask, fit: ForwardFit, union: ModelStructure, solving: Solving
 ) -> tuple[Matrix, Mask]:
     """Means of the products of x/s, Ξ/s, e and t, and which of the columns Ξ moved."""
-    s, slopes, time = fit.structure, fit.slopes(), np.linspace(-1.0, 1.0, recording.length)
+    s, time = fit.structure, np.linspace(-1.0, 1.0, recording.length)
     chosen = np.zeros(recording.length, dtype=bool)
     chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
-    states = [state_on(s, state, union) for state in fit.states]
+    slopes, states = piece_slopes(s, fit.v, fit.static), [state_on(s, state, union) for state in fit.states]
     solving.passes += 1
 
     def columns(_: int, samples: slice, rows: Matrix) -> Matrix:

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from piezo_model.learning.settings import MIN_SLOPE
+from piezo_model.learning.settings import EXACT_SOLVERS, MIN_SLOPE, LearningSettings
+from piezo_model.learning.solving import STEPPED, step_ratio
 from piezo_model.structure import ModelStructure
 
 INTEGER, REAL = np.int64, np.float64
@@ -98,21 +99,40 @@ def block_samples(counts: tuple[int, ...]) -> int:
     return block if block >= min(FEWEST_ROWS, most) else max(1, smallest // max(2, -(-smallest // MOST_ROWS)))
 
 
-def continuous_numbers(
-    s: ModelStructure, hand_over_s: float, forgetting_time_s: float, reset_s: float
-) -> tuple[int, dict[str, float]]:
-    """Samples of a block, and the :data:`SETTINGS` of continuous operation with the exact solver."""
-    block = block_samples((s.samples(hand_over_s),))
-    interval = max(2, s.samples(hand_over_s) // block) * block
-    forgetting = math.exp(-s.sample_time / forgetting_time_s)
+def learner_numbers(s: ModelStructure, settings: LearningSettings) -> tuple[int, dict[str, float]]:
+    """Samples of a block, and the :data:`SETTINGS` of a learner."""
+    return (_cyclic_numbers if settings.mode == "cyclic" else _continuous_numbers)(s, settings)
+
+
+def _cyclic_numbers(s: ModelStructure, settings: LearningSettings) -> tuple[int, dict[str, float]]:
+    lasts = {f"{name}_lasts": s.samples(getattr(settings, f"{name}_s")) for name in ("reset", "build", "learn")}
+    stepped = settings.solver == STEPPED
+    return block_samples(tuple(lasts.values())), {
+        "mode": CYCLIC,
+        "solver": STEPS if stepped else ANSWERED,
+        "middle": s.middle,
+        **lasts,
+        "solve_lasts": settings.solve_delay_samples,
+        "forgetting": 1.0,
+        "row_weight": 1.0,
+        "proximal": settings.proximal,
+        "min_slope": MIN_SLOPE,
+        "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5,
+    }
+
+
+def _continuous_numbers(s: ModelStructure, settings: LearningSettings) -> tuple[int, dict[str, float]]:
+    block = block_samples((s.samples(settings.hand_over_s),))
+    interval = max(2, s.samples(settings.hand_over_s) // block) * block
+    forgetting = math.exp(-s.sample_time / settings.forgetting_time_s)
     return block, {
         "mode": CONTINUOUS,
-        "solver": EXACT,
+        "solver": EXACT if settings.solver in EXACT_SOLVERS else ANSWERED,
         "middle": s.middle,
         "interval": interval,
         "checkpoint": interval * max(1, s.samples(CHECKPOINT_S) // interval),
-        "half_window": s.samples(forgetting_time_s),
-        "reset_lasts": s.samples(reset_s),
+        "half_window": s.samples(settings.forgetting_time_s),
+        "reset_lasts": s.samples(settings.reset_s),
         "forgetting": forgetting,
         "row_weight": 1.0 - forgetting,
         "proximal": PROXIMAL,

@@ -19,9 +19,9 @@ from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.learning import layout
 from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
 from piezo_model.learning.events import BlockEvent, Event, Phase
-from piezo_model.learning.layout import ANSWERED, CONTINUOUS, CYCLIC, STEPS
-from piezo_model.learning.settings import EXACT_SOLVERS, MIN_SLOPE, LearningSettings
-from piezo_model.learning.solving import STEPPED, solved, step_ratio
+from piezo_model.learning.layout import CONTINUOUS, CYCLIC
+from piezo_model.learning.settings import MIN_SLOPE, LearningSettings
+from piezo_model.learning.solving import STEPPED, solved
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import full_gram, write_slope_regressors
@@ -51,7 +51,7 @@ class Learner(Stateful):
         self.problem: IdentificationProblem | None = None
         s = compensator.model.structure
         self._cyclic = settings.mode == "cyclic"
-        self._block, numbers = self._cyclic_numbers() if self._cyclic else self._continuous_numbers()
+        self._block, numbers = layout.learner_numbers(s, settings)
         """Samples of a block."""
         sizes = *compensator.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
         self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
@@ -68,32 +68,6 @@ class Learner(Stateful):
         model = self.compensator.model
         self._core["in_use"][:] = model.structure.inverse_slope_map @ model.weights
         bindings.learner_begin(self._core.block, self.compensator.block, state.play, state.creep, resets)
-
-    def _continuous_numbers(self) -> tuple[int, dict[str, float]]:
-        s, settings = self.compensator.model.structure, self.settings
-        block, numbers = layout.continuous_numbers(
-            s, settings.hand_over_s, settings.forgetting_time_s, settings.reset_s
-        )
-        if settings.solver not in EXACT_SOLVERS:
-            numbers["solver"] = ANSWERED
-        return block, numbers
-
-    def _cyclic_numbers(self) -> tuple[int, dict[str, float]]:
-        s, settings = self.compensator.model.structure, self.settings
-        lasts = {f"{name}_lasts": s.samples(getattr(settings, f"{name}_s")) for name in ("reset", "build", "learn")}
-        stepped = settings.solver == STEPPED
-        return layout.block_samples(tuple(lasts.values())), {
-            "mode": CYCLIC,
-            "solver": STEPS if stepped else ANSWERED,
-            "middle": s.middle,
-            **lasts,
-            "solve_lasts": settings.solve_delay_samples,
-            "forgetting": 1.0,
-            "row_weight": 1.0,
-            "proximal": settings.proximal,
-            "min_slope": MIN_SLOPE,
-            "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5,
-        }
 
     @property
     def _memory(self) -> np.void:

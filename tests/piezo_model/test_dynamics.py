@@ -82,7 +82,7 @@ def test_behind_the_inverse_a_ramp_is_followed_after_the_declared_lag_and_a_step
 
 def test_an_anticipating_inverse_has_no_lag() -> None:
     y = 10.0 * np.sin(2.0 * np.pi * 20.0 * T * np.arange(20_000))
-    error = TWO.filter(TWO.anticipated(y, T, 2000.0), T) - y
+    error = TWO.filter(TWO.anticipated(y, T), T) - y
     assert np.max(np.abs(error[4000:-4000])) < 0.01
 
 
