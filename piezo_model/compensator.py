@@ -39,16 +39,6 @@ DECAY = 5
 """Entry of the drive's settings (``DriveSettings``): the factor by which a transfer bump decays for each sample."""
 
 
-def integral_share(gain: float, sample_time: float) -> float:
-    """Gain of the integral action for each sample, from its gain in 1/s; ValueError if it is not between 0 and 1."""
-    checks.require(
-        lambda value: 0.0 <= value * sample_time <= 1.0,
-        f"from 0 to 1/sample_time, {1.0 / sample_time:g} per second",
-        integral_gain=gain,
-    )
-    return gain * sample_time
-
-
 class CompensatorState(TypedDict):
     """State of a compensator."""
 
@@ -70,9 +60,13 @@ def drive_settings(s: ModelStructure, rate_limit: float | None, decay: float, in
     """The core's ``DriveSettings`` (7,); ValueError if a setting is out of range."""
     if rate_limit is not None:
         checks.between(0.0, LARGEST, rate_limit=rate_limit)
+    checks.require(
+        lambda gain: 0.0 <= gain * s.sample_time <= 1.0,
+        f"from 0 to 1/sample_time, {1.0 / s.sample_time:g} per second",
+        integral_gain=integral_gain,
+    )
     max_step = math.inf if rate_limit is None else float(rate_limit) * s.sample_time / s.x_scale
-    share = integral_share(integral_gain, s.sample_time)
-    return np.array([s.x_centre, s.x_scale, s.y_centre, s.y_scale, max_step, decay, share])
+    return np.array([s.x_centre, s.x_scale, s.y_centre, s.y_scale, max_step, decay, integral_gain * s.sample_time])
 
 
 def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:

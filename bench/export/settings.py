@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from piezo_model.compensator import integral_share
+from piezo_model.compensator import blend_factor, drive_settings
 from piezo_model.learning.layout import learner_numbers
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.operator_state import drive_start
@@ -125,7 +125,9 @@ class ExportSettings:
         """Numbers of the parameter file, in the units of the C code: samples and normalised units."""
         low, high = s.x_range if self.x_limits is None else self.x_limits
         try:
-            gain, start = integral_share(self.integral_gain, s.sample_time), drive_start(low, high, self.x_start)
+            blend = blend_factor(s, LearningSettings.blend_time_s)
+            *_, max_step, _, gain = drive_settings(s, self.rate_limit, blend, self.integral_gain).tolist()
+            start = drive_start(low, high, self.x_start)
             mode: Mode = "cyclic" if self.cyclic else "continuous"
             learning = LearningSettings(self.reset_s, self.build_s, self.learn_s, self.solver, mode=mode)
             block, numbers = learner_numbers(s, learning)
@@ -135,9 +137,9 @@ class ExportSettings:
             "x_start": float(start),
             "low": low,
             "high": high,
-            "blend": math.exp(-s.sample_time / LearningSettings.blend_time_s),
+            "blend": blend,
             "integral_gain": gain,
-            "max_step": math.inf if self.rate_limit is None else self.rate_limit * s.sample_time / s.x_scale,
+            "max_step": max_step,
             **numbers,
             "steps": 100_000,
             "tolerance": AcceleratedProjection.fixed_settings["tolerance"],

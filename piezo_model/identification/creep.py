@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_model.identification.autocorrelation import independent_samples
-from piezo_model.identification.error_model import Solving, spans
+from piezo_model.identification.error_model import Solving
 from piezo_model.identification.forward import EXACT, ForwardFit
 from piezo_model.identification.gram_matrix import STILL
 from piezo_model.operators import creep, play
@@ -170,7 +170,7 @@ def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
 def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Solving) -> Determined:
     """Judge creep and drift over all samples beside the memory curve of a fit, and over the held ones alone, where any
     hysteresis rests."""
-    s, count, parts = fit.structure, int(np.count_nonzero(counted)), spans(recording)
+    s, count, parts = fit.structure, int(np.count_nonzero(counted)), recording.parts
     longest = max(part.stop - part.start for part in parts)
     rates = candidate_rates(recording.sample_time, (longest - 1) * recording.sample_time)
     at = np.flatnonzero(counted)[:: math.ceil(count / SAMPLES)]
@@ -200,7 +200,7 @@ def holds(recording: Recording) -> NDArray[np.int64]:
     [0, -1, 1]
     """
     span, numbers, found = STEADY * float(np.ptp(recording.x)), np.full(recording.length, -1), 0
-    for part in spans(recording):
+    for part in recording.parts:
         x = recording.x[part]
         ahead = np.lib.stride_tricks.sliding_window_view(x, SHORTEST_HOLD) if x.size >= SHORTEST_HOLD else x[:0, None]
         steady = np.concatenate([[False], np.ptp(ahead, axis=1) <= span, [False]])
@@ -308,7 +308,7 @@ def _columns(
     r, columns = np.arange(count + 1) / (count + 1), []
     plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
     decays = np.zeros((at.size, len(recording.starts), len(rates)))
-    for i, (part, start) in enumerate(zip(spans(recording), fit.states, strict=True)):
+    for i, (part, start) in enumerate(zip(recording.parts, fit.states, strict=True)):
         inside = (at >= part.start) & (at < part.stop)
         columns.append(inside.astype(np.float64))
         x, rows = s.unit_input(recording.x[part]), at[inside] - part.start

@@ -30,7 +30,7 @@ from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.dynamics_parameters import SMALLEST_GAIN, Parameters
-from piezo_model.identification.error_model import IdentificationError, Solving, States, accumulate, counted_from, spans
+from piezo_model.identification.error_model import IdentificationError, Solving, States, accumulate, counted_from
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.moving import movement
 from piezo_model.identification.resonance import SHORTEST_SEGMENT, Peak, Spectra, segment_of
@@ -153,11 +153,6 @@ class Separated:
     dynamics: Dynamics | None = None
     finding: DynamicsFinding | None = None
 
-    @property
-    def parameters(self) -> Parameters | None:
-        """The dynamics as known ones of a fit."""
-        return None if self.dynamics is None else Parameters(self.dynamics, self.static.sample_time)
-
 
 def separate(
     recording: Recording,
@@ -212,7 +207,7 @@ def _is_plausible(peak: Peak) -> bool:
 
 def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
     """The recording with its output through the inverse of the dynamics, up to a bandwidth."""
-    parts = [dynamics.anticipated(recording.y[part], recording.sample_time) for part in spans(recording)]
+    parts = [dynamics.anticipated(recording.y[part], recording.sample_time) for part in recording.parts]
     return _with_output(recording, np.concatenate(parts))
 
 
@@ -366,7 +361,7 @@ class Trials:
         known = Parameters(found(fitted).start, recording.sample_time)
         whole = replace(self, recording=recording, counted=~recording.uncounted)
         s, fit = self.structure, whole.fit(known, fitted, steps=0)
-        errors = [known.start.equalised(fit.error[part], recording.sample_time) for part in spans(recording)]
+        errors = [known.start.equalised(fit.error[part], recording.sample_time) for part in recording.parts]
         static = _with_output(recording, s.y_centre + s.y_scale * (fit.static + np.concatenate(errors)))
         counted, before = counted_from(static, prepared.skip), prepared.fit
         near = prepared.structure, before.states, before.v

@@ -10,6 +10,7 @@ has the gain 1 unless there is residual compliance. The amplifier delays a ramp 
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -36,6 +37,11 @@ class Parameters:
     free: bool = False
     residual: bool = False
     with_lag: bool = False
+
+    @classmethod
+    def known(cls, dynamics: Dynamics | None, sample_time: float) -> Self | None:
+        """Dynamics of which nothing is free; None without any."""
+        return None if dynamics is None else cls(dynamics, sample_time)
 
     @property
     def vector(self) -> Vector:

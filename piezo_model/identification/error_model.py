@@ -6,7 +6,6 @@ Its error (5) is one of the input, x + Ξ(x, y)ᵀw, linear in the weights; `for
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -85,18 +84,13 @@ def counted_from(recording: Recording, skip: int) -> Mask:
     return counted
 
 
-def spans(recording: Recording) -> list[slice]:
-    """The samples of each part of a recording."""
-    return [slice(*ends) for ends in pairwise((*recording.starts, recording.length))]
-
-
 def accumulate(
     recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving
 ) -> IdentificationProblem:
     """The program of a recording: the operators run from the first sample of each part on."""
     solving.passes += 1
     basis, y = DataBasis(s, states[0]), np.where(counted, recording.y, np.nan)
-    for part, state in zip(spans(recording), states, strict=True):
+    for part, state in zip(recording.parts, states, strict=True):
         basis.state.play[:], basis.state.creep[:] = state.play, state.creep
         basis.update(recording.x[part], y[part])
     return basis.problem(proximal=solving.proximal)

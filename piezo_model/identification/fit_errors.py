@@ -143,7 +143,7 @@ def cross_validate(
     """Errors of line, cubic and model of a recording on every second block, fitted to the others, per cent of ``span``;
     None with too few samples."""
     s, x, y = fitted.structure, recording.x, recording.y
-    known = None if fitted.dynamics is None else Parameters(fitted.dynamics, s.sample_time)
+    known = Parameters.known(fitted.dynamics, s.sample_time)
     even, counted = alternate_blocks(recording), counted_from(recording, skip)
     squares = np.zeros(3)
     for inside in (even & counted, ~even & counted):

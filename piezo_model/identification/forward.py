@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples, inverse_over
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
-from piezo_model.identification.error_model import Solving, States, spans
+from piezo_model.identification.error_model import Solving, States
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.identification.memory_curve import initial_slopes, state_with_slopes
 from piezo_model.identification_problem import IdentificationProblem
@@ -163,7 +163,7 @@ def _by_parts(
     recording: Recording, signal: Vector, states: States, respond: Callable[[Vector, OperatorState], Vector]
 ) -> Vector:
     """A response to a signal (N,), from the states before each part of a recording."""
-    parts = zip(spans(recording), states, strict=True)
+    parts = zip(recording.parts, states, strict=True)
     return np.concatenate([respond(signal[part], state) for part, state in parts])
 
 
@@ -274,7 +274,7 @@ def fit_forward(
         structure=s,
         further=best.z[d + n : d + n + k],
         counted=counted,
-        parts=spans(recording),
+        parts=recording.parts,
         P=P[np.ix_(kept, kept)],
         free=free[kept],
         parameters=None if best.dynamics is None or parameters is None else replace(parameters, start=best.dynamics),

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from piezo_model.dynamics import Dynamics
-from piezo_model.identification.error_model import States, spans
+from piezo_model.identification.error_model import States
 from piezo_model.operator_state import padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.regressors import Regressors
@@ -47,7 +47,7 @@ def gram_of(
     size, r = CHUNK // blocks, padded_thresholds(s)
     lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
     total, count = np.zeros(()), 0
-    for i, part in enumerate(spans(recording)):
+    for i, part in enumerate(recording.parts):
         unit_x = s.unit_input(behind_amplifier(s, dynamics, recording.x[part], starts[0][i]))
         first_play = np.clip(starts[0][i].play, unit_x[0] - r, unit_x[0] + r)
         lowest = np.minimum(lowest, np.minimum(first_play, unit_x.min() + r))

@@ -27,6 +27,7 @@ from piezo_model.identification.creep import Determined, Drift, determine
 from piezo_model.identification.direction import check_direction
 from piezo_model.identification.drive import drive_of
 from piezo_model.identification.dynamics import DynamicsChoice, Separated, separate
+from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
     Solving,
@@ -274,7 +275,7 @@ class Fitting:
         """Solve (6) and minimise the error of the output, with a drift if the gain is clear."""
         recording, s = self.recording, near.structure
         counted, solving = counted_from(recording, self.prepared.skip), self.solving
-        parameters = self.separated.parameters
+        parameters = Parameters.known(self.separated.dynamics, s.sample_time)
         problem = accumulate(self.separated.static, counted, s, near.states, solving)
         optimal = solving.optimum(problem)
         if self.options.estimator == "error-model":

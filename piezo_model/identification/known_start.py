@@ -38,7 +38,7 @@ def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tu
     """
     s, solving, report = model.structure, Solving(), model.report.get("fit")
     v, sweeps = s.inverse_slope_map @ model.weights, list(recording.sweeps())
-    known, parameters = model.starts, _known(model)
+    known, parameters = model.starts, Parameters.known(model.dynamics, s.sample_time)
     if report is not None and len(known) == len(sweeps):
         head = initial_segment(recording, s) if len(sweeps) == 1 else recording
         counted = counted_from(head, report["skipped"])
@@ -55,8 +55,8 @@ def _start_and_transient(
     model: HysteresisCreepModel, part: Recording, v: Vector, solving: Solving
 ) -> tuple[OperatorState, int]:
     """The same of one part."""
-    s, parameters = model.structure, _known(model)
-    head = initial_segment(part, s)
+    s, head = model.structure, initial_segment(part, model.structure)
+    parameters = Parameters.known(model.dynamics, s.sample_time)
     shift, longest = Columns.of(np.ones(head.length)), longest_transient(head)
 
     def fitted(skip: int) -> tuple[ForwardFit, Vector]:
@@ -105,10 +105,6 @@ def _with_creep_levels(
     state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
     other = fit(shift)
     return other if found.improved_by(other, len(effects)) else found
-
-
-def _known(model: HysteresisCreepModel) -> Parameters | None:
-    return None if model.dynamics is None else Parameters(model.dynamics, model.structure.sample_time)
 
 
 def _centred(fit: ForwardFit, counted: Mask) -> Vector:

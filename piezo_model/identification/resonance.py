@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from piezo_model.dynamics import HIGHEST, poles
-from piezo_model.identification.error_model import spans
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
 from solvers.arrays import Matrix, Vector
@@ -74,7 +73,7 @@ class Spectra:
         columns = np.vstack([u, z.T, recording.y])
         size = segment_of(recording)
         window, S = np.hanning(size), np.zeros((size // 2 + 1, len(columns), len(columns)), dtype=complex)
-        for part in spans(recording):
+        for part in recording.parts:
             for i in range(part.start, part.stop - size + 1, size // 2):
                 segment = columns[:, i : i + size]
                 F = np.fft.rfft((segment - segment.mean(axis=1, keepdims=True)) * window, axis=1)
@@ -184,7 +183,7 @@ class Equations:
 
 def segment_of(recording: Recording) -> int:
     """Samples of a segment, of which the longest part has four."""
-    return min(SEGMENT, max(part.stop - part.start for part in spans(recording)) // 4)
+    return min(SEGMENT, max(part.stop - part.start for part in recording.parts) // 4)
 
 
 def _octave_median(f: Vector, power: Vector) -> Vector:

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import Determined
-from piezo_model.identification.error_model import Solving, States, spans
+from piezo_model.identification.error_model import Solving, States
 from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
@@ -188,7 +188,7 @@ def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
     (True, True)
     """
     noise, power = 0.0, 0.0
-    for part in spans(recording):
+    for part in recording.parts:
         inside = counted[part]
         if np.count_nonzero(inside) < NEIGHBOURS:
             continue

@@ -22,7 +22,6 @@ from piezo_model.identification.error_model import (
     States,
     accumulate,
     counted_from,
-    spans,
 )
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import GRAM_SAMPLES
@@ -170,7 +169,7 @@ def _fitted(
         return Prepared(s, skip, [start], best)
     start, best = best_start(s.n, fit)
     starts, states = [start] * len(sweeps), list(best.states)
-    for i, (sweep, part) in enumerate(zip(sweeps, spans(recording), strict=True)):
+    for i, (sweep, part) in enumerate(zip(sweeps, recording.parts, strict=True)):
         if counted[part].any():
             starts[i], own = start_of(sweep, counted[part], s, best.v, solving)
             states[i] = own.states[0]

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from piezo_model.identification.error_model import spans
 from piezo_model.recordings import Recording
 from solvers.arrays import Vector
 
@@ -34,7 +33,7 @@ def index_after_travel(recording: Recording, span: float, skip: int = 0) -> int:
 
 def longest_transient(recording: Recording) -> int:
     """Largest number of samples at the start that may be a transient; 0 if the drive does not move after them."""
-    longest = int(TRANSIENT_SHARE * spans(recording)[0].stop)
+    longest = int(TRANSIENT_SHARE * recording.parts[0].stop)
     return longest if longest and first_motion(recording, longest) < recording.length else 0
 
 

@@ -273,10 +273,14 @@ class Recording(Source):
         """Return the first samples, with the ranges and units of the whole recording."""
         return self.part(slice(samples))
 
+    @property
+    def parts(self) -> list[slice]:
+        """The samples of each part."""
+        return [slice(*ends) for ends in pairwise((*self.starts, self.length))]
+
     def sweeps(self) -> Iterator[Recording]:
         """The parts of the recording, one by one, each with the ranges of the whole."""
-        for first, last in pairwise((*self.starts, self.length)):
-            yield self.part(slice(first, last))
+        return map(self.part, self.parts)
 
     def in_units(self, input_unit: str, output_unit: str) -> Recording:
         """Return the recording in other units; where one of two units is unknown, the values are kept.
