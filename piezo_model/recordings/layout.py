@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from piezo_model.recordings.dialect import COMMENT, SEPARATORS, Dialect, cells_of
+from piezo_model.recordings.stated_period import period_in
 from piezo_model.recordings.table import Column, Kind
 from piezo_model.units import canonical
 
@@ -49,12 +50,12 @@ class Layout:
     """Whether there are quotes in the first lines; others are taken as they are."""
 
 
-def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | None = None) -> Layout | None:
+def layout_of(lines: Sequence[str], decimal: str | None = None, header_row: int | None = None) -> Layout | None:
     """Find the table in the first complete lines of a file; None without rows of numbers.
 
-    The user may give the decimal mark, and the index of the line that names the columns, or -1 for none.
+    The user may give the decimal mark, and the row that names the columns, counted from 1, or 0 for none.
     """
-    first = max((header if header is not None else -1) + 1, 0)
+    first = header_row or 0
     quoted = any('"' in line for line in lines)
     dialects = [
         Dialect(separator, mark)
@@ -69,11 +70,12 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header: int | No
     kinds = _kinds(dialect, cells)
     good = (k for k, row in zip(rows, cells, strict=True) if _fits(dialect, row, kinds))
     start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
-    layout = _headed(lines, dialect, start, kinds, header)
+    layout = _headed(lines, dialect, start, kinds, header_row)
     beside = _named_by_settings(cells[:SETTINGS], kinds)
+    period = period_in(lines[: layout.start if layout.header is None else layout.header])
     return replace(
         layout,
-        columns=tuple(beside.get(k, column) for k, column in enumerate(layout.columns)),
+        columns=tuple(replace(beside.get(k, column), sample_time=period) for k, column in enumerate(layout.columns)),
         remarks=frozenset(map(as_remark, filter(partial(_is_text, dialect), lines[max(0, start - REMARKS) : start]))),
         quoted=quoted,
     )
@@ -160,15 +162,21 @@ def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> 
     return found
 
 
-def _headed(lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[Kind], header: int | None) -> Layout:
+def _headed(
+    lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[Kind], header_row: int | None
+) -> Layout:
     """Find names and units above the first row; the header may be a comment, with a remark or a rule below it."""
-    above = [k for k in range(start) if re.search(r"\w", lines[k])] if header is None else [*range(header, start)]
+    above = (
+        [k for k in range(start) if re.search(r"\w", lines[k])]
+        if header_row is None
+        else [*range(max(header_row - 1, 0), start)]
+    )
     headed = [
         (k, cells)
         for k in above[-REMARKS_BELOW_HEADER - 1 :]
-        if header != -1 and (cells := _names(dialect, lines[k], kinds))
+        if header_row != 0 and (cells := _names(dialect, lines[k], kinds))
     ]
-    if header is not None and header >= 0:
+    if header_row:
         headed = headed[:2]
     none: Sequence[str] = [""] * len(kinds)
     if not headed and above and (glued := _glued(dialect, lines[above[-1]], kinds)):
@@ -177,7 +185,7 @@ def _headed(lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[
         return Layout(dialect, start, _columns(none, none, kinds))
     with_units = len(headed) > 1 and _all_units(headed[-1][1])
     units = headed.pop()[1] if with_units else none
-    at, names = headed[-1] if header is None else headed[0]
+    at, names = headed[-1] if header_row is None else headed[0]
     return Layout(dialect, start, _columns(names, units, kinds), at)
 
 

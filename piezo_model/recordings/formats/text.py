@@ -15,7 +15,6 @@ from piezo_model.recordings.clock_cells import times
 from piezo_model.recordings.dialect import SEPARATORS
 from piezo_model.recordings.layout import Layout, layout_of
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.stated_period import period_in
 from piezo_model.recordings.table import Column, RecordingError, Table
 from piezo_model.recordings.text_rows import LINE, TextRows, end_of_rows
 
@@ -39,16 +38,14 @@ def open_text(path: Path, options: ReadOptions) -> Table:
     if not complete and len(lines) == 1:
         raise RecordingError(f"{path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
     lines = lines if complete else lines[:-1]
-    header = None if options.header_row is None else options.header_row - 1
-    layout = layout_of(lines[:SAMPLE_LINES], options.decimal, header) or layout_of(lines, options.decimal, header)
+    told = options.decimal, options.header_row
+    layout = layout_of(lines[:SAMPLE_LINES], *told) or layout_of(lines, *told)
     if layout is None:
         raise RecordingError(f"{path}: {_no_table(lines)}")
     _refuse_ambiguous_commas(path, lines, layout)
     start = mark + sum(len(line.encode(encoding, errors="replace")) for line in lines[: layout.start])
     start += len(lines[layout.start][: layout.glued].encode(encoding))
     stop, dropped = end_of_rows(path, encoding, layout, start)
-    stated = period_in(lines[: layout.start if layout.header is None else layout.header])
-    columns = tuple(replace(column, sample_time=stated) for column in layout.columns)
     clauses = {
         f"text{ENCODINGS[encoding]}": True,
         f"separated by {SEPARATORS[layout.dialect.separator]}": True,
@@ -60,7 +57,7 @@ def open_text(path: Path, options: ReadOptions) -> Table:
     incomplete = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
     rows = TextRows(path, encoding, layout, start, stop)
     left_out = (f"the last {incomplete} left out",) * (dropped > 0)
-    return Table(path, form, columns, rows.batches, rows.where, left_out, times)
+    return Table(path, form, layout.columns, rows.batches, rows.where, left_out, times)
 
 
 def open_gcs(path: Path, options: ReadOptions) -> Table:

@@ -12,7 +12,6 @@ import numpy as np
 
 from piezo_model.recordings.layout import Layout, layout_of
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.stated_period import period_in
 from piezo_model.recordings.table import Column, RecordingError, Table
 
 DAY_US = 86400e6
@@ -70,20 +69,19 @@ def read_sheet(path: Path, options: ReadOptions) -> Sheet:
                 f"{path}: has no sheet {options.sheet!r}; its sheets are {', '.join(map(repr, names))}"
             )
         sheets = {name: _rows(path, book[name]) for name in names if options.sheet in (None, name)}
-    header = None if options.header_row is None else options.header_row - 1
     found = []
     for name, rows in sheets.items():
         lines = ["\t".join(map(_text, row)) for row in rows[:1000]]
-        layout = layout_of(lines, ".", header)
+        layout = layout_of(lines, ".", options.header_row)
         if layout is not None and layout.dialect.separator == "\t":
-            found.append((len(rows) * len(layout.columns), name, layout, period_in(lines[: layout.start])))
+            found.append((len(rows) * len(layout.columns), name, layout))
     if not found:
         raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
-    _, name, layout, period = max(found, key=lambda each: each[0])
+    _, name, layout = max(found, key=lambda each: each[0])
     rows = sheets[name][layout.start :]
     while rows and not any(isinstance(cell, int | float) for cell in rows[-1]):
         rows.pop()
-    columns = tuple(replace(column, rows=len(rows), sample_time=period) for column in layout.columns)
+    columns = tuple(replace(column, rows=len(rows)) for column in layout.columns)
     return Sheet(name, layout, columns, [_values([row[k] for row in rows], c.kind) for k, c in enumerate(columns)])
 
 
