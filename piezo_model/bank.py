@@ -6,8 +6,6 @@ of `Compensator`; learning is that of the continuous mode of `SelfLearningCompen
 structure.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import zipfile
@@ -15,7 +13,7 @@ import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any, Self, TypedDict
 
 import numpy as np
 from msgspec import Meta
@@ -419,7 +417,7 @@ class CompensatorBank(Stateful):
             np.savez(file, about=np.array(json.dumps(packed(about))), **self.get_state())
 
     @classmethod
-    def load(cls, path: str | Path, threads: int = 1) -> CompensatorBank:
+    def load(cls, path: str | Path, threads: int = 1) -> Self:
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:

@@ -8,12 +8,10 @@ one learner (`learning.learner`). In both the drive is finite and inside its lim
 at a sensor fault and resumes by itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, Self, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -351,7 +349,7 @@ class SelfLearningCompensator(Learner):
         compensator_file.write(path, asdict(self.settings), self.get_state())
 
     @classmethod
-    def load(cls, path: str | Path, **options: Any) -> SelfLearningCompensator:
+    def load(cls, path: str | Path, **options: Any) -> Self:
         """Continue, to the last bit, from a file of :meth:`save`, or start from one of ``piezobench deploy``.
 
         Parameters
@@ -387,7 +385,7 @@ class SelfLearningCompensator(Learner):
             raise ModelError(f"{path}: {json_file.brief(error)}") from None
 
     @classmethod
-    def _resumed(cls, path: str | Path) -> SelfLearningCompensator:
+    def _resumed(cls, path: str | Path) -> Self:
         fields, state = compensator_file.read(path)
         try:
             saved = json_file.convert(state, SavedState)

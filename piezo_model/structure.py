@@ -11,13 +11,11 @@ In *slope coordinates* v the 2m + 1 weights w'_S are replaced by their partial s
 slopes of the piecewise linear S⁻¹ (``slope_map``), and the admissible set becomes a box (``lower_bounds``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -140,7 +138,7 @@ class ModelStructure(Immutable):
         offset: bool = False,
         input_unit: str = "V",
         output_unit: str = "um",
-    ) -> ModelStructure:
+    ) -> Self:
         """Thresholds equidistant over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1).
 
         The output falls as the input rises if ``y_range`` is in descending order.
@@ -173,7 +171,7 @@ class ModelStructure(Immutable):
         """Whether the output falls as the input rises."""
         return self.y_scale < 0.0
 
-    def reversed_output(self) -> ModelStructure:
+    def reversed_output(self) -> Self:
         """The structure of the same thresholds for an output of opposite sign.
 
         Examples
@@ -188,7 +186,7 @@ class ModelStructure(Immutable):
             dead_zone_thresholds=tuple(0.0 - r for r in reversed(self.dead_zone_thresholds)),
         )
 
-    def in_units(self, input_unit: str, output_unit: str, name: str = "structure") -> ModelStructure:
+    def in_units(self, input_unit: str, output_unit: str, name: str = "structure") -> Self:
         """Return the structure in other units, with the same normalised values; where a unit is unknown, values stay.
 
         Raises

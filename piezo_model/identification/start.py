@@ -7,8 +7,6 @@ further unknowns of the best of these. Rest is left only for a clear gain, since
 better. Creep rests with the plays. Samples of a transient are skipped (`transient`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

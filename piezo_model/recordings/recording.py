@@ -6,14 +6,12 @@ does not name are guessed (:mod:`piezo_model.recordings.roles`), and ``describe(
 in :mod:`piezo_model.recordings.samples`, and each repair is one of ``remarks``.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,7 +110,7 @@ class Recording(Source):
         input: str | None = None,
         output: str | None = None,
         **reading: Any,
-    ) -> Recording:
+    ) -> Self:
         """Read a file and check all of it.
 
         Parameters
@@ -150,7 +148,7 @@ class Recording(Source):
         return cls._of(read_signals(open_table(path, options), named, options))
 
     @classmethod
-    def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Recording:
+    def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Self:
         """Read a recording in two files, ``FILE`` or ``FILE:COLUMN``, as an oscilloscope writes one for each channel.
 
         Where their times differ, the output is interpolated at the times of the input that both have. Parameters and
@@ -163,7 +161,7 @@ class Recording(Source):
         return replace(cls._of(read_signals(table, named, options)), reasons=reasons)
 
     @classmethod
-    def _of(cls, read: Signals) -> Recording:
+    def _of(cls, read: Signals) -> Self:
         for role, label, values in zip(("input", "output"), read.rows.labels, read.rows.signals, strict=True):
             _refuse_constant(f"{read.about['name']}: {role} {label}", values)
         input_unit, output_unit = read.units
@@ -185,7 +183,7 @@ class Recording(Source):
         input_unit: str = "",
         output_unit: str = "",
         name: str = "arrays",
-    ) -> Recording:
+    ) -> Self:
         """Make a recording from copies of arrays.
 
         Parameters
@@ -251,7 +249,7 @@ class Recording(Source):
         samples = np.column_stack([self.x, self.counted_y]).astype("<f8")
         return hashlib.sha256(samples.data).hexdigest()
 
-    def part(self, samples: slice) -> Recording:
+    def part(self, samples: slice) -> Self:
         """Return consecutive samples, with the ranges and units of the whole recording.
 
         Examples
@@ -269,7 +267,7 @@ class Recording(Source):
             starts=(0, *(start - first for start in self.starts if first < start < last)),
         )
 
-    def head(self, samples: int) -> Recording:
+    def head(self, samples: int) -> Self:
         """Return the first samples, with the ranges and units of the whole recording."""
         return self.part(slice(samples))
 
@@ -278,11 +276,11 @@ class Recording(Source):
         """The samples of each part."""
         return [slice(*ends) for ends in pairwise((*self.starts, self.length))]
 
-    def sweeps(self) -> Iterator[Recording]:
+    def sweeps(self) -> Iterator[Self]:
         """The parts of the recording, one by one, each with the ranges of the whole."""
         return map(self.part, self.parts)
 
-    def in_units(self, input_unit: str, output_unit: str) -> Recording:
+    def in_units(self, input_unit: str, output_unit: str) -> Self:
         """Return the recording in other units; where one of two units is unknown, the values are kept.
 
         Raises
@@ -311,7 +309,7 @@ class Recording(Source):
             y=self.y if gain_y == 1.0 else read_only(gain_y * self.y),
         )
 
-    def swapped(self) -> Recording:
+    def swapped(self) -> Self:
         """Return the recording with input and output swapped; RecordingError if outputs are missing, since a drive must
         not have gaps."""
         if gaps := int(np.count_nonzero(self.uncounted)):
@@ -360,7 +358,7 @@ class Reference(Source):
         """Sampling period, values and unit."""
         return iter((self.sample_time, self.values, self.unit))
 
-    def suited(self, unit: str, role: str = "reference") -> Reference:
+    def suited(self, unit: str, role: str = "reference") -> Self:
         """Return the signal in the unit of a model or a stage; UnitError for a unit that measures something else."""
         (gain,), units = self._conversions({role: (self.unit, unit)})
         return replace(self, values=gain * self.values, unit=unit or self.unit, units=units)
