@@ -84,6 +84,50 @@ REFERENCES: dict[str, Callable[..., Vector]] = {
 """References by name: functions of a random generator, duration, sampling period and limits."""
 
 
+def _bouc_wen(random: np.random.Generator) -> dict[str, float]:
+    beta = random.uniform(0.8, 2.5)
+    return {
+        "loading_slope": random.uniform(0.15, 0.35),
+        "beta": beta,
+        "gamma": beta * random.uniform(0.0, 1.0),
+        "exponent": random.uniform(1.0, 1.8),
+    }
+
+
+INDIVIDUALS: dict[str, Callable[[np.random.Generator], dict[str, float]]] = {
+    "bouc_wen": _bouc_wen,
+    "dense_prandtl_ishlinskii": lambda random: {
+        "thresholds": int(random.integers(20, 60)),
+        "reversible_share": random.uniform(0.55, 0.85),
+        "threshold_scale": random.uniform(0.15, 0.8),
+        "saturation": random.uniform(0.0, 0.15),
+        "asymmetry": random.uniform(-0.1, 0.1),
+    },
+    "duhem": lambda random: {
+        "alpha": random.uniform(1.0, 6.0),
+        "slope_after_turn": random.uniform(0.6, 0.92),
+        "saturation": random.uniform(0.0, 0.15),
+        "asymmetry": random.uniform(-0.1, 0.1),
+    },
+    "maxwell_slip": lambda random: {
+        "sliders": int(random.integers(3, 30)),
+        "slip_share": random.uniform(0.1, 0.55),
+        "reach": random.uniform(0.4, 1.8),
+        "saturation": random.uniform(0.0, 0.15),
+        "asymmetry": random.uniform(-0.1, 0.1),
+    },
+    "relay_preisach": lambda random: {
+        "reversible_share": random.uniform(0.55, 0.85),
+        "half_width_scale": random.uniform(0.2, 0.8),
+        "hill_centre": random.uniform(-0.2, 0.3),
+        "hill_centre_slope": random.uniform(-0.2, 0.6),
+        "hill_breadth": random.uniform(0.9, 1.6),
+        "hill_breadth_slope": random.uniform(0.0, 0.6),
+    },
+}
+"""Options of an individual actuator of each kind: functions of a random generator."""
+
+
 @dataclass(frozen=True)
 class Situation:
     """An actuator with its sensor, its assumed ranges and a reference.
@@ -131,7 +175,7 @@ class Situation:
             "sample_time": sample_time,
             "creep_share": of_plant.uniform(0.0, 0.08),
             "creep_rates_per_s": rates,
-            **plants.options_of(kind, of_plant),
+            **INDIVIDUALS[kind](of_plant),
         }
         seen = plants.get(kind, **options).run(
             np.interp(np.arange(6001), (0, 2000, 4000, 6000), (low, low + span, low, low + span))

@@ -8,14 +8,12 @@ import importlib
 import pkgutil
 from typing import Any
 
-import numpy as np
-
 from piezo_model.plants.actuator import Actuator
 from piezo_model.plants.flexure import Flexure
 from piezo_model.plants.protocol import Plant
 from piezo_model.plants.sensor import Sensor
 
-__all__ = ["STAGES", "Actuator", "Flexure", "Plant", "Sensor", "get", "names", "options_of", "stage"]
+__all__ = ["STAGES", "Actuator", "Flexure", "Plant", "Sensor", "get", "names", "stage"]
 
 
 def _classes() -> dict[str, type[Actuator]]:
@@ -78,8 +76,3 @@ def get(name: str, **options: Any) -> Actuator:
         if option not in known:
             raise ValueError(f"the plant {name!r} has no option {option!r}; it has {', '.join(known)}")
     return classes[name](**options)
-
-
-def options_of(name: str, random: np.random.Generator) -> dict[str, Any]:
-    """Draw the options of an individual actuator of one of :func:`names`."""
-    return _classes()[name].draw(random)

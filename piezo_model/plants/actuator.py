@@ -17,7 +17,6 @@ systems", Control and Intelligent Systems 29 (2001), 74-83, with threshold 0).
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,11 +104,6 @@ class Actuator(Plant):
     @abstractmethod
     def _respond(self, u: Vector) -> Vector:
         """Return v (N,) for u (N,), advancing the memory in place."""
-
-    @staticmethod
-    def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Draw the options of an individual actuator; by default all are alike."""
-        return {}
 
     def run(self, x: ArrayLike) -> Vector:
         """Continue with a drive; see :meth:`Plant.run`."""

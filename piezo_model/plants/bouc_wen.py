@@ -14,7 +14,6 @@ to 1, after many cycles; the major loop takes about 0.8 of ``y_range``.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -73,17 +72,6 @@ class BoucWen(Actuator):
 
     def _respond(self, u: Vector) -> Vector:
         return self._with_log_creep(u - self._h(u, self._memory) / self.stiffness, u)
-
-    @staticmethod
-    def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Draw the options of an individual actuator."""
-        beta = random.uniform(0.8, 2.5)
-        return {
-            "loading_slope": random.uniform(0.15, 0.35),
-            "beta": beta,
-            "gamma": beta * random.uniform(0.0, 1.0),
-            "exponent": random.uniform(1.0, 1.8),
-        }
 
     def _h(self, u: Vector, memory: Memory) -> Vector:
         parameters = self.loading_slope, self.beta, self.gamma, self.exponent

@@ -10,7 +10,6 @@ modified Prandtl-Ishlinskii approach", European Journal of Control 9 (2003), 407
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -75,14 +74,3 @@ class DensePrandtlIshlinskii(Actuator):
         parameters = self._r, self._w_H, self._w_K, self._a
         v = along(bindings.plays_and_creep, u, *parameters, *self._memory.values())
         return curved(v, self.saturation, self.asymmetry)
-
-    @staticmethod
-    def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Draw the options of an individual actuator."""
-        return {
-            "thresholds": int(random.integers(20, 60)),
-            "reversible_share": random.uniform(0.55, 0.85),
-            "threshold_scale": random.uniform(0.15, 0.8),
-            "saturation": random.uniform(0.0, 0.15),
-            "asymmetry": random.uniform(-0.1, 0.1),
-        }

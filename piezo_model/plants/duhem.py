@@ -10,7 +10,6 @@ close. S is the cubic of `actuator.curved`, v_1 = 1 + (1 − b) / α an upper bo
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -66,13 +65,3 @@ class Duhem(Actuator):
 
     def _deviation(self, u: Vector, memory: Memory) -> Vector:
         return along(bindings.deviation, u, self.alpha, self.slope_after_turn, memory["e"], memory["u_before"])
-
-    @staticmethod
-    def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Draw the options of an individual actuator."""
-        return {
-            "alpha": random.uniform(1.0, 6.0),
-            "slope_after_turn": random.uniform(0.6, 0.92),
-            "saturation": random.uniform(0.0, 0.15),
-            "asymmetry": random.uniform(-0.1, 0.1),
-        }

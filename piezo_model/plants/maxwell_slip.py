@@ -9,7 +9,6 @@ cubic of `actuator.curved`.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -74,14 +73,3 @@ class MaxwellSlip(Actuator):
     def _respond(self, u: Vector) -> Vector:
         v = np.clip(self._charge(u, self._memory) / self._half, -1.0, 1.0)
         return self._with_log_creep(curved(v, self.saturation, self.asymmetry), u)
-
-    @staticmethod
-    def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Draw the options of an individual actuator."""
-        return {
-            "sliders": int(random.integers(3, 30)),
-            "slip_share": random.uniform(0.1, 0.55),
-            "reach": random.uniform(0.4, 1.8),
-            "saturation": random.uniform(0.0, 0.15),
-            "asymmetry": random.uniform(-0.1, 0.1),
-        }

@@ -21,7 +21,6 @@ so the density is a hill whose centre and breadth depend on r, and the width of 
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -90,15 +89,3 @@ class RelayPreisach(Actuator):
         parameters = self._r, self._c, self._sigma, self._gain, self._shift
         relays = along(bindings.relay_lines, u, *parameters, self._memory["z_play"])
         return self._with_log_creep(self.reversible_share * u + (1.0 - self.reversible_share) * relays, u)
-
-    @staticmethod
-    def draw(random: np.random.Generator) -> dict[str, Any]:
-        """Draw the options of an individual actuator."""
-        return {
-            "reversible_share": random.uniform(0.55, 0.85),
-            "half_width_scale": random.uniform(0.2, 0.8),
-            "hill_centre": random.uniform(-0.2, 0.3),
-            "hill_centre_slope": random.uniform(-0.2, 0.6),
-            "hill_breadth": random.uniform(0.9, 1.6),
-            "hill_breadth_slope": random.uniform(0.0, 0.6),
-        }
