@@ -15,7 +15,7 @@ from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving, States, counted_from, one_thread
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
 from piezo_model.identification.start import initial_segment, start_of
-from piezo_model.identification.transient import longest_transient, transient, transient_end
+from piezo_model.identification.transient import longest_transient, transient
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.simulation import Arrays
@@ -26,29 +26,22 @@ if TYPE_CHECKING:
 
 FARTHEST = 2.0
 """Largest distance of a creep state before the first sample from the play's, normalised units."""
-SAME = 1.001
-"""Largest ratio of the error to the reported one at which the identification's initial state is kept."""
 
 
 def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[States, int]:
     """The states before the first sample of each part of a recording with which a model, and a constant added to it,
-    err least, and the number of samples in a transient.
-
-    The identification's states are kept if the error is as small as it was there.
-    """
-    s, solving, report = model.structure, Solving(), model.report.get("fit")
-    v, sweeps = s.inverse_slope_map @ model.weights, list(recording.sweeps())
-    known, parameters = model.starts, Parameters.known(model.dynamics, s.sample_time)
-    if report is not None and len(known) == len(sweeps):
-        head = initial_segment(recording, s) if len(sweeps) == 1 else recording
-        counted = counted_from(head, report["skipped"])
-        if counted.any():
-            own = fit_forward(head, counted, s, known, v, solving, steps=0, weights_known=True, parameters=parameters)
-            if abs(s.y_scale) * math.sqrt(own.cost) <= SAME * report["rms"]:
-                longest, error = longest_transient(head), _centred(own, counted)
-                return known, transient_end(np.abs(error), longest) if longest else 0
+    err least, and the number of samples in a transient; those of the identification for its own recording."""
+    s, solving = model.structure, Solving()
+    if was_fitted_to(model, recording):
+        return model.starts, int(model.report["fit"]["skipped"])
+    v, sweeps = s.inverse_slope_map @ model.weights, list(recording.in_units(s.input_unit, s.output_unit).sweeps())
     states, skips = zip(*(_start_and_transient(model, sweep, v, solving) for sweep in sweeps), strict=True)
     return states, skips[0]
+
+
+def was_fitted_to(model: HysteresisCreepModel, recording: Recording) -> bool:
+    """Whether a model was fitted to exactly these samples."""
+    return bool(model.report.get("recording") == recording.digest())
 
 
 def _start_and_transient(
@@ -118,8 +111,7 @@ def simulated(model: HysteresisCreepModel, recording: Recording, state: Operator
     ones before the first sample."""
     model = model.at(recording.sample_time)
     s = model.structure
-    recording = recording.in_units(s.input_unit, s.output_unit)
     given = [] if state is None else [state]
     if len(given) < len(recording.starts):
         given += start_and_transient(model, recording)[0][len(given) :]
-    return simulate(s, model.arrays, recording, given, model.dynamics)
+    return simulate(s, model.arrays, recording.in_units(s.input_unit, s.output_unit), given, model.dynamics)
