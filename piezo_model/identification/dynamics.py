@@ -206,13 +206,15 @@ def _is_plausible(peak: Peak) -> bool:
 
 
 def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
-    """The recording with its output through the inverse of the dynamics, up to a bandwidth."""
+    """The recording as of a stage without the dynamics: its output through the inverse of G, up to a bandwidth."""
     parts = [dynamics.anticipated(recording.y[part], recording.sample_time) for part in recording.parts]
-    return _with_output(recording, np.concatenate(parts))
+    return _as_of_static(recording, dynamics, np.concatenate(parts))
 
 
-def _with_output(recording: Recording, y: Vector) -> Recording:
-    return replace(recording, y=y, y_range=(float(y.min()), float(y.max())))
+def _as_of_static(recording: Recording, dynamics: Dynamics, y: Vector) -> Recording:
+    """The recording with another output, and with the drive that the actuator receives behind the amplifier."""
+    x = [dynamics.amplified(recording.x[part], recording.sample_time) for part in recording.parts]
+    return replace(recording, x=np.concatenate(x), y=y, y_range=(float(y.min()), float(y.max())))
 
 
 @dataclass(frozen=True)
@@ -356,17 +358,22 @@ class Trials:
         return np.bincount(number, squares).astype(np.float64)
 
     def separated(self, recording: Recording, prepared: Prepared, fitted: ForwardFit) -> Separated:
+        """The recording without the dynamics of a fit, and the start with that output."""
+        static = self.without_dynamics(recording, fitted)
+        counted, before = counted_from(static, prepared.skip), prepared.fit
+        near = prepared.structure, before.states, before.v
+        settled = fit_forward(static, counted, *near, self.solving, searched=prepared.searched)
+        return Separated(static, replace(prepared, fit=settled), found(fitted).start)
+
+    def without_dynamics(self, recording: Recording, fitted: ForwardFit) -> Recording:
         """The recording, of which the trials may be the head, with the output that the stage would have without the
-        dynamics of a fit, that of the static part beside the equalised error, and the start with that output."""
+        dynamics of a fit, that of the static part beside the equalised error, for the drive behind the amplifier."""
         known = Parameters(found(fitted).start, recording.sample_time)
         whole = replace(self, recording=recording, counted=~recording.uncounted)
         s, fit = self.structure, whole.fit(known, fitted, steps=0)
         errors = [known.start.equalised(fit.error[part], recording.sample_time) for part in recording.parts]
-        static = _with_output(recording, s.y_centre + s.y_scale * (fit.static + np.concatenate(errors)))
-        counted, before = counted_from(static, prepared.skip), prepared.fit
-        near = prepared.structure, before.states, before.v
-        settled = fit_forward(static, counted, *near, self.solving, searched=prepared.searched)
-        return Separated(static, replace(prepared, fit=settled), known.start)
+        y = s.y_centre + s.y_scale * (fit.static + np.concatenate(errors))
+        return _as_of_static(recording, known.start, y)
 
 
 def found(fit: ForwardFit) -> Parameters:

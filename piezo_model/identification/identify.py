@@ -204,7 +204,7 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     separated, lag = separate(recording, start, options.dynamics, solving), None
     if separated.dynamics is None and options.lag != "ignore":
         keep, remove = options.dynamics == "estimate", options.lag == "remove"
-        separated, lag = separate_lag(recording, separated, solving, keep=keep, remove=remove)
+        separated, lag = separate_lag(recording, separated, start, solving, keep=keep, remove=remove)
     static, prepared = separated.static, separated.prepared
     progress("creep", 1, 4)
     determined = determine(static, counted_from(recording, prepared.skip), prepared.fit, solving)

@@ -7,7 +7,7 @@ dynamics without a mode, beside creep and a drift of the sensor.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from piezo_model.identification.dynamics import ORDERS, Separated, Trials, found
 from piezo_model.identification.dynamics_parameters import LONGEST, Parameters
 from piezo_model.identification.error_model import Solving
 from piezo_model.identification.forward import Columns, ForwardFit
-from piezo_model.identification.start import USUAL
+from piezo_model.identification.start import USUAL, Prepared
 from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
@@ -94,19 +94,20 @@ class _Fits:
     late: ForwardFit
 
     @classmethod
-    def of(cls, trials: Trials, starts: Collection[float], *, delay_alone: bool) -> _Fits:
-        """The best fit from one of some delays in samples, with that of an amplifier where it is clearly better."""
+    def of(cls, trials: Trials, begins: Sequence[Dynamics], *, delay_alone: bool) -> _Fits:
+        """The best fit from one of some lags, with that of an amplifier where it is clearly better."""
         T, drift = trials.recording.sample_time, Columns.of(np.linspace(-1.0, 1.0, trials.recording.length))
 
         def fitted(parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
             return trials.fit(parameters, near, steps=STEPS, further=drift)
 
-        begins = [Parameters(Dynamics((), (), (), T * samples), T, free=True) for samples in starts]
-        prompt = fitted(Parameters(Dynamics((), (), (), 0.0), T))
-        late = min((fitted(begin, prompt) for begin in begins), key=lambda fit: fit.cost)
+        delays = [Parameters(Dynamics((), (), (), begin.lag_s(T)), T, free=True) for begin in begins]
+        late = min((fitted(delay) for delay in delays), key=lambda fit: fit.cost)
         if not delay_alone:
-            slow = fitted(replace(begins[0], with_lag=True), late)
+            slow = fitted(Parameters(begins[0], T, free=True, with_lag=True), late)
             late = slow if slow.cost < CLEAR * late.cost else late
+        none = Parameters(Dynamics((), (), (), 0.0), T)
+        prompt = min((fitted(none, near) for near in (None, late)), key=lambda fit: fit.cost)
         return cls(trials, prompt, late)
 
     @property
@@ -125,7 +126,13 @@ class _Fits:
 
 
 def separate_lag(
-    recording: Recording, separated: Separated, solving: Solving, *, keep: bool, remove: bool
+    recording: Recording,
+    separated: Separated,
+    prepare: Callable[[Recording], Prepared],
+    solving: Solving,
+    *,
+    keep: bool,
+    remove: bool,
 ) -> tuple[Separated, Lag | None]:
     """The recording as of a stage without the lag that it has, if that is to be kept in the model or removed, and the
     lag; None where the drive does not move the output.
@@ -135,12 +142,14 @@ def separate_lag(
     prepared = separated.prepared
     head = recording.head(first_motion(recording, prepared.skip) + LAG_SAMPLES)
 
-    def fits(orders: tuple[int, int], starts: Collection[float]) -> _Fits:
-        return _Fits.of(Trials.of(head, head, prepared, solving, orders), starts, delay_alone=remove)
+    def fits(static: Recording, start: Prepared, orders: tuple[int, int], *begins: Dynamics) -> _Fits:
+        return _Fits.of(Trials.of(head, static, start, solving, orders), begins, delay_alone=remove)
 
-    best = fits(USUAL, {0, _best_shift(head.y, prepared.fit.y_model[: head.length])})
+    T, shift = head.sample_time, _best_shift(head.y, prepared.fit.y_model[: head.length])
+    best = fits(head, prepared, USUAL, *(Dynamics((), (), (), T * samples) for samples in {0, shift}))
     if best.is_significant:
-        best = fits(ORDERS, [found(best.late).start.delay_s / head.sample_time])
+        static = best.trials.without_dynamics(head, best.late)
+        best = fits(static, prepare(static), ORDERS, found(best.late).start)
     late, at, samples, is_significant = best.late, best.trials.structure.d + 1, best.samples, best.is_significant
     if late.P[at, at] == 0.0:
         return separated, None
@@ -151,7 +160,8 @@ def separate_lag(
     lag = Lag(samples, found(late).start.amplifier_lag_s, removed, in_model, without, behind, at_edge, is_significant)
     if not (removed or in_model):
         return separated, lag
-    return replace(best.trials.separated(recording, prepared, late), finding=separated.finding), lag
+    static = best.trials.without_dynamics(recording, late)
+    return Separated(static, prepare(static), found(late).start, separated.finding), lag
 
 
 def _best_shift(y: Vector, y_model: Vector) -> int:
