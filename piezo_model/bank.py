@@ -270,6 +270,8 @@ class CompensatorBank(Stateful):
 
     def _set_model(self, which: Index, model: HysteresisCreepModel) -> None:
         slots, g = self._slots[which], model.dynamics
+        if self.options["integral_gain"] > 0.0:
+            model.require_stable(self.options["integral_gain"])
         prefilter = Prefilter(g, self.structure.sample_time)
         if prefilter.modes != self._modes or prefilter.ring > self._ring:
             raise ValueError(f"the bank has room for {self._modes} modes and the lag of its own; the model has {g}")

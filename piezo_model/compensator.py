@@ -19,13 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks, json_file
 from piezo_model.core import State, Stateful, bindings
-from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST
 from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorState, write_operators
 from piezo_model.prefilter import Prefilter
 from piezo_model.structure import ModelStructure
-from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
 LIMITS = slice(0, 4)
@@ -98,8 +96,8 @@ class Compensator(Stateful):
         Gain of the integral action on the outputs passed to ``correct``, in 1/s, from 0 (off) to 1/sample_time: the
         bandwidth in rad/s in which disturbances are suppressed.
     dynamics : bool
-        Whether the dynamics of the model are inverted, too. If not, a gain of the integral action above 2 ζ ω of a
-        resonance is refused, since the loop would be unstable.
+        Whether the dynamics of the model are inverted, too. A gain of the integral action with which the loop would be
+        unstable beside them is refused: without the inverse it is about 2 ζ ω of a resonance.
 
     Examples
     --------
@@ -140,9 +138,9 @@ class Compensator(Stateful):
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 
     def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
+        if self._integral_gain > 0.0:
+            model.require_stable(self._integral_gain, inverts=self._inverts)
         s, self._model = model.structure, model
-        if model.dynamics is not None and not self._inverts:
-            _require_stable(model.dynamics, self._integral_gain)
         self.prefilter = Prefilter(model.dynamics if self._inverts else None, s.sample_time)
         shape = self.shape
         self._core = State(bindings.compensator_bytes(*shape), lambda block: bindings.compensator_setup(block, *shape))
@@ -269,13 +267,3 @@ class Compensator(Stateful):
         if values.shape != filtered.shape or not np.all(np.isfinite(values)):
             raise ValueError(f"the state of the dynamics must be {filtered.size} finite numbers")
         filtered[:] = self.prefilter.with_states(values)
-
-
-def _require_stable(dynamics: Dynamics, integral_gain: float) -> None:
-    """ValueError if integral action would excite a resonance that is not inverted."""
-    for f, zeta in zip(dynamics.frequencies_Hz, dynamics.damping, strict=True):
-        if integral_gain > (most := 4.0 * math.pi * zeta * f):
-            raise ValueError(
-                f"integral_gain must be at most 2 ζ ω = {most:.3g} per second beside a resonance at "
-                f"{quantity(f, 'Hz', 4)} that is not inverted, not {integral_gain:g}"
-            )

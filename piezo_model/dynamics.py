@@ -185,6 +185,22 @@ class Dynamics:
         q = np.exp(-2j * np.pi * frequencies_Hz * sample_time)
         return np.asarray(sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in self._parts(sample_time)))
 
+    def largest_gain(self, sample_time: float, *, inverted: bool) -> float:
+        """Gain of integral action, per second, from which on a loop around the stage is unstable, behind F or without
+        it: where the open loop turns by half a circle, it amplifies by 1."""
+        near = np.sinh(np.linspace(-7.0, 7.0, 4001))
+        around = [f * (1.0 + zeta * near) for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)]
+        f = np.unique(np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around]))
+        f = f[(f > 0.0) & (f <= 0.5 / sample_time)]
+        q = np.exp(-2j * np.pi * f * sample_time)
+        p = math.exp(-sample_time / self.amplifier_lag_s) if self.amplifier_lag_s else 0.0
+        loop = self.response(f, sample_time) * (1.0 - p) / (1.0 - p * q) * sample_time * q / (1.0 - q)
+        for D, R in self.pole_pairs(sample_time) if inverted else ():
+            loop *= np.polyval(D[::-1], q) / np.polyval(R[::-1], q)
+        turned = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # at half the sampling rate, too
+        least = float(np.min(loop.real[turned]))
+        return -1.0 / least if least < 0.0 else math.inf
+
     def anticipated(self, y: ArrayLike, sample_time: float) -> Vector:
         """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth of twice the highest frequency; it anticipates
         y, which must be known."""

@@ -243,7 +243,25 @@ class HysteresisCreepModel(Immutable):
         """The model without dynamics, with a warning if it has some."""
         if self.dynamics is None:
             return self
-        return replace(self, dynamics=None, report={**self.report, "left_out": f"the stage has {self.dynamics}"})
+        left_out = {"left_out": f"the stage has {self.dynamics}", "left_out_dynamics": self.dynamics.to_dict()}
+        return replace(self, dynamics=None, report={**self.report, **left_out})
+
+    def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
+        """The gain of integral action in 1/s from which on the loop is unstable beside the dynamics of the stage, also
+        those that :attr:`static` has left out, infinite without any; ModelError if the gain is not below it."""
+        dynamics, left_out = self.dynamics, self.report.get("left_out_dynamics")
+        if left_out is not None:
+            with checks.refusing(ModelError, "left_out_dynamics: "):
+                dynamics, inverts = json_file.convert(left_out, Dynamics), False
+        if dynamics is None:
+            return math.inf
+        most = dynamics.largest_gain(self.structure.sample_time, inverted=inverts)
+        if integral_gain >= most:
+            raise ModelError(
+                f"integral_gain must be below {most:.4g} per second, not {integral_gain:g}: beside {dynamics}"
+                f"{', which are not inverted' * (not inverts)}, the loop would be unstable"
+            )
+        return most
 
     @property
     def warning(self) -> str:

@@ -103,6 +103,8 @@ def live_verb(
     stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
     declared = Declared.of(stage.make(), str(stage))
     first = first_model(model, declared, 1.0 / rate, dynamics=not no_dynamics)
+    if integral_gain > 0.0:
+        first.require_stable(integral_gain)
     low, high = sorted(declared.y_range)
     default = {"--sine": f"1Hz:{0.5 * SHARE * (high - low)!r}"} if simulate else {"--set-point": 0.5 * (low + high)}
     ((option, value),) = (given or default).items()

@@ -180,6 +180,7 @@ def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: s
         "settings": settings.numbers(s),
         "prefilter": prefilter,
         "lag_s": lag_s,
+        "most_gain": min(model.require_stable(settings.integral_gain), 1.0 / s.sample_time),
         "lag": quantity(lag_s, "s", 3),
         "precision": precision,
         "learning": settings.learning,

@@ -250,6 +250,7 @@ int main(void)
             printf("%d ", piezo_set_model(&a, &wrong, 0.5));
             printf("%d ", piezo_set_model(&a, &other, 1.5));
             printf("%d ", piezo_set_limits(&a, 3, 3, 1));
+            printf("%d ", piezo_set_integral_gain(&a, 1.001 * PIEZO_LARGEST_GAIN));
             printf("%d\n", piezo_set_model(&a, &other, FADE));
         }
         if (k == 600) {
@@ -290,7 +291,7 @@ def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(
         [tmp_path / "program"], input="\n".join(map(repr, y_ref.tolist())), capture_output=True, text=True, check=True
     )
     lines = done.stdout.splitlines()
-    assert lines.pop(300).split() == ["2", "1", "3", "3", "0"]
+    assert lines.pop(300).split() == ["2", "1", "3", "3", "3", "0"]
     assert lines.pop(600) == "1"
     first, second = np.array([line.split() for line in lines], dtype=float).T
 

@@ -128,6 +128,18 @@ def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
             ("simulate", "0.json", "slow.csv", "--out", "x.csv"),
             "0.json with slow.csv: the resonance at 400 Hz is above 35 % of the sampling rate, 1000 Hz",
         ),
+        *(
+            (
+                (*words, "--integral-gain", gain, *option),
+                f" per second, not {gain}: beside a resonance at 400 Hz",
+            )
+            for words in (
+                ("export-c", "0.json", "c"),
+                ("export-fmu", "0.json", "x.fmu"),
+                ("live", "0.json", "--simulate", "relay_preisach", "--rate", 1 / T, "--seconds", 0.1, "--no-page"),
+            )
+            for gain, option in ((5000, ()), (500, ("--no-dynamics",)))
+        ),
         (
             ("identify", "stage.csv", "--out", "x.json", "--dynamics", "guess"),
             "'guess' is not one of 'estimate', 'ignore'",

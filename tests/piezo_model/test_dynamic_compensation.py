@@ -28,6 +28,7 @@ from piezo_model import (
     plants,
     signals,
 )
+from piezo_model.model import ModelError
 from piezo_model.prefilter import Prefilter
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
@@ -119,12 +120,52 @@ def test_integral_action_is_stable_with_a_frequency_that_is_wrong_by_a_twentieth
     assert np.sqrt(np.mean(error**2)) < 0.02 * 40.0
 
 
-def test_a_gain_that_would_excite_a_resonance_is_refused_without_the_inverse() -> None:
-    model = model_of(ONE)
-    Compensator(model, integral_gain=1000.0)
-    Compensator(model, integral_gain=60.0, dynamics=False)
-    with pytest.raises(ValueError, match=r"at most 2 ζ ω = 62\.8 per second beside a resonance at 500 Hz"):
+@pytest.mark.parametrize("inverts", [True, False])
+@pytest.mark.parametrize("g", [ONE, Dynamics((312.0, 1010.0), (0.02, 0.01), (0.8, 0.15), 0.6 * T)], ids=str)
+def test_the_largest_gain_of_integral_action_is_that_from_which_on_the_loop_does_not_settle(
+    g: Dynamics, inverts: bool
+) -> None:
+    most = g.largest_gain(T, inverted=inverts)
+
+    def ringing(gain: float) -> float:
+        """How far the output still swings 1.5 s after a step of the reference, in its heights."""
+        with patch.object(HysteresisCreepModel, "require_stable"):
+            compensator = Compensator(replace(LINE, dynamics=g), x_start=56.25, integral_gain=gain, dynamics=inverts)
+        stage, y = g.stream(T, -5.0), np.empty(17_000)
+        for k in range(y.size):
+            x = compensator.step(1e-6 * (k > 0) - 5.0)
+            y[k] = stage(np.array([40.0 * x / 150.0 - 20.0]))[0]
+            compensator.correct(float(y[k]))
+        return 1e6 * float(np.ptp(y[-2000:]))
+
+    assert ringing(0.97 * most) < 1.5
+    assert ringing(1.03 * most) > 4.0
+
+
+def test_a_gain_with_which_the_loop_would_be_unstable_is_refused_and_nothing_changes() -> None:
+    model, unstable = (
+        model_of(ONE),
+        r"integral_gain must be below .* per second, not 5000: beside a resonance at 500 Hz",
+    )
+    for changed in (model, model.static):
+        with pytest.raises(ModelError, match=unstable):
+            Compensator(changed, integral_gain=5000.0)
+    with pytest.raises(
+        ModelError, match=r"below 6[0-9.]+ .* a delay of 131 µs, which are not inverted, the loop would be"
+    ):
         Compensator(model, integral_gain=1000.0, dynamics=False)
+    with pytest.raises(ModelError, match=unstable):
+        CompensatorBank(model.structure, 2, dynamics=ONE, integral_gain=5000.0)
+    compensator = Compensator(model, integral_gain=1000.0)
+    with pytest.raises(
+        ModelError, match=r"integral_gain must be below .* per second, not 1000: beside a resonance at 80"
+    ):
+        compensator.change_model(replace(model, dynamics=replace(ONE, frequencies_Hz=(80.0,))))
+    assert compensator.model == model
+    np.testing.assert_array_equal(compensator.run(wave()), Compensator(model, integral_gain=1000.0).run(wave()))
+    for gain in (1000.0, 0.0):
+        Compensator(model, integral_gain=gain)
+    Compensator(model.static, integral_gain=60.0)
 
 
 @pytest.mark.parametrize("gain", [0.0, 500.0])

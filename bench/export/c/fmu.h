@@ -88,7 +88,7 @@ EXPORTED FMI(Status) FMI(ExitInitializationMode)(void *c)
                                           rate > 0.0 ? rate * PIEZO_SAMPLE_TIME_S : INFINITY)
                              == PIEZO_OK
                       && piezo_set_integral_gain(&s->axis, s->values[GAIN]) == PIEZO_OK;
-    return valid ? FMI(OK) : refuse(c, "the limits of the drive make no sense");
+    return valid ? FMI(OK) : refuse(c, "the limits of the drive make no sense, or the integral gain is too large");
 }
 
 static int is_variable(long long reference) { return reference >= FIRST_VARIABLE && reference < VARIABLES; }

@@ -216,12 +216,11 @@ piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high,
 
 piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second)
 {
-    const double gain = (double)per_second * PIEZO_SAMPLE_TIME_S;
-    if (!(gain >= 0 && gain <= 1)) {
+    if (!(per_second >= 0 && (double)per_second <= PIEZO_LARGEST_GAIN)) {
         return PIEZO_BAD_LIMITS;
     }
     const Compensator c = of(axis);
-    settings_of(&c)->gain = (real)gain;
+    settings_of(&c)->gain = (real)((double)per_second * PIEZO_SAMPLE_TIME_S);
     return PIEZO_OK;
 }
 

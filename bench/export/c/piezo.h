@@ -129,7 +129,7 @@ piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, pie
 /* Limits of the drive and its largest change from sample to sample, in input units. */
 piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high, piezo_real max_step);
 
-/* Gain of the integral action per second, from 0 to 1 / PIEZO_SAMPLE_TIME_S. */
+/* Gain of the integral action per second, from 0 to PIEZO_LARGEST_GAIN. */
 piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second);
 
 /* The states of the actuator, to save over a restart of the controller. Learning restarts from them,
