@@ -124,6 +124,8 @@ class CompensatorBank(Stateful):
         checks.instance(ModelStructure, structure=structure)
         checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", dynamics=dynamics)
         checks.whole(1, count=count, threads=threads)
+        if dynamics is not None:
+            dynamics.require(structure.sample_time)
         self.options: Options = packed(  # without types of NumPy, some of which compute in single precision
             {
                 "forgetting_time_s": forgetting_time_s,

@@ -41,8 +41,10 @@ from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
 REFERENCE_DAMPING = 0.7
-HIGHEST = 0.35
-"""Highest frequency of a mode, as a share of the sampling rate."""
+LOWEST, HIGHEST = 1e-4, 0.35
+"""Lowest and highest frequency of a mode, as shares of the sampling rate; that of a slower one is lost in rounding."""
+LONGEST = 10_000
+"""Longest delay in samples."""
 MOST_MODES = 2
 LONGEST_S = 1.0
 """Longest delay and lag."""
@@ -114,13 +116,19 @@ class Dynamics:
             object.__setattr__(self, name, float(getattr(self, name)))
 
     def require(self, sample_time: float) -> None:
-        """Raise ValueError if a mode is too fast for a sampling period in s."""
+        """Raise ValueError if a mode is too fast or too slow, or the delay too long, for a sampling period in s."""
         for f in self.frequencies_Hz:
-            if f * sample_time > HIGHEST:
+            if not LOWEST <= f * sample_time <= HIGHEST:
+                beyond = f"above {HIGHEST:.0%}" if f * sample_time > HIGHEST else f"below {LOWEST:.2%}"
                 raise ValueError(
-                    f"the resonance at {quantity(f, 'Hz', 3)} is above {100.0 * HIGHEST:.0f} % of the sampling rate, "
+                    f"the resonance at {quantity(f, 'Hz', 3)} is {beyond.replace('%', ' %')} of the sampling rate, "
                     f"{quantity(1.0 / sample_time, 'Hz', 3)}"
                 )
+        if self.delay_s > LONGEST * sample_time:
+            raise ValueError(
+                f"a delay of {quantity(self.delay_s, 's', 3)} is longer than {LONGEST} sampling periods of "
+                f"{quantity(sample_time, 's', 3)}"
+            )
 
     def filter(self, v: ArrayLike, sample_time: float, level: float | None = None) -> Matrix:
         """The output of G (N,) for the output v (N,) of the static model, or columns (N, k) of them.
@@ -154,7 +162,8 @@ class Dynamics:
 
     def lag_s(self, sample_time: float) -> float:
         """Time by which :meth:`reference` lags a slow reference."""
-        samples = self.amplifier_lag_s and 1.0 / math.expm1(sample_time / self.amplifier_lag_s)
+        periods = sample_time / self.amplifier_lag_s if self.amplifier_lag_s else math.inf
+        samples = -math.exp(-periods) / math.expm1(-periods)
         return (samples + self.delay_behind_inverse(sample_time)) * sample_time
 
     def delay_behind_inverse(self, sample_time: float) -> float:

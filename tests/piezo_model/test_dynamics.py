@@ -13,6 +13,7 @@ from ringing_stage import T, on_a_spring, recorded, steps, through_modes
 
 from piezo_model import (
     Compensator,
+    CompensatorBank,
     Dynamics,
     HysteresisCreepModel,
     IdentificationError,
@@ -148,11 +149,28 @@ def test_a_model_of_the_version_before_is_read_alone_in_a_deployment_and_in_a_le
     assert compensator.model.dynamics is None
 
 
-def test_another_sampling_period_keeps_the_dynamics_and_one_too_long_for_them_is_refused() -> None:
+def test_another_sampling_period_keeps_the_dynamics_and_one_that_does_not_suit_them_is_refused() -> None:
     model = ringing()
     assert model.at(1e-3).dynamics == SLOW
-    with pytest.raises(ModelError, match="the resonance at 11 Hz is above 35 % of the sampling rate, 20 Hz"):
-        model.at(0.05)
+    late = replace(model, dynamics=replace(SLOW, delay_s=1.0))
+    for which, sample_time, why in (
+        (model, 0.05, "the resonance at 11 Hz is above 35 % of the sampling rate, 20 Hz"),
+        (model, 8e-6, "the resonance at 11 Hz is below 0.01 % of the sampling rate, 125000 Hz"),
+        (late, 5e-5, "a delay of 1 s is longer than 10000 sampling periods of 50 µs"),
+    ):
+        with pytest.raises(ModelError, match=why):
+            which.at(sample_time)
+        with pytest.raises(ValueError, match=why):
+            CompensatorBank(replace(model.structure, sample_time=sample_time), 2, dynamics=which.dynamics)
+
+
+def test_the_longest_lag_and_the_shortest_one_can_be_compensated() -> None:
+    slow = Dynamics((1.0, 1.01), (0.01, 0.01), (0.5, 0.5), 1.0)
+    for dynamics in (slow, Dynamics((500.0,), (0.01,), (1.0,), 0.0, 5e-324)):
+        model, reference = replace(true_model(structure(sample_time=T)), dynamics=dynamics), np.linspace(-5.0, 5.0, 50)
+        bank = CompensatorBank(model.structure, 1, dynamics=dynamics)
+        bank.set_model(0, model)
+        np.testing.assert_array_equal(bank.run(reference[:, None])[:, 0], Compensator(model).run(reference))
 
 
 def test_a_known_resonance_is_fitted_with_the_weights() -> None:
