@@ -8,10 +8,8 @@ import typer
 
 from bench.cli.options import AsJson, NoDynamics, Seed, SolverName, check_writable, require
 from bench.live.device import Declared, DeviceFile, Simulated
-from bench.live.recorder import check
-from bench.live.reference import REFERENCES
-from bench.live.session import run
-from bench.live.settings import Learn, LiveSettings, first_model
+from bench.live.session import check, run
+from bench.live.settings import REFERENCES, Learn, LiveSettings, first_model
 from bench.report.console import console, lines_of, print_report, progress_bar
 from bench.stage.setup import StageSetup
 from piezo_model.units import quantity
@@ -106,7 +104,11 @@ def live_verb(
     if integral_gain > 0.0:
         first.require_stable(integral_gain)
     low, high = sorted(declared.y_range)
-    default = {"--sine": f"1Hz:{0.5 * SHARE * (high - low)!r}"} if simulate else {"--set-point": 0.5 * (low + high)}
+    default = (
+        {"--sine": f"1Hz:{0.5 * SHARE * (high - low):g}{declared.output_unit}"}
+        if simulate
+        else {"--set-point": 0.5 * (low + high)}
+    )
     ((option, value),) = (given or default).items()
     wanted = REFERENCES[option](value, declared.output_unit, declared.y_range, 1.0 / rate)
     settings = LiveSettings(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)

@@ -126,6 +126,16 @@ class Board:
         count = self.events
         return [self._fields["log"][i % EVENTS].decode(errors="replace") for i in range(max(0, count - EVENTS), count)]
 
+    def timing(self) -> str:
+        """Samples, service times and missed deadlines so far, in a sentence."""
+        counts, edges = np.cumsum(self.service), edges_us()
+        median, tail = (edges[1 + np.searchsorted(counts, share * counts[-1])] for share in (0.5, 0.999))
+        service = f" service {median:.3g} µs at the median and {tail:.3g} µs at p99.9;" if counts[-1] else ""
+        return (
+            f"{self.head} samples at {self._rate:g} Hz;{service} deadlines missed: {self.missed}, and by a loop that "
+            f"does nothing {self.null_missed} of {self.null_samples}."
+        )
+
     def begin_ramp(self, reason: str, failed: bool) -> None:
         """Note that the ramp to rest begins, and why."""
         self.log(f"ramp to rest: {reason}")
@@ -161,3 +171,9 @@ def bin_of(nanoseconds: int) -> int:
 def edges_us() -> Vector:
     """Edges of the histogram's bins, shape (BINS + 1,)."""
     return 1e-3 * FIRST_NS * 10.0 ** (np.arange(BINS + 1) / BINS_PER_DECADE)
+
+
+def rms(error: Vector) -> float:
+    """RMS of the numbers in an array; NaN if there is none."""
+    known = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan

@@ -5,6 +5,7 @@ while a second Python thread would share the interpreter with the loop.
 """
 
 import math
+from typing import Any
 
 from bench.live.board import Board
 from bench.live.settings import LiveSettings
@@ -15,28 +16,24 @@ class Controller:
     """The compensator of a run, with its actuator at rest."""
 
     def __init__(self, settings: LiveSettings) -> None:
-        s, stage = settings.model.structure, settings.declared
-        self.learning, self._next_logged = settings.learn != "off", 0
-        self._compensator: Compensator | SelfLearningCompensator
-        if settings.learn == "off":
-            self._compensator = Compensator(
-                settings.model,
-                stage.x_limits,
-                stage.rate_limit,
-                x_start=stage.rest,
-                integral_gain=settings.integral_gain,
-            )
-        else:
-            self._compensator = SelfLearningCompensator(
-                s,
+        stage, self.learning, self._next_logged = settings.declared, settings.learn != "off", 0
+        drive: dict[str, Any] = {
+            "x_limits": stage.x_limits,
+            "rate_limit": stage.rate_limit,
+            "x_start": stage.rest,
+            "integral_gain": settings.integral_gain,
+        }
+        self._compensator = (
+            SelfLearningCompensator(
+                settings.model.structure,
                 mode=settings.learn,
-                x_limits=stage.x_limits,
-                rate_limit=stage.rate_limit,
-                integral_gain=settings.integral_gain,
                 solver="box_active_set",
                 model=settings.model if settings.identified else None,
-                x_start=stage.rest,
+                **drive,
             )
+            if settings.learn != "off"
+            else Compensator(settings.model, **drive)
+        )
 
     def step(self, y_ref: float, y: float) -> float:
         """Return the drive for a reference, given the output that the last drive produced.

@@ -28,11 +28,8 @@ import msgspec
 from piezo_model import checks, json_file, plants
 
 METHODS = ("open", "exchange", "close")
-TIMEOUT_S = 0.5
 LARGEST = 1e300
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
-Timeout = Annotated[float, msgspec.Meta(ge=1e-3, le=3600.0)]
 RAMP_S = 0.01
 """Shortest time in which a simulated stage may cross its range."""
 MAX_CATCH_UP = 1_000
@@ -63,9 +60,9 @@ class Declared(msgspec.Struct, frozen=True):
     output_unit: str
     x_limits: tuple[Finite, Finite]
     y_range: tuple[Finite, Finite]
-    rate_limit: Positive
+    rate_limit: Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
     rest: Finite
-    timeout_s: Timeout = TIMEOUT_S
+    timeout_s: Annotated[float, msgspec.Meta(ge=1e-3, le=3600.0)] = 0.5
     reopens: bool = True
 
     @classmethod

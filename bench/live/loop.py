@@ -28,6 +28,7 @@ from bench.live.device import Device
 from bench.live.settings import LiveSettings
 from bench.timing import cores
 from bench.timing.schedule import SPIN_NS, wait_until
+from piezo_model.units import quantity
 
 LEAD_NS = 20_000_000
 """From the start of a schedule to its first due time."""
@@ -115,7 +116,11 @@ class Loop:
             self.end("asked to stop")
         if set_point != self._set_point:
             self._set_point = set_point
-            board.log(f"follows {self._settings.reference.words}" if set_point == FOLLOW else f"holds {set_point:.6g}")
+            board.log(
+                f"follows {self._settings.reference.words}"
+                if set_point == FOLLOW
+                else f"holds {quantity(set_point, self._settings.declared.output_unit, 6)}"
+            )
         if board.learning != self._controller.learning:
             self._controller.learning = bool(board.learning)
             board.log("learning" if board.learning else "learning paused")

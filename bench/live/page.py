@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from bench.live.board import FOLLOW, Board, State, edges_us
+from bench.live.board import FOLLOW, Board, State, edges_us, rms
 from bench.live.device import DeviceError
 from bench.live.settings import LiveSettings
 from bench.rendering import html_templates
@@ -30,6 +30,8 @@ from piezo_model.units import quantity, shown
 from solvers.arrays import Vector
 
 WINDOW_S, MOST_POINTS = 5.0, 400
+STRAIGHT = 1e-9
+"""Smallest error along a straight line, as a share of the output's range, that is shown: the model in use is one."""
 BLUE, RED, GREEN = PALETTE[:3]
 STATES = {
     State.STARTING: "starting",
@@ -107,34 +109,29 @@ def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], 
         {"weight": np.array(s.weight_names), "value": model.weights},
         {"from_us": edges[bins], "to_us": edges[bins + 1], "samples": counts[bins], "zero": np.zeros(bins.size)},
     ]
-    return columns, (_rms(errors[MEASURED]), _rms(errors[LINE]))
+    return columns, (rms(errors[MEASURED]), rms(errors[LINE]))
 
 
-def _rms(error: Vector) -> float:
-    known = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else np.nan
-
-
-def status(settings: LiveSettings, board: Board, rms: tuple[float, float]) -> list[str]:
+def status(settings: LiveSettings, board: Board, errors: tuple[float, float]) -> list[str]:
     """State and performance of the loop in sentences."""
-    measured, line = (quantity(value, settings.declared.output_unit, 3) for value in rms)
+    measured, line = (quantity(value, settings.declared.output_unit, 3) for value in errors)
+    is_line = errors[1] <= STRAIGHT * np.ptp(settings.declared.y_range)
+    beside = "" if is_line else f"; along a straight line it would be {line} by the model in use"
     learning = f", learning{'' if board.learning else ' paused'}, {board.hand_overs} hand-overs"
     return [
         f"{settings.device}, {settings.reference.words}: {STATES[State(board.state)]}"
         f"{'' if settings.learn == 'off' else learning}.",
-        f"Tracking error over the last {WINDOW_S:g} s: {measured} RMS; along a straight line it would be {line} by the "
-        "model in use.",
-        f"{board.head} samples at {settings.rate:g} Hz; deadlines missed: {board.missed}, and by a loop that does "
-        f"nothing {board.null_missed} of {board.null_samples}.",
+        f"Tracking error over the last {WINDOW_S:g} s: {measured} RMS{beside}.",
+        board.timing(),
     ]
 
 
 def state(settings: LiveSettings, board: Board) -> bytes:
     """What the page shows now, as JSON; null is a number that is not finite."""
-    columns, rms = tables(settings, board)
+    columns, errors = tables(settings, board)
     return msgspec.json.encode(
         {
-            "status": status(settings, board, rms),
+            "status": status(settings, board, errors),
             "events": board.last_events()[::-1],
             "tables": [{name: values.tolist() for name, values in table.items()} for table in columns],
         }

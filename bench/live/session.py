@@ -3,8 +3,13 @@
 The loop needs nobody: without this process it ramps to rest, and if the stage hangs, its process ends (see `loop`).
 Another process stands by for that from the start, without this one too, opens the stage anew and ramps it to rest. A
 stage that cannot be opened twice is left as it is, and the outcome states it.
+
+Every second, new samples on the board are flushed to a stream of Arrow batches beside the requested file, so a crash or
+a full disk loses at most the last second. At the end the stream is converted to Parquet and removed; if there is no
+space for that, it stays, and ``identify`` reads it as it is.
 """
 
+import errno
 import math
 import multiprocessing
 import os
@@ -12,6 +17,7 @@ import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from io import FileIO
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -19,17 +25,22 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as parquet
 
 from bench.live import loop
-from bench.live.board import Board, State, edges_us
+from bench.live.board import Board, State, rms
 from bench.live.device import DeviceError
-from bench.live.recorder import record
 from bench.live.settings import LiveSettings
 from bench.timing import cores
+from piezo_model.atomic_file import replacing
 from piezo_model.learning.learner import REVERSED
+from piezo_model.recordings.formats.arrow import whole_batches
 from piezo_model.units import quantity
 
 POLL_S = 0.02
+EVERY_S = 1.0
+"""Interval at which new samples are recorded."""
 
 
 def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | None) -> tuple[list[str], int]:
@@ -54,17 +65,8 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
         loop.handle_signals(lambda number, _: received.append(number))
         # keeps the threads of this process off the loop's core
         os.sched_setaffinity(0, set(cores.usable()) - {board.core} or {board.core})
-        columns = (
-            "time_s",
-            *(
-                f"{name}_{unit}"
-                for name, unit in (
-                    ("reference", stage.output_unit),
-                    ("drive", stage.input_unit),
-                    ("displacement", stage.output_unit),
-                )
-            ),
-        )
+        y, x = stage.output_unit, stage.input_unit
+        columns = ("time_s", f"reference_{y}", f"drive_{x}", f"displacement_{y}")
         recorded = recording and ThreadPoolExecutor().submit(record, board, recording, columns)
         if serve is not None:
             Thread(target=serve, daemon=True).start()
@@ -133,22 +135,61 @@ def _figures(settings: LiveSettings, board: Board) -> list[str]:
     """Tracking error and timing in sentences."""
     first, samples = board.read(0)
     samples = samples[: max(0, (board.followed or board.head) - first)]
-    samples = samples[
-        -min(int(10 * settings.rate), len(samples) // 2) or None :
-    ]  # without the approach to the reference
-    error = samples[:, 1] - samples[:, 3]
-    error = error[np.isfinite(error)]
-    counts, edges = np.cumsum(board.service), edges_us()
-    median, tail = (
-        float(edges[1 + int(np.searchsorted(counts, share * counts[-1]))]) if counts[-1] else math.nan
-        for share in (0.5, 0.999)
-    )
-    sentences = [
-        f"{board.head} samples at {settings.rate:g} Hz; service {median:.3g} µs at the median and {tail:.3g} µs at "
-        f"p99.9; deadlines missed: {board.missed}, and by a loop that does nothing {board.null_missed} of "
-        f"{board.null_samples}."
-    ]
-    if error.size:
-        rms = quantity(float(np.sqrt(np.mean(error**2))), settings.declared.output_unit, 3)
-        sentences.insert(0, f"Tracking error over the last {error.size / settings.rate:.3g} s: {rms} RMS.")
-    return sentences
+    settled = samples[-min(int(10 * settings.rate), len(samples) // 2) or None :]  # without the approach
+    error, unit = rms(settled[:, 1] - settled[:, 3]), settings.declared.output_unit
+    tracking = f"Tracking error over the last {len(settled) / settings.rate:.3g} s: {quantity(error, unit, 3)} RMS."
+    return [*([tracking] if math.isfinite(error) else []), board.timing()]
+
+
+def stream_beside(path: Path) -> Path:
+    """Path of the stream of a recording."""
+    return path.with_suffix(".arrow")
+
+
+def check(path: Path) -> None:
+    """FileExistsError if there is a recording of that name, or the stream that an interrupted run left of it."""
+    for there, what in (
+        (path, "is a recording"),
+        (stream_beside(path), "was left by a run that did not come to its end"),
+    ):
+        if there.exists():
+            raise FileExistsError(
+                errno.EEXIST, f"{what}; move it away, or choose another name than {path.name}", str(there)
+            )
+
+
+def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
+    """Record until the run is over, and return a sentence with the file; a full disk, or any other failure, stops the
+    run."""
+    stream, schema = stream_beside(path), pa.schema([(name, pa.float64()) for name in names])
+    try:
+        with stream.open("wb", buffering=0) as file:
+            _append_samples(board, file, schema)
+        with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+            for batch in whole_batches(stream):
+                writer.write_batch(batch)
+        stream.unlink()
+    except Exception as error:
+        board.set(stop=1)
+        return f"Recording: {stream}, since {path} could not be written: {getattr(error, 'strerror', None) or error}"
+    return f"Recording: {path}"
+
+
+def _append_samples(board: Board, file: FileIO, schema: pa.Schema) -> None:
+    """Append new samples every second until the run is over; OSError if the disk is full."""
+    _append(file, schema.serialize())
+    recorded, due, ended = 0, time.monotonic(), False
+    while not ended:
+        ended = bool(board.over)
+        if ended or time.monotonic() >= due:
+            first, samples = board.read(recorded)
+            columns = [pa.array(np.ascontiguousarray(column)) for column in samples.T]
+            _append(file, pa.record_batch(columns, schema=schema).serialize())
+            recorded, due = first + len(samples), due + EVERY_S
+        time.sleep(POLL_S)
+
+
+def _append(file: FileIO, message: pa.Buffer) -> None:
+    if file.write(message) < message.size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    os.fdatasync(file.fileno())

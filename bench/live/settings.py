@@ -1,17 +1,26 @@
-"""Settings of a live run, and its first model."""
+"""Settings of a live run: its stage, its first model, and its reference, which is a sine or staircase given in words, a
+file, or a set point.
 
+sine 5Hz:10um[:2um]           frequency, amplitude, and centre (the middle of the range by default)
+staircase 0.5s:4um:8          time and height of a level, and number of levels
+"""
+
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from bench.live.device import Declared, DeviceFile, Simulated
-from bench.live.reference import Reference
 from piezo_model import HysteresisCreepModel, ModelStructure, checks
 from piezo_model.deployment import open_model
 from piezo_model.model import ModelError
-from piezo_model.units import quantity
+from piezo_model.recordings import read_reference
+from piezo_model.units import quantity, shown
+from solvers.arrays import Vector
 
 Learn = Literal["continuous", "cyclic", "off"]
 N, M = 5, 3
@@ -21,6 +30,25 @@ CREEP_TIMES_S = (0.1, 1.0, 10.0)
 SWEPT, BEYOND = 1_000, 0.01
 """Samples of the sweep through the drive's limits, and largest excess over the outputs that it reaches, as a share of
 them, that is not mentioned: creep reaches a little further."""
+MOST_SAMPLES = 100_000
+"""Most samples of a sine before it repeats, unless one period is longer."""
+
+
+class ReferenceError(ValueError):
+    """A reference that cannot be followed; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A sequence of samples, repeated."""
+
+    samples: Vector
+    """Shape (N,), output unit."""
+    words: str
+
+    def at(self, k: int) -> float:
+        """Sample k."""
+        return float(self.samples[k % self.samples.size])
 
 
 @dataclass(frozen=True)
@@ -78,3 +106,93 @@ def first_model(
     with checks.refusing(ModelError, f"{file}: "):
         model = (model if dynamics else model.static).at(sample_time)
     return replace(model, structure=model.structure.in_units(declared.input_unit, declared.output_unit, str(file)))
+
+
+def set_point(value: float, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
+    """One output within the range."""
+    if not min(y_range) <= value <= max(y_range):
+        raise ReferenceError(
+            f"--set-point {value:g} is outside of the stage's range, {min(y_range):g} to {max(y_range):g} {unit}"
+        )
+    return Reference(np.array([value]), f"set point {quantity(value, unit)}")
+
+
+def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
+    """A sine from words such as ``5Hz:10um``.
+
+    Examples
+    --------
+    >>> sine("1Hz:0.01mm", "um", (0.0, 6.0), 0.25).samples.round(9).tolist()
+    [3.0, 13.0, 3.0, -7.0]
+    """
+    frequency, amplitude, *more = _quantities("--sine", text, ("Hz", unit, unit), 2)
+    if not 0.0 < frequency < 0.5 / sample_time:
+        raise ReferenceError(
+            f"--sine {text}: the frequency must be positive and below half the sampling rate, {0.5 / sample_time:g} Hz"
+        )
+    phase = frequency * sample_time
+    # a number of whole periods that takes a whole number of samples
+    repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_SAMPLES * phase)))
+    phases = np.arange(repeats.numerator) * repeats.denominator % repeats.numerator / repeats.numerator
+    centre = more[0] if more else 0.5 * sum(y_range)
+    return Reference(centre + amplitude * np.sin(2.0 * math.pi * phases), f"sine {text}")
+
+
+def staircase(text: str, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
+    """Levels up and down again from words such as ``0.5s:4um:8``.
+
+    Examples
+    --------
+    >>> staircase("1s:2um:3", "um", (-5.0, 5.0), 1.0).samples.tolist()
+    [-2.0, 0.0, 2.0, 0.0]
+    """
+    hold, height, count = _quantities("--staircase", text, ("s", unit, ""), 3)
+    held, levels = round(hold / sample_time), round(count)
+    if held < 1 or levels < 2:
+        raise ReferenceError(f"--staircase {text}: needs at least two levels, each held for a sample or longer")
+    steps = np.array([*range(levels), *range(levels - 2, 0, -1)]) - 0.5 * (levels - 1)
+    return Reference(np.repeat(0.5 * sum(y_range) + height * steps, held), f"staircase {text}")
+
+
+def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
+    """The reference column of a file, in the unit and of the sampling time of the stage."""
+    found = read_reference(path).suited(unit)
+    if abs(found.sample_time / sample_time - 1.0) > 0.01:
+        raise ReferenceError(
+            f"{path}: is sampled every {found.sample_time:g} s, and every {sample_time:g} s is needed; "
+            f"use --rate {1.0 / found.sample_time:g}"
+        )
+    return Reference(found.values, found.units.rstrip(".") or path.name)
+
+
+REFERENCES: Mapping[str, Callable[..., Reference]] = {
+    "--reference": of_file,
+    "--sine": sine,
+    "--staircase": staircase,
+    "--set-point": set_point,
+}
+"""What makes a reference of an option's value, the unit and the range of the output, and the sampling time."""
+
+
+def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> list[float]:
+    """Values in these units of the parts between colons; a number without a unit is in its unit."""
+    parts = text.split(":")
+    if not fewest <= len(parts) <= len(units):
+        raise ReferenceError(f"{option} {text}: {fewest} parts between colons are needed")
+    import pint  # which takes long, and the processes of a run do not need
+
+    registry: Any = pint.UnitRegistry()
+    values = []
+    for part, unit in zip(parts, units, strict=False):
+        try:
+            value = registry.Quantity(part)
+            values.append(
+                float(value.magnitude if value.dimensionless else value.to(unit or "dimensionless").magnitude)
+            )
+            if not math.isfinite(values[-1]):
+                raise ValueError
+        except (pint.errors.PintError, ValueError, TypeError, AttributeError, AssertionError):
+            raise ReferenceError(
+                f"{option} {text}: {part!r} is not a number{f' in {shown(unit)}' if unit else ''}"
+            ) from None
+    return values

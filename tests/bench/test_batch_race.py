@@ -17,9 +17,8 @@ from small_races import assert_harmless, killed_and_resumed
 
 from bench.messages.progress import silent
 from bench.races.batch import report
-from bench.races.batch.contestant import Contestant
+from bench.races.batch.contestant import WARM_UP, Batched, BatchRequest, Contestant, Families
 from bench.races.batch.race import BATCH, SKIPPED, BatchRace, BatchSettings, Programs, skip_reason, task_of
-from bench.races.batch.worker import WARM_UP, Batched, BatchRequest, Families
 from bench.races.kind import kinds
 from bench.store import Run
 from bench.timing import cores

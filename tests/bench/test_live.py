@@ -32,8 +32,7 @@ from exported_loops import a_model
 
 from bench.live.board import Board
 from bench.live.device import Declared, DeviceError, DeviceFile, Simulated
-from bench.live.reference import of_file, sine
-from bench.live.settings import first_model
+from bench.live.settings import first_model, of_file, sine
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import decaying_triangle, multi_sine

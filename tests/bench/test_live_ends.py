@@ -29,7 +29,7 @@ from command_line import (
 )
 from numpy.typing import NDArray
 
-from bench.live.recorder import stream_beside
+from bench.live.session import stream_beside
 from bench.timing import cores
 from piezo_model import Recording
 from piezo_model.recordings.formats.arrow import whole_batches

@@ -36,8 +36,7 @@ from bench.problems.fresh import proven_mixture
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.problems.simulation import DRIVES, Experiment
 from bench.processes.solver_child import SolverPool
-from bench.races.batch.contestant import contestants, of_file
-from bench.races.batch.worker import WARM_UP, Batched, BatchRequest, Families
+from bench.races.batch.contestant import WARM_UP, Batched, BatchRequest, Families, contestants, of_file
 from bench.races.driver import Part, TaskRace
 from bench.races.field import chosen
 from bench.races.metrics import relative_gap
@@ -73,7 +72,6 @@ BATCH = Schema(
         Column("cores_busy", None, heading="cores busy", format=number),
         Column("bytes", COUNT, "first", "bytes"),
         Column("gb_s", None, heading="GB/s", format=number),
-        Column("grown_mb", NUMBER, "max", "memory, MB", number),
         Column("status", TEXT, least_good),
         Column("message", TEXT, first_text),
         Column("programs", COUNT, "sum"),
@@ -85,8 +83,8 @@ BATCH = Schema(
     ("d", "lane", "solver", "threads", "batch", "repeat"),
 )
 """One row per contestant, number of threads, batch size and repeat. Times are per program, medians over the groups of
-calls. ``bytes``: size of a program's data and answer; ``grown_mb``: increase of the peak memory during the calls. A
-line of the summary is a contestant with a number of threads at one batch size, over its repeats."""
+calls. ``bytes``: size of a program's data and answer. A line of the summary is a contestant with a number of threads at
+one batch size, over its repeats."""
 
 
 class Programs:
@@ -154,7 +152,7 @@ class BatchRace(TaskRace[BatchSettings]):
     """Contestants are interleaved at each size of a batch."""
 
     schema = BATCH
-    preload = ("bench.races.batch.worker",)
+    preload = ("bench.races.batch.contestant",)
 
     @classmethod
     def entries(cls, settings: BatchSettings) -> Sequence[Entry]:
@@ -243,7 +241,6 @@ class BatchRace(TaskRace[BatchSettings]):
                 "worst_gap": float(errors.max()) if errors.size else math.nan,
                 "wall_us_p50": float(np.median(wall)),
                 "cpu_us_p50": float(np.median(cpu)),
-                "grown_mb": outcome.grown_mb,
             }
         ]
 

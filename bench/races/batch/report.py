@@ -41,7 +41,7 @@ def definitions(settings: BatchSettings) -> tuple[str, ...]:
         f"Right to 1e-9: the share of up to {settings.judged} answers of each task, unknown to the contestant, whose "
         "relative cost gap and violation are at most 1e-9, against optima proven in exact arithmetic.",
         "GB/s: P, q, lb, ub and x, which any solver has to read or write once, by wall time, without the solver's own "
-        "memory traffic. Memory: growth of the peak resident memory of the process during the calls.",
+        "memory traffic.",
         "One thread is pinned to one core; several threads may use all cores.",
         OURS_NOTE,
     )
