@@ -22,9 +22,7 @@ from bench.races.stream import report
 from bench.races.stream import summary as stream_summary
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.stream_problem import StreamProblem, make
-from bench.report.words import number
 from bench.store import Run
-from bench.timing.percentiles import QUANTILES
 from bench.timing.schedule import PERIOD_NS, Timeline
 from solvers import Lane, find
 from solvers.registry import Described, describe
@@ -382,23 +380,6 @@ def test_a_percentile_at_the_floor_is_marked_and_an_unsupported_one_is_refused()
     assert cells["near"][2].endswith("≈ floor")
     assert not cells["far"][2].endswith("≈ floor")
     assert {row[3] for row in cells.values()} == {"needs 29956"}
-
-
-def test_the_corrected_percentile_of_a_compiled_loop_counts_the_samples_that_would_have_waited() -> None:
-    us = np.random.default_rng(3).lognormal(4.0, 1.0, 30_000).round(3)
-    waited = []
-    for value in us:
-        while value > 125.0:
-            waited.append(value)
-            value -= 125.0
-        waited.append(value)
-    loop = paced_row("loop", 30_000, 0, 0, paced=False)
-    for row, size, shown in ((loop, us.size, None), (loop, 29_955, "needs 29956")):
-        table = summary_of([row | {"samples": size}], loop=us[:size])
-        (cells,) = report.report_of(table, StreamSettings(samples=200)).tables[3].rows
-        expected = number(np.quantile(waited, 0.9999, method="inverted_cdf"))
-        assert cells[4 + len(QUANTILES) + 1] == (shown or expected)
-    assert len(waited) > us.size
 
 
 def expected_verdict(rows: pd.DataFrame) -> str:

@@ -12,7 +12,7 @@ from bench.races.chosen_settings import definition, tier_label
 from bench.races.kind import Kind
 from bench.races.stream import summary as summaries
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
-from bench.races.stream.summary import CORRECTED, FAILURES, FARTHEST, FLOOR_NAME, column
+from bench.races.stream.summary import FAILURES, FLOOR_NAME, column
 from bench.report.report import Axis, Figure, Plot, Report, Table, best_lines, what_went_wrong
 from bench.report.words import OURS_NOTE, gap, marked, number, percent, settings_label, share, solver_lanes
 from bench.store import Run
@@ -36,7 +36,6 @@ TEXTS = (
     Column("tier_label", heading="tier"),
     Column("late", heading="missed"),
     Column("beside_machine", heading="times the machine's"),
-    Column("corrected", heading=f"{Percentile(FARTHEST).name} corrected"),
 )
 
 
@@ -59,8 +58,7 @@ def definitions(settings: StreamSettings) -> tuple[str, ...]:
         f"{settings.certified} instants with proven optima. Own answers: the largest gap of an answer at "
         "its own sample. Reused: samples at whose deadline an older answer was in use.",
         "The compiled loops process the same rows back to back, forwards and backwards: no waiting, hot caches, no "
-        "response times. Corrected: each call longer than the period also counts for the samples that would have "
-        "waited behind it on a schedule.",
+        "response times.",
         f"A lane whose answers to the first {settings.give_up} samples are all late is stopped there. Every lane "
         "runs in a fresh process after an untimed warm-up on the same rows, without garbage collection, on one thread "
         "and one core.",
@@ -144,7 +142,7 @@ def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Fig
         Table.of(
             "Service time in compiled loops, µs, back to back and not paced",
             loops,
-            (*_columns(*NAMES), *service, *_columns("corrected", "samples", "stopped", "status")),
+            (*_columns(*NAMES), *service, *_columns("samples", "stopped", "status")),
             len(NAMES),
         ),
     ]
@@ -173,7 +171,6 @@ def _with_texts(table: pd.DataFrame) -> pd.DataFrame:
     texts: dict[str, list[str]] = {
         "tier_label": [tier_label(line["tier"], line["basis"]) for line in lines],
         "late": [f"{line['missed']:.0f}/{line['samples']}" for line in lines],
-        "corrected": [_or_needs(line[CORRECTED], FARTHEST) for line in lines],
         "beside_machine": [
             "–" if line["is_floor"] else f"{number(line['bouts_ratio_low'])} to {number(line['bouts_ratio_high'])}"
             for line in lines

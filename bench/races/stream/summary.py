@@ -46,11 +46,6 @@ def column(kind: str, q: float, end: str = "") -> str:
     return f"{kind}_{Percentile(q).name}{f'_{end}' if end else ''}_us"
 
 
-FARTHEST = QUANTILES[-1]
-CORRECTED = column("service_corrected", FARTHEST)
-"""Column of a compiled loop's farthest percentile, corrected for the missing schedule."""
-
-
 def raw(rows: pd.DataFrame, times: pd.DataFrame, what: str) -> dict[tuple[Hashable, ...], Microseconds]:
     """The raw times of each line, all its processes together, µs."""
     found = rows[["task", *GROUP]].merge(times.loc[times.what == what, ["task", "ns"]], on="task")
@@ -68,21 +63,6 @@ def percentiles(kind: str, microseconds: Microseconds) -> dict[str, float]:
         f"{kind}_max_us": float(microseconds.max()) if microseconds.size else math.nan,
         f"{kind}_samples": microseconds.size,
     }
-
-
-def corrected(microseconds: Microseconds, period_us: float = PERIOD_US) -> Microseconds:
-    """Times of calls back to back, with the response times of the samples that would have waited behind them on a
-    schedule: a call of length t > T stands for t, t − T, t − 2 T, … down to the first that is at most T (G. Tene, "How
-    NOT to measure latency", 2013).
-
-    Examples
-    --------
-    >>> corrected(np.array([100.0, 300.0])).tolist()
-    [100.0, 300.0, 175.0, 50.0]
-    """
-    counts = np.maximum(np.ceil(microseconds / period_us), 1).astype(np.int64)
-    waited = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    return np.repeat(microseconds, counts) - waited * period_us
 
 
 def for_deadline(rows: pd.DataFrame, times: pd.DataFrame, deadline_us: float) -> pd.DataFrame:
@@ -103,13 +83,11 @@ def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
         key, nothing = tuple(line[GROUP]), np.zeros(0)
         service, ran = services.get(key, nothing), line.paced and line.samples
         low, high = rate_ratio(int(line.stalls), line.samples, *machine_bouts) if ran else (0.0, math.inf)
-        waits = not line.paced and service.size >= needed(FARTHEST)
         figures.append(
             {
                 "bouts_ratio_low": low,
                 "bouts_ratio_high": high,
                 **percentiles("service", service),
-                CORRECTED: np.quantile(corrected(service), FARTHEST, method="inverted_cdf") if waits else math.nan,
                 **percentiles("response", responses.get(key, nothing)),
             }
         )
