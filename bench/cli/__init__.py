@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 from contextlib import suppress
-from types import FrameType
 from typing import TextIO
 
 REFUSED = 2
@@ -76,7 +75,8 @@ def main() -> None:
         print("piezobench: Linux only; on this system the library works from Python: piezo_model", file=sys.stderr)
         sys.exit(REFUSED)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, _end)
+        # during the imports nothing is to be tidied up, and many libraries take an interrupt for an error of their own
+        signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
     status = 1  # after a traceback
 
     def leave() -> None:
@@ -96,9 +96,3 @@ def main() -> None:
     else:
         status = run(sys.argv[1:])
     sys.exit(status)
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    """End at once: during the imports there is nothing to tidy up, and many libraries mistake an interrupt for an error
-    of their own."""
-    os._exit(INTERRUPTED)

@@ -8,7 +8,7 @@ import gc
 import re
 import signal
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from importlib import import_module
 from importlib.metadata import version as installed_version
 from types import FrameType
@@ -120,14 +120,13 @@ def _do(words: list[str], verb: str) -> int:
         # a user's mistake, as all of our own exceptions are that are a ValueError; its message is one sentence
         ours = type(error).__module__.partition(".")[0] in PACKAGES
         if ours and isinstance(error, ValueError | Unsupported | OutputError):
-            return _refuse(verb, _as_typed(str(error), words))
+            return _refuse(verb, as_typed(str(error), words))
         raise
 
 
-def _as_typed(sentence: str, words: list[str]) -> str:
-    """A sentence that names the argument of a function, with the option in its place if the call has it."""
-    options = [word.partition("=")[0] for word in words if re.match("--[a-z]+-", word)]
-    for option in options:
+def as_typed(sentence: str, words: Iterable[str]) -> str:
+    """A sentence that names the argument of a function, with the option in its place if it is among the words."""
+    for option in (word.partition("=")[0] for word in words if re.match("--[a-z]+-", word)):
         sentence = re.sub(rf"\b{option[2:].replace('-', '_')}(?= must be )", option, sentence)
     return sentence
 

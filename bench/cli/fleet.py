@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.app import as_typed
 from bench.cli.options import WORKERS, refuse, require
 from bench.fleet.fleet import items_of, products_of_others, run_all, write_pages
 from bench.fleet.jobs import Job
@@ -39,6 +40,7 @@ def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None)
 
 
 def process(
+    context: typer.Context,
     job: Job,
     recordings: Sequence[str],
     out_dir: str | None,
@@ -60,7 +62,10 @@ def process(
         pass
     try:
         with progress_bar() as progress, started(workers) as map_unordered:
-            rows = run_all(items, map_unordered, progress)
+            options = [each.opts[0] for each in context.command.params]
+            rows = [
+                {**row, "refused": as_typed(row["refused"], options)} for row in run_all(items, map_unordered, progress)
+            ]
             table, others = table_of(rows), products_of_others(job, rows, out_dir)
             outliers = set(table.name[table.distance > DISTANT][:PAGES])
             pages = dict(write_pages([item for item in items if item.name in outliers], map_unordered, progress))

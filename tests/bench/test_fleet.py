@@ -285,6 +285,9 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
             assert (tmp_path / "drives" / f"{path.stem}-drive.csv").read_bytes() == (
                 tmp_path / "alone.csv"
             ).read_bytes()
+    call = piezobench("compensate", models, *references, "--x-start", -900, "--out-dir", tmp_path / "outside")
+    assert "2 of 2 recordings are refused" in call.refusal
+    assert "--x-start must be within the limits of the drive" in " ".join(call.stdout.split())
 
 
 def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(
