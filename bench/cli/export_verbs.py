@@ -8,13 +8,11 @@ from typing import Annotated, Any, cast
 import typer
 
 from bench.cli.options import AsJson, NoDynamics, RateLimit, XStart, check_writable, grouped, positive, require
-from bench.export.realtime import real_time
+from bench.export import building, c_source, fmu, realtime
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
 from bench.report.console import console, errors, plain_json, print_result
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
-from piezo_model import HysteresisCreepModel
-from piezo_model.atomic_file import write_text
-from piezo_model.deployment import open_model
+from piezo_model import HysteresisCreepModel, atomic_file, deployment
 from piezo_model.learning.settings import Mode
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
@@ -81,12 +79,10 @@ def export_c_verb(
     ] = "piezo",
 ) -> None:
     """Write the compensator as C99 for a controller."""
-    from bench.export.building import write_folder
-    from bench.export.c_source import export
 
     loaded, settings = _opened(model, no_dynamics, name=name, **drive, **loop)
-    files = export(loaded, settings, f"Compensator of {model.name}")
-    write_folder(folder, files)
+    files = c_source.export(loaded, settings, f"Compensator of {model.name}")
+    building.write_folder(folder, files)
     learning = f"the self-learning loop ({settings.mode}, {settings.solver})"
     what = learning if settings.learning else "the compensator, without learning"
     console.print(
@@ -104,14 +100,13 @@ def export_fmu_verb(
     no_dynamics: NoDynamics = False,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
-    from bench.export.fmu import write_fmu
 
     loaded, settings = _opened(model, no_dynamics, part="compensator", **drive)
     require(out.suffix == ".fmu", "out", f"{out} does not end in .fmu")
     if out.exists():
         raise ExportError(f"{out} already exists; name a new file")
     check_writable(out, "out")
-    write_fmu(loaded, settings, out, fmi)
+    fmu.write_fmu(loaded, settings, out, fmi)
     console.print(
         f"FMU: {out}, FMI {fmi}.0 Co-Simulation with a fixed step of {loaded.structure.sample_time:g} s.\n"
         "It compensates and does not learn; export-c writes the self-learning loop of a file from deploy."
@@ -139,9 +134,9 @@ def realtime_verb(
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
     check_writable(out, others=[model])
     loaded, settings = _opened(model, no_dynamics, **loop)
-    result = real_time(loaded, settings, rate, seconds, priority, core)
+    result = realtime.real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
-        write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
+        atomic_file.write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
     step, counts = result.step, result.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
     times = [(name, *tail_cells(us, digits=2)) for name, us in result.times_us.items()]
@@ -183,7 +178,7 @@ def _opened(
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and export settings from a file of identify, by default of the compensator alone, or of deploy, by default
     of what was deployed; learning is continuous by default."""
-    model, deployed = open_model(path)
+    model, deployed = deployment.open_model(path)
     model = model.static if no_dynamics else model
     part = part or ("learning" if deployed else "compensator")
     require(

@@ -8,10 +8,8 @@ import typer
 
 from bench.cli.app import as_typed
 from bench.cli.options import WORKERS, refuse, require
-from bench.fleet.fleet import items_of, products_of_others, run_all, write_pages
+from bench.fleet import fleet, report, storage
 from bench.fleet.jobs import Job
-from bench.fleet.report import DISTANT, report, table_of, write
-from bench.fleet.storage import folder_here, matching
 from bench.processes.engine import Workers, started
 from bench.report.console import errors, lines_of, print_report, progress_bar
 from piezo_model.recordings import RecordingError
@@ -57,26 +55,27 @@ def process(
         )
     require(page is None, "--page", "is for one recording; --out-dir has pages of its own")
     workers.check()
-    items = items_of(job, matching(recordings), out_dir)
-    with folder_here(out_dir):  # fails before the work if the folder cannot be written
+    items = fleet.items_of(job, storage.matching(recordings), out_dir)
+    with storage.folder_here(out_dir):  # fails before the work if the folder cannot be written
         pass
     try:
         with progress_bar() as progress, started(workers) as map_unordered:
             options = [each.opts[0] for each in context.command.params]
             rows = [
-                {**row, "refused": as_typed(row["refused"], options)} for row in run_all(items, map_unordered, progress)
+                {**row, "refused": as_typed(row["refused"], options)}
+                for row in fleet.run_all(items, map_unordered, progress)
             ]
-            table, others = table_of(rows), products_of_others(job, rows, out_dir)
-            outliers = set(table.name[table.distance > DISTANT][:PAGES])
-            pages = dict(write_pages([item for item in items if item.name in outliers], map_unordered, progress))
-            found = report(
+            table, others = report.table_of(rows), fleet.products_of_others(job, rows, out_dir)
+            outliers = set(table.name[table.distance > report.DISTANT][:PAGES])
+            pages = dict(fleet.write_pages([item for item in items if item.name in outliers], map_unordered, progress))
+            found = report.report(
                 title,
                 table,
                 what,
                 {name: {"file": job.product.format(name), "page": pages.get(name, "")} for name in table.name},
                 others,
             )
-            write(out_dir, table, found)
+            report.write(out_dir, table, found)
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {AGAIN}.", soft_wrap=True)
         raise
@@ -93,7 +92,7 @@ def process(
         "rows": table.to_dict("records"),
         "not_of_this_run": others,
     }
-    print_report(report(title, table, what, others=others), document, as_json, below)
+    print_report(report.report(title, table, what, others=others), document, as_json, below)
     if len(refused):
         raise RecordingError(
             f"{len(refused)} of {len(table)} recordings {'is' if len(refused) == 1 else 'are'} refused; the table "

@@ -28,17 +28,14 @@ from bench.cli.options import (
     refuse,
     require,
 )
-from bench.fleet.jobs import FOLLOWED, Compensating, Identifying, Validating
-from bench.fleet.storage import absolute
+from bench.fleet import jobs, storage
 from bench.processes.engine import Workers
 from bench.report.console import console, print_result, progress_bar
-from piezo_model import checks
-from piezo_model.deployment import open_model
+from piezo_model import checks, deployment, recordings
 from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.model import ModelError
-from piezo_model.recordings import read_reference, write_table
 from piezo_model.units import quantity
 
 MOST = 200
@@ -111,7 +108,7 @@ def identify_verb(
     It reports how well the model fits and what the recording lacks; --page draws it.
     """
     file = recording_of(recording, reading)
-    job = Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
+    job = jobs.Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
     if out is None:
         process(
             context, job, recording or (), out_dir, workers, "Identification of a fleet", "gave a model", as_json, page
@@ -197,7 +194,7 @@ def validate_verb(
     and reported. A sentence says if the model was fitted to the recording itself.
     """
     file = recording_of(recording, reading)
-    job = Validating(absolute(model), reading)
+    job = jobs.Validating(storage.absolute(model), reading)
     if out_dir is not None or len(recording or ()) > 1:
         process(context, job, recording or (), out_dir, workers, "Validation of a fleet", "were judged", as_json, page)
         return
@@ -233,8 +230,8 @@ def simulate_verb(
 ) -> None:
     """Compute the output of the model for a drive."""
     check_writable(out, others=[drive, model])
-    loaded, _ = open_model(model)
-    read = read_reference(drive, role="input", **reading)
+    loaded, _ = deployment.open_model(model)
+    read = recordings.read_reference(drive, role="input", **reading)
     given = read.suited(loaded.structure.input_unit, "input")
     with checks.refusing(ModelError, f"{model} with {drive}: "):
         loaded = loaded.at(read.sample_time)
@@ -243,7 +240,7 @@ def simulate_verb(
     y = loaded.simulate(given.values, state)
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
     columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
-    write_table(out, columns, loaded.warning)
+    recordings.write_table(out, columns, loaded.warning)
     lowest, highest = y.min(), y.max()
     document = {
         "output": out,
@@ -315,7 +312,7 @@ def compensate_verb(
     if start == "recording":
         refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
     require(dynamics or not preview, "--preview", "inverts the dynamics, which --no-dynamics leaves out")
-    job = Compensating(absolute(model), reading, low, high, rate_limit, start, x_start, dynamics, preview)
+    job = jobs.Compensating(storage.absolute(model), reading, low, high, rate_limit, start, x_start, dynamics, preview)
     if out is None:
         process(context, job, reference, out_dir, workers, "Compensation of a fleet", "gave a drive", as_json)
         return
@@ -323,7 +320,7 @@ def compensate_verb(
     file = Path(reference[0])
     check_writable(out, others=[file, model])
     result = job.do(file, [Path(model)], out)
-    follows = f"to {100.0 * FOLLOWED:g} % of its range"
+    follows = f"to {100.0 * jobs.FOLLOWED:g} % of its range"
     misses = quantity(result["largest_error"], result["output_unit"], 3)
     lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))
     lines = [

@@ -6,7 +6,6 @@ import json
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -29,21 +28,16 @@ from bench.cli.options import (
     require,
     set_options,
 )
-from bench.problem_files import ProblemFileError, read
-from bench.problem_files.npz import read_answer
-from bench.problem_files.qpbenchmark_set import write_test_set
+from bench.problem_files import ProblemFileError, npz, qpbenchmark_set, read
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.problems.proofs import isolated, require_size, start
 from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
 from piezo_model.atomic_file import write_text
-from solvers import find
+from solvers import certificate, certificate_document, find, registry
 from solvers.arrays import Vector
-from solvers.certificate import Certificate, NotCertified, certify
-from solvers.certificate_document import document
 from solvers.exact.linear_algebra import WORK, OutOfWork
-from solvers.registry import from_file
 
 HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
 NO_PROOF = 3
@@ -110,7 +104,11 @@ def problems_verb(
             if export is not None:
                 problem.save(export / f"{problem.set_name}--{problem.name}.npz")
                 exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
-    test_sets = [write_test_set(export, name, any(sparse)) for name, sparse in exported.items()] if export else []
+    test_sets = (
+        [qpbenchmark_set.write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
+        if export
+        else []
+    )
     headings, count = HEADINGS if verify else HEADINGS[:-1], len(rows) + len(left_out)
     lines = [f"Not certified and therefore not raced: {name}: {why}" for name, why in left_out.items()]
     lines += [f"Test set of qpbenchmark: {path}" for path in test_sets]
@@ -158,10 +156,10 @@ def _described(problem: RaceProblem) -> tuple[str, ...]:
     return problem.name, optimum, point, str(problem.d), str(rows), condition, f"{form.yardstick:.3g}"
 
 
-def _point(certificate: Certificate) -> str:
-    if certificate.convexity_shift:
-        return f"of P + {certificate.convexity_shift:.0e} I, since rounding left P indefinite"
-    return {True: "unique", False: "not unique", None: "uniqueness undecided"}[certificate.unique]
+def _point(proof: certificate.Certificate) -> str:
+    if proof.convexity_shift:
+        return f"of P + {proof.convexity_shift:.0e} I, since rounding left P indefinite"
+    return {True: "unique", False: "not unique", None: "uniqueness undecided"}[proof.unique]
 
 
 def certify_verb(
@@ -202,13 +200,13 @@ def certify_verb(
         raise typer.BadParameter("name a program's file, or a problem set with --set", param_hint="PROBLEM")
     check_writable(out, others=[problem, answer])
     program = read(problem)
-    x = None if answer is None else read_answer(answer, program.qp.q.size)
+    x = None if answer is None else npz.read_answer(answer, program.qp.q.size)
     try:
         found = isolated(certified, program.qp, program.constant, x, work)
     except OutOfWork as error:
         print(f"piezobench certify: {problem}: {error}", file=sys.stderr)
         raise typer.Exit(NO_PROOF) from None
-    except NotCertified as error:
+    except certificate.NotCertified as error:
         raise ProblemFileError(f"{problem}: {error}") from None
     if out is not None:
         write_text(out, json.dumps(found))
@@ -218,7 +216,9 @@ def certify_verb(
 def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_json: bool) -> int:
     """Print how near the answers of each solver come, and the worst of each; returns the exit status."""
     require(bool(names), "--solver", "name a solver, or your own Python file")
-    entries = [entry_of_file(name, from_file) if name.endswith(".py") else find(installed(name)) for name in names]
+    entries = [
+        entry_of_file(name, registry.from_file) if name.endswith(".py") else find(installed(name)) for name in names
+    ]
     problems = list(make(problem_set).problems())
     rows, lines, results = [], [], []
     for entry in entries:
@@ -230,7 +230,7 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
             rows.append(
                 (entry.name, setting, *(f"{n:.1e}" if isinstance(n, float) else str(n) for n in counted.values()))
             )
-            results.append({"solver": entry.name, "setting": setting, **counted, "answers": list(map(asdict, answers))})
+            results.append({"solver": entry.name, "setting": setting, **counted, "answers": list(map(vars, answers))})
             missed = [each for each in answers if each.is_missed(tolerance)]
             right |= not missed and any(each.is_supported for each in answers)
         if not right:
@@ -249,7 +249,8 @@ def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_
 def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:
     """The certificate of a program as a document, from the start that a library finds."""
     require_size(qp)
-    return document(qp, certify(qp, start(qp), work=work), constant=constant, answer=answer, work=work)
+    proof = certificate.certify(qp, start(qp), work=work)
+    return certificate_document.document(qp, proof, constant=constant, answer=answer, work=work)
 
 
 def _sentences(found: dict[str, Any]) -> list[str]:

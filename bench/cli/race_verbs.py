@@ -13,9 +13,7 @@ import typer
 from bench.cli.options import SET_OPTIONS, WORKERS, AsJson, Seed, grouped, on_workers, refuse, require, set_options
 from bench.messages.task import RaceError, Tier
 from bench.problems import ProblemSetError
-from bench.processes.engine import Workers
-from bench.processes.forked_child import warm_up
-from bench.processes.solver_child import SolverChild
+from bench.processes import engine, forked_child, solver_child
 from bench.races.kind import DEFAULT, Kind, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
 from bench.report.console import console, errors, lines_of, print_report, print_result, progress_bar
@@ -74,7 +72,7 @@ def race_verb(
     context: typer.Context,
     options: dict[str, str],
     own: dict[str, int | None],
-    workers: Workers,
+    workers: engine.Workers,
     kind: Annotated[
         Literal[*kinds()],  # type: ignore[valid-type]
         typer.Option(
@@ -260,7 +258,7 @@ KEPT = ("solvers", "solver_files", "lanes", "problems", "effort", "repeats", "ti
 @on_workers
 def resume_verb(
     run: Annotated[Path, typer.Argument(help="Folder of the run.")],
-    workers: Workers,
+    workers: engine.Workers,
     code: Annotated[
         list[Path] | None,
         typer.Option(
@@ -306,8 +304,8 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
 def solvers_verb(as_json: AsJson = False) -> None:
     """List all solvers in all lanes, or why one is absent."""
     known = list(entries())
-    warm_up(known)
-    children = [SolverChild(entry) for entry in known]
+    forked_child.warm_up(known)
+    children = [solver_child.SolverChild(entry) for entry in known]
     rows = []
     with progress_bar() as progress:
         for done, child in enumerate(children):
@@ -331,7 +329,7 @@ def solvers_verb(as_json: AsJson = False) -> None:
     print_result(by_heading(headings, rows), [ours], as_json, (headings, rows, 6))
 
 
-def _finish(run: Run, workers: Workers, as_json: bool) -> None:
+def _finish(run: Run, workers: engine.Workers, as_json: bool) -> None:
     files = sorted(kind_of(run).settings_of(run).code)
     words = ["piezobench", "resume", str(run.path), *(word for file in files for word in ("--solver", file))]
     resume = f"finished tasks are kept; run '{shlex.join(words)}' to continue"

@@ -9,14 +9,10 @@ import typer
 
 from bench.cli.options import AsJson, check_writable, positive, reads_a_recording, recording_of, require
 from bench.report.console import console, print_json, print_result, print_table
-from piezo_model import checks
-from piezo_model.recordings import Recording, RecordingError, write_table
-from piezo_model.recordings.evidence import profiles
-from piezo_model.recordings.joining import joined
-from piezo_model.recordings.opening import open_table
+from piezo_model import checks, signals
+from piezo_model.recordings import Recording, RecordingError, evidence, joining, opening, write_table
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import Table
-from piezo_model.signals import SWEPT, excitation
 from piezo_model.units import quantity, shown
 
 MOST_SAMPLES = 100_000_000
@@ -44,7 +40,7 @@ def excite_verb(
         f"{rate * seconds:.3g} samples are more than the {MOST_SAMPLES:.0e} of the longest drive",
     )
     try:
-        drive = excitation(duration_s=seconds, sample_time=1.0 / rate, low=low, high=high)
+        drive = signals.excitation(duration_s=seconds, sample_time=1.0 / rate, low=low, high=high)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--rate, --seconds") from None
     times = np.arange(drive.size) / rate
@@ -53,7 +49,7 @@ def excite_verb(
     lines = [
         f"{drive.size} samples over {quantity(seconds, 's')}: decaying triangles at three speeds for hysteresis, two "
         f"holds of {quantity(seconds / 6.0, 's', 3)} for creep, rests at {quantity(low, unit)} for a drift of the "
-        f"sensor, and a sine swept up to {quantity(rate / SWEPT, 'Hz', 3)} for dynamics.",
+        f"sensor, and a sine swept up to {quantity(rate / signals.SWEPT, 'Hz', 3)} for dynamics.",
         f"Its steepest step is {quantity(fastest, f'{unit}/s', 3)}; an amplifier that is slower records another drive.",
         f"Drive: {out}",
         f"Page: {page}" if page else "",
@@ -86,9 +82,9 @@ def inspect_verb(
     recording = recording_of([recording] if recording else [], reading)
     options = ReadOptions(**{name: value for name, value in reading.items() if name not in ("time", "input", "output")})
     table = (
-        joined(reading["input"], reading["output"], reading.get("time"), options)[0]
+        joining.joined(reading["input"], reading["output"], reading.get("time"), options)[0]
         if recording is None
-        else open_table(recording, options)
+        else opening.open_table(recording, options)
     )
     refused, opened = None, None
     try:
@@ -135,7 +131,7 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
     spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
     if opened is None:
         try:
-            found = profiles(
+            found = evidence.profiles(
                 table,
                 [
                     k

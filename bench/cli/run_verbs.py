@@ -3,7 +3,6 @@
 for a controller."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,13 +11,10 @@ import typer
 from bench.accuracy import verify_run
 from bench.cli import FAILED
 from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
+from bench.comparison import several_runs, versions
 from bench.comparison import report as comparison_report
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
-from bench.comparison.several_runs import FOLLOWED, combination, history, regressions, write_asv
-from bench.comparison.versions import compare_versions
-from bench.deploy.actuator_model import model_for
-from bench.deploy.candidates import Rule
-from bench.deploy.decision import decide
+from bench.deploy import actuator_model, candidates, decision
 from bench.derived.measurements import Measurements
 from bench.problems import make
 from bench.races.kind import open_run
@@ -51,7 +47,7 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
         f"{found.rows} rows agree: {found.first} first and {found.timed} timed answers were judged again against "
         f"{found.proofs} replayed proofs, and give the stored gaps to the last bit."
     ]
-    print_result(asdict(found), lines, as_json)
+    print_result(vars(found), lines, as_json)
 
 
 def combine_verb(
@@ -66,7 +62,7 @@ def combine_verb(
     """
     require(len(runs) >= 2, "RUN_A RUN_B", "two runs or more are combined")
     require(not out.exists(), "--out", f"{out} already exists; name a new folder")
-    found = combination([open_run(path) for path in runs])
+    found = several_runs.combination([open_run(path) for path in runs])
     out.mkdir(parents=True)
     page = write_report(found, out, "combined").with_suffix(".html")
     print_report(found, found.document, as_json, list(found.notes), ["", f"Page: {page}"])
@@ -103,10 +99,10 @@ def history_verb(
     require(len(runs) >= 2, "RUN_A RUN_B", "a history has two runs or more")
     read = [open_run(path) for path in runs]
     measured = [Measurements.of(run) for run in read]
-    table = history(read, measured, solver, SMALLEST)
-    worse = regressions(table, most_iterations, most_time)
+    table = several_runs.history(read, measured, solver, SMALLEST)
+    worse = several_runs.regressions(table, most_iterations, most_time)
     if asv is not None:
-        write_asv(read, measured, solver, asv)
+        several_runs.write_asv(read, measured, solver, asv)
     newest = [
         {
             "name": f"{solver} ({line['lane']}) {what}",
@@ -117,7 +113,7 @@ def history_verb(
         for line in table[table.run == table.run.iloc[-1]].to_dict("records")
         for what in ("iterations", "time")
     ]
-    shown = Table.of("", table, FOLLOWED)
+    shown = Table.of("", table, several_runs.FOLLOWED)
     print_result(newest, worse, as_json, (shown.headings, shown.rows, 4))
     raise typer.Exit(FAILED if worse else 0)
 
@@ -192,7 +188,7 @@ def _compare_versions(
     """Print the comparison of two versions; returns the exit status."""
     require(len(files) == 2, "RUN_A RUN_B", "two versions are compared, A.py and B.py")
     with progress_bar() as progress:
-        found = compare_versions(files, list(make(problem_set, seed).problems()), smallest, seed, progress)
+        found = versions.compare_versions(files, list(make(problem_set, seed).problems()), smallest, seed, progress)
     a, b = files
     verdicts = {
         FASTER: f"{b} is faster than {a}",
@@ -205,7 +201,7 @@ def _compare_versions(
         f"{found.us[0]:.3g} µs).",
         f"Largest error of a first answer: {b} {found.gap[1]:.1e}, {a} {found.gap[0]:.1e}.",
     ]
-    print_result(asdict(found), lines, as_json)
+    print_result(vars(found), lines, as_json)
     if found.finding == SLOWER or (fail_on == "difference" and found.finding == FASTER):
         return FAILED if fail_on != "nothing" else 0
     return CANNOT_TELL if fail_on != "nothing" and found.finding not in verdicts else 0
@@ -277,13 +273,13 @@ def deploy_verb(
     check_writable(target, others=[model])
     with progress_bar() as progress:
         progress("judging the model", 0, 2)
-        actuator = model_for(opened, given, problem, simulated, source=str(model))
+        actuator = actuator_model.model_for(opened, given, problem, simulated, source=str(model))
         progress("weighing the solvers", 1, 2)
         period_us = 1e6 * actuator.model.structure.sample_time
         lanes = tuple(lane or (Lane.KERNEL, Lane.DIRECT))
-        rule = Rule(accuracy, period_us if deadline is None else deadline, lanes, misses)
-        decision = decide(opened, rule)
-    made = decision.deployment(actuator)
+        rule = candidates.Rule(accuracy, period_us if deadline is None else deadline, lanes, misses)
+        decided = decision.decide(opened, rule)
+    made = decided.deployment(actuator)
     made.save(target)
     elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.machine_names)
     document = {
@@ -298,16 +294,16 @@ def deploy_verb(
         "error_percent": actuator.error_percent,
         "last_fifth": actuator.last_fifth,
         "rule": rule.sentence,
-        "why": decision.sentences(),
+        "why": decided.sentences(),
         "elsewhere": elsewhere,
-        "figures": decision.chosen.metrics(),
-        "runners_up": [each.metrics() for each in decision.runners_up],
-        "refused": [{**each.metrics(), "why": why} for each, why in decision.refused],
+        "figures": decided.chosen.metrics(),
+        "runners_up": [each.metrics() for each in decided.runners_up],
+        "refused": [{**each.metrics(), "why": why} for each, why in decided.refused],
     }
     lines = [
-        *decision.sentences(),
+        *decided.sentences(),
         *elsewhere,
-        *(f"Not qualified: {each.name} {why}." for each, why in decision.refused[:MOST_REFUSED]),
+        *(f"Not qualified: {each.name} {why}." for each, why in decided.refused[:MOST_REFUSED]),
         actuator.model.warning,
         f"Model: from {actuator.source}.{actuator.sentence and f' {actuator.sentence}'}",
         OURS_NOTE,
