@@ -8,20 +8,18 @@ from typing import Annotated, Literal
 
 import typer
 
-from bench.accuracy import verify_run
+from bench import accuracy, problems
 from bench.cli import FAILED
 from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
-from bench.comparison import several_runs, versions
 from bench.comparison import report as comparison_report
+from bench.comparison import several_runs, versions
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.deploy import actuator_model, candidates, decision
 from bench.derived.measurements import Measurements
-from bench.problems import make
 from bench.races.kind import open_run
+from bench.report import words, writing
 from bench.report.console import lines_of, plain_json, print_report, print_result, progress_bar
 from bench.report.report import Table
-from bench.report.words import OURS_NOTE
-from bench.report.writing import write_report
 from bench.store import RunError
 from bench.timing import machine
 from piezo_model import HysteresisCreepModel
@@ -39,7 +37,7 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     It shows that accuracies follow from the stored answers; not who gave them, nor that times and statuses are true.
     """
     with progress_bar() as progress:
-        found = verify_run(open_run(run), progress)
+        found = accuracy.verify_run(open_run(run), progress)
     if found.wrong:
         more = f", and {len(found.wrong) - 1} more" if len(found.wrong) > 1 else ""
         raise RunError(f"{run} does not agree with its answers: {found.wrong[0]}{more}")
@@ -64,7 +62,7 @@ def combine_verb(
     require(not out.exists(), "--out", f"{out} already exists; name a new folder")
     found = several_runs.combination([open_run(path) for path in runs])
     out.mkdir(parents=True)
-    page = write_report(found, out, "combined").with_suffix(".html")
+    page = writing.write_report(found, out, "combined").with_suffix(".html")
     print_report(found, found.document, as_json, list(found.notes), ["", f"Page: {page}"])
 
 
@@ -171,7 +169,7 @@ def compare_verb(
         page = comparison_report.write(
             comparisons, found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
         )
-    files = ["", OURS_NOTE, f"Comparison: {page}"]
+    files = ["", words.OURS_NOTE, f"Comparison: {page}"]
     there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)]
     below = lines_of([*found.notes, *dict.fromkeys(there)])
     print_report(found, comparison_report.to_dict(comparisons), as_json, below, files)
@@ -188,7 +186,8 @@ def _compare_versions(
     """Print the comparison of two versions; returns the exit status."""
     require(len(files) == 2, "RUN_A RUN_B", "two versions are compared, A.py and B.py")
     with progress_bar() as progress:
-        found = versions.compare_versions(files, list(make(problem_set, seed).problems()), smallest, seed, progress)
+        of_set = list(problems.make(problem_set, seed).problems())
+        found = versions.compare_versions(files, of_set, smallest, seed, progress)
     a, b = files
     verdicts = {
         FASTER: f"{b} is faster than {a}",
@@ -306,7 +305,7 @@ def deploy_verb(
         *(f"Not qualified: {each.name} {why}." for each, why in decided.refused[:MOST_REFUSED]),
         actuator.model.warning,
         f"Model: from {actuator.source}.{actuator.sentence and f' {actuator.sentence}'}",
-        OURS_NOTE,
+        words.OURS_NOTE,
         f"Compensator: {target}",
     ]
     print_result(document, lines, as_json)

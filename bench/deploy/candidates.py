@@ -34,8 +34,7 @@ from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements, Mi
 from bench.derived.tiers import PROBLEM, TOLERANCE, choice, chosen_settings, distance, margin, measured, supported
 from bench.messages.columns import TYPICAL
 from bench.messages.task import Tier
-from bench.races.stream.race import STREAM
-from bench.races.stream.summary import column, for_deadline, summary
+from bench.races.stream import race, summary
 from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
 from bench.timing.percentiles import percentile, rate_bound
@@ -213,7 +212,7 @@ def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
     Compiled loops are not on the schedule and are excluded. Of two settings of a lane, the less exact one is looser.
     """
     times = run.times()
-    table = summary(for_deadline(run.rows(STREAM), times, rule.deadline_us), times)
+    table = summary.summary(summary.for_deadline(run.rows(race.STREAM), times, rule.deadline_us), times)
     floor, field = table[table.is_floor], table[~table.is_floor & table.lane.isin([*map(str, rule.lanes)])]
     _require_useful_deadline(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
     gaps = field.own_gap_max.where(field.unanswered == 0).fillna(math.inf)
@@ -236,7 +235,7 @@ def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
                 math.floor(line.missed / max(1.0, line.bouts_ratio_high)),
                 math.ceil(line.missed / max(1.0, line.bouts_ratio_low)),
             ),
-            tuple(float(line[column("response", q)]) for q in QUANTILES),
+            tuple(float(line[summary.column("response", q)]) for q in QUANTILES),
             int(line.response_samples),
         )
 

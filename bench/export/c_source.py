@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import piezo_model.core
 from bench.export.settings import (
     BLOCKS,
     EXACT_SOLVER,
@@ -24,16 +23,13 @@ from bench.export.settings import (
     literal,
 )
 from bench.rendering import c_templates
-from piezo_model import HysteresisCreepModel
+from piezo_model import HysteresisCreepModel, ModelStructure, operators, regressors
 from piezo_model.core import bindings
 from piezo_model.learning.layout import CONTINUOUS, CYCLIC
-from piezo_model.operators import creep_gain, dead_zone_limits
 from piezo_model.prefilter import Prefilter
-from piezo_model.regressors import outer_limits
-from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
 from solvers.core import bindings as solvers_bindings
-from solvers.core.compile_core import folders as core_folders
+from solvers.core import compile_core
 
 FILES = {
     "piezo_parameters.h": "parameters.h.jinja",
@@ -106,7 +102,7 @@ def sources(settings: ExportSettings, *more: str) -> dict[str, str]:
     learner = ("piezo_learner.h", "piezo_learner.c") if settings.learning else ()
     interface = ("piezo.h", "piezo.c", *learner, *more)
     core = (*SHARED, *(LEARNER if settings.learning else ()))
-    folders = core_folders(Path(piezo_model.core.__file__).parents[1])
+    folders = compile_core.folders(Path(operators.__file__).parent)
     return {
         **{
             _named(name, settings.name): _named((INTERFACE / name).read_text(encoding="utf-8"), settings.name)
@@ -168,8 +164,8 @@ def _named(text: str, name: str) -> str:
 def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: str) -> dict[str, Any]:
     """Variables of all templates."""
     s, precision = model.structure, settings.precision
-    low, high = dead_zone_limits(s.dead_zone_thresholds)
-    outer_low, outer_high = outer_limits(s)
+    low, high = operators.dead_zone_limits(s.dead_zone_thresholds)
+    outer_low, outer_high = regressors.outer_limits(s)
     kind = SOLVERS.index(settings.solver) if settings.cyclic else len(SOLVERS)
     prefilter = Prefilter(model.dynamics, s.sample_time)
     lag_s = 0.0 if model.dynamics is None else model.dynamics.lag_s(s.sample_time)
@@ -193,7 +189,7 @@ def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: s
         "list": partial(initialiser, precision=precision),
         "weights": model.all_weights,
         "r_H": s.thresholds,
-        "gains": creep_gain(s.creep_rates, s.sample_time),
+        "gains": operators.creep_gain(s.creep_rates, s.sample_time),
         "zone_low": low,
         "zone_high": high,
         "outer_low": outer_low,

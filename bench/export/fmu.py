@@ -15,8 +15,7 @@ from platform import machine
 
 from markupsafe import Markup
 
-from bench.export.building import EXACT, WARNINGS, compile_c, write_files
-from bench.export.c_source import render, sources, variables_of
+from bench.export import building, c_source
 from bench.export.settings import ExportSettings
 from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel
@@ -103,8 +102,8 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
     """Write the FMU of the compensator, in double precision, whole or not at all; ExportError without a C compiler."""
     title = f"Compensator of hysteresis and creep, d = {model.structure.d}"
     code = {
-        **sources(settings, f"fmi{fmi}.c", "fmu.h"),
-        **render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"}),
+        **c_source.sources(settings, f"fmi{fmi}.c", "fmu.h"),
+        **c_source.render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"}),
     }
     found = variables(model, settings)
     units = dict.fromkeys(["s", *(v.unit for v in found if v.unit)])
@@ -117,8 +116,8 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         "rate_limit": settings.rate_limit or 0.0,
         "integral_gain": settings.integral_gain,
     }
-    code |= render(model, settings, title, {"piezo_fmu.h": "fmu.h.jinja"}, **about)
-    described, templates = {**variables_of(model, settings, title), **about}, xml_templates("bench.export")
+    code |= c_source.render(model, settings, title, {"piezo_fmu.h": "fmu.h.jinja"}, **about)
+    described, templates = {**c_source.variables_of(model, settings, title), **about}, xml_templates("bench.export")
     contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in code.items()}
     contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(described)
     if fmi == 3:
@@ -132,8 +131,8 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
 
 
 def _library(code: dict[str, str], name: str, fmi: int) -> bytes:
-    flags = (*WARNINGS, "-Wno-unused-parameter", *EXACT, "-O2", "-fPIC", "-shared")
+    flags = (*building.WARNINGS, "-Wno-unused-parameter", *building.EXACT, "-O2", "-fPIC", "-shared")
     with tempfile.TemporaryDirectory(prefix="piezobench-fmu-") as folder:
-        write_files(Path(folder), code)
-        compile_c(Path(folder), [*flags, f"{name}.c", f"fmi{fmi}.c", "-o", "library.so", "-lm"], "the FMU")
+        building.write_files(Path(folder), code)
+        building.compile_c(Path(folder), [*flags, f"{name}.c", f"fmi{fmi}.c", "-o", "library.so", "-lm"], "the FMU")
         return (Path(folder) / "library.so").read_bytes()

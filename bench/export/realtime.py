@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.export.building import compile_c, write_files
-from bench.export.c_source import export
+from bench.export import building, c_source
 from bench.export.settings import ExportError, ExportSettings
 from bench.timing import cores
 from bench.timing.percentiles import QUANTILES, percentile
@@ -106,9 +105,9 @@ def real_time(
         raise ExportError(f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s")
     with tempfile.TemporaryDirectory(prefix="piezobench-realtime-") as name:
         folder = Path(name)
-        write_files(folder, export(model.at(1.0 / rate_Hz), settings))
+        building.write_files(folder, c_source.export(model.at(1.0 / rate_Hz), settings))
         sources = sorted(path.name for path in folder.glob("piezo*.c"))
-        compile_c(folder, [*FLAGS, "loop.c", *sources, "-o", "loop", "-lm"], "the export")
+        building.compile_c(folder, [*FLAGS, "loop.c", *sources, "-o", "loop", "-lm"], "the export")
 
         # a child ends with this process, however that ends, and the program with the child
         with cores.claim(core) as claimed, claimed.pinned(), Child() as child:

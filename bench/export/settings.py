@@ -9,11 +9,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from piezo_model import ModelStructure
 from piezo_model.compensator import blend_factor, drive_settings
 from piezo_model.learning.layout import learner_numbers
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.operator_state import drive_start
-from piezo_model.structure import ModelStructure
 from solvers.kernel.accelerated_projection import AcceleratedProjection
 
 Precision = Literal["double", "float"]

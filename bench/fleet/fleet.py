@@ -22,8 +22,7 @@ from bench.fleet.jobs import Job
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.messages.progress import Progress
 from bench.processes.engine import MapUnordered
-from piezo_model.atomic_file import write_text
-from piezo_model.json_file import decoded, packed, unpacked
+from piezo_model import atomic_file, json_file
 from piezo_model.recordings import RecordingError
 
 TABLES = ("fleet.csv", "fleet.parquet")
@@ -112,8 +111,8 @@ def row_of(item: Item) -> Row:
                     figures = item.job.do(recording, further, product)
                     digest = item.digest(inputs, product)
                 with folder_here(f"{item.out}/rows") as folder:
-                    stored = json.dumps({"digest": digest, "figures": packed(figures)})
-                    write_text(folder / f"{item.name}.json", f"{stored}\n")
+                    stored = json.dumps({"digest": digest, "figures": json_file.packed(figures)})
+                    atomic_file.write_text(folder / f"{item.name}.json", f"{stored}\n")
         return {**row, **figures}
     except Exception as error:
         sentence = _sentence(error)
@@ -131,9 +130,9 @@ def _stored(item: Item, inputs: Sequence[Path]) -> Row | None:
     """The figures on disk, if the digest of inputs and product is still the same."""
     try:
         with file_here(f"{item.out}/{item.row}") as path:
-            row = decoded(path.read_bytes(), dict[str, Any])
+            row = json_file.decoded(path.read_bytes(), dict[str, Any])
         with file_here(f"{item.out}/{item.product}") as product:
-            return unpacked(row["figures"]) if row["digest"] == item.digest(inputs, product) else None
+            return json_file.unpacked(row["figures"]) if row["digest"] == item.digest(inputs, product) else None
     except (OSError, ValueError, KeyError):  # absent, damaged, or of an earlier version
         return None
 

@@ -3,7 +3,7 @@ fleet."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +11,13 @@ import numpy as np
 
 from bench.fleet.storage import model_of
 from bench.messages.progress import Progress, silent
-from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify
+from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify, recordings
 from piezo_model.deployment import open_model
-from piezo_model.identification.direction import check_direction
+from piezo_model.identification import direction, fit_review
 from piezo_model.identification.dynamics import DynamicsChoice
-from piezo_model.identification.fit_review import Review, review
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.identification.validation import Validation
 from piezo_model.model import ModelError, StartChoice
-from piezo_model.recordings import RecordingError, read_reference, write_table
 
 
 class Job(ABC):
@@ -36,7 +34,7 @@ class Job(ABC):
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Process a recording, write the product to the target, and return figures."""
 
-    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> Review | None:
+    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> fit_review.Review | None:
         """Content of the page of a recording; None if it has no page."""
         return None
 
@@ -76,14 +74,14 @@ class Identifying(Job):
             **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
         }
 
-    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> Review:
+    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> fit_review.Review:
         """Fit of the model that was written."""
-        return review(self.opened(recording), HysteresisCreepModel.load(product))
+        return fit_review.review(self.opened(recording), HysteresisCreepModel.load(product))
 
     def opened(self, recording: Path | None) -> Recording:
         """Open the recording, without a path that in two files; a fit decides which column is the input if the names do
         not."""
-        return check_direction(Recording.open(recording, **self.opening))
+        return direction.check_direction(Recording.open(recording, **self.opening))
 
     def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
         """Identify the model of a recording."""
@@ -122,7 +120,7 @@ class Validating(WithModel):
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Return figures of the fit, and the constant shift of the output."""
         _, model, found = self.judged(recording, further[0])
-        fit = asdict(found.fit)
+        fit = vars(found.fit)
         return {
             **{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
             "forced": model.warning,
@@ -133,14 +131,14 @@ class Validating(WithModel):
             "output_unit": model.structure.output_unit,
         }
 
-    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> Review:
+    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> fit_review.Review:
         """Fit of the model."""
-        return review(*self.judged(recording, further[0]))
+        return fit_review.review(*self.judged(recording, further[0]))
 
     def judged(self, recording: Path | None, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and its validation."""
         loaded, _ = open_model(model)
-        opened = check_direction(Recording.open(recording, **self.opening))
+        opened = direction.check_direction(Recording.open(recording, **self.opening))
         with checks.refusing(ModelError, f"{model} with {recording}: "):
             loaded = loaded.at(opened.sample_time)
         result = loaded.validate(opened)
@@ -172,7 +170,7 @@ class Compensating(WithModel):
         does not start within them; ModelError if the model has not the states that it is to start with, or no dynamics
         for a preview; UnitError if the reference is in a unit that cannot be converted to the model's.
         """
-        (model, deployed), read = open_model(further[0]), read_reference(recording, **self.opening)
+        (model, deployed), read = open_model(further[0]), recordings.read_reference(recording, **self.opening)
         reference = read.suited(model.structure.output_unit)
         with checks.refusing(ModelError, f"{further[0]} with {recording}: "):
             model = model.at(read.sample_time)
@@ -180,7 +178,9 @@ class Compensating(WithModel):
         lowest, highest = deployed.x_limits if deployed else s.x_range
         limits = (lowest if self.low is None else self.low, highest if self.high is None else self.high)
         if not limits[0] < limits[1]:
-            raise RecordingError(f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}")
+            raise recordings.RecordingError(
+                f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}"
+            )
         known = None if self.start == "rest" else model.initial_state(self.start)
         wanted, inverted = reference.values, self.dynamics and not self.preview
         if self.preview:
@@ -191,7 +191,7 @@ class Compensating(WithModel):
         state, lag = compensator.state.copy(), compensator.lag_s
         x = compensator.run(wanted)
         times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")
-        write_table(target, {"time_s": times, name: x}, model.warning)
+        recordings.write_table(target, {"time_s": times, name: x}, model.warning)
         late = np.interp(times - lag, times, reference.values)
         error, span = np.abs(model.simulate(x, state) - late), 2.0 * abs(s.y_scale)
         return {

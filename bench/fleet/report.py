@@ -20,9 +20,8 @@ from markupsafe import Markup
 
 from bench.fleet.fleet import TABLES, Row
 from bench.fleet.storage import folder_here
+from bench.report import words, writing
 from bench.report.report import PALETTE, ROW, Axis, Figure, Mark, Plot, Report, Table
-from bench.report.words import joined, number
-from bench.report.writing import write_page
 from piezo_model.atomic_file import replacing
 
 LEAST = {"log10 error": 0.02, "weight": 1e-3}
@@ -81,7 +80,7 @@ def sentences(table: pd.DataFrame, what: str, others: Sequence[str] = ()) -> lis
     if own := int(fine.get("own", pd.Series(dtype=bool)).sum()):
         found.append(f"Judged on the recording that the model was fitted to, which says little about others: {own}.")
     if others:
-        named = joined([*others[:NAMED], f"{len(others) - NAMED} more"] if len(others) > NAMED else others)
+        named = words.joined([*others[:NAMED], f"{len(others) - NAMED} more"] if len(others) > NAMED else others)
         found.append(f"Not of this run, but in the folder: {named}.")
     return found
 
@@ -102,9 +101,9 @@ def report(
     rows = [
         [
             row["name"],
-            *(number(row[name]) for name in errors),
+            *(words.number(row[name]) for name in errors),
             row["unlike"],
-            number(row["distance"]),
+            words.number(row["distance"]),
             *(
                 Markup('<a href="{}">{}</a>').format(quote(links[row["name"]][kind]), kind)
                 if links[row["name"]][kind]
@@ -140,7 +139,7 @@ def write(out: str, table: pd.DataFrame, found: Report) -> None:
         for name, put in ((TABLES[0], table.to_csv), (TABLES[1], table.to_parquet)):
             with replacing(folder / name) as temporary:
                 put(temporary, index=False)
-        write_page(found, folder / "fleet.html", "fleet-figures")
+        writing.write_page(found, folder / "fleet.html", "fleet-figures")
 
 
 def figures(fine: pd.DataFrame) -> list[Figure]:

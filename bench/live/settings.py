@@ -15,10 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.live.device import Declared, DeviceFile, Simulated
-from piezo_model import HysteresisCreepModel, ModelStructure, checks
-from piezo_model.deployment import open_model
+from piezo_model import HysteresisCreepModel, ModelStructure, checks, deployment, recordings
 from piezo_model.model import ModelError
-from piezo_model.recordings import read_reference
 from piezo_model.units import quantity, shown
 from solvers.arrays import Vector
 
@@ -102,7 +100,7 @@ def first_model(
             output_unit=declared.output_unit,
         )
         return HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    model = open_model(file)[0]
+    model = deployment.open_model(file)[0]
     with checks.refusing(ModelError, f"{file}: "):
         model = (model if dynamics else model.static).at(sample_time)
     return replace(model, structure=model.structure.in_units(declared.input_unit, declared.output_unit, str(file)))
@@ -156,7 +154,7 @@ def staircase(text: str, unit: str, y_range: tuple[float, float], sample_time: f
 
 def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
     """The reference column of a file, in the unit and of the sampling time of the stage."""
-    found = read_reference(path).suited(unit)
+    found = recordings.read_reference(path).suited(unit)
     if abs(found.sample_time / sample_time - 1.0) > 0.01:
         raise ReferenceError(
             f"{path}: is sampled every {found.sample_time:g} s, and every {sample_time:g} s is needed; "

@@ -13,8 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from piezo_model import ModelStructure, SelfLearningCompensator, plants
-from piezo_model.signals import decaying_triangle, random_walk, smoothed, staircase
+from piezo_model import ModelStructure, SelfLearningCompensator, plants, signals
 from piezo_model.stage.axis import Axis
 from piezo_model.stage.decoupling import estimate_decoupling
 from piezo_model.stage.stage import Stage
@@ -162,7 +161,7 @@ class StageSetup:
         """Staircases for all cycles, shape (N, 2), µm."""
         quarter = self.period // 4
         count = self.samples or self.cycles * self.cycle
-        steps = staircase(
+        steps = signals.staircase(
             duration_s=(count + quarter) * self.sample_time,
             sample_time=self.sample_time,
             low=-AMPLITUDE_UM,
@@ -172,7 +171,7 @@ class StageSetup:
         )
         return np.column_stack(
             [
-                smoothed(part, self.step_s, self.sample_time)
+                signals.smoothed(part, self.step_s, self.sample_time)
                 for part in (steps[:count], steps[quarter : quarter + count])
             ]
         )
@@ -182,7 +181,7 @@ class StageSetup:
         """Triangles of decreasing amplitude for hysteresis loops, shape (N, 2), µm; they continue the staircases."""
         loops = []
         for i, cycles in enumerate((3.5, 4.5)):
-            triangle = decaying_triangle(
+            triangle = signals.decaying_triangle(
                 duration_s=self.loops_s,
                 sample_time=self.sample_time,
                 low=-AMPLITUDE_UM,
@@ -190,7 +189,9 @@ class StageSetup:
                 cycles=cycles,
                 final_share=0.1,
             )
-            loops.append(smoothed(np.concatenate([self.y_ref[-1:, i], triangle]), self.step_s, self.sample_time)[1:])
+            loops.append(
+                signals.smoothed(np.concatenate([self.y_ref[-1:, i], triangle]), self.step_s, self.sample_time)[1:]
+            )
         return np.column_stack(loops)
 
 
@@ -200,7 +201,7 @@ def estimated(setup: StageSetup) -> Matrix:
     stage = setup.stage(number=1)
     x = np.column_stack(
         [
-            random_walk(
+            signals.random_walk(
                 duration_s=WANDER_S,
                 sample_time=setup.sample_time,
                 low=axis.x_range[0],

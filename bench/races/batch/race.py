@@ -32,9 +32,8 @@ from bench.derived.tiers import TOLERANCE
 from bench.messages.columns import COUNT, NUMBER, TEXT, TYPICAL, Column, first_text, least_good, named, worst
 from bench.messages.progress import Progress
 from bench.messages.task import NO_SETTING, ChildSettings, Outcome, Request, Row, Status, Task, Tier
-from bench.problems.fresh import proven_mixture
+from bench.problems import fresh, simulation
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.problems.simulation import DRIVES, Experiment
 from bench.processes.solver_child import SolverPool
 from bench.races.batch.contestant import WARM_UP, Batched, BatchRequest, Families, contestants, of_file
 from bench.races.driver import Part, TaskRace
@@ -105,7 +104,7 @@ class Programs:
         )
         self._family, self._shares = self.families.drawn()
         self._rank = np.random.default_rng().permutation(count)  # not reproducible on purpose
-        self.proven = cache(lambda b: proven_mixture(self._forms[self._family[b]], self._shares[b], np.ones(1)))
+        self.proven = cache(lambda b: fresh.proven_mixture(self._forms[self._family[b]], self._shares[b], np.ones(1)))
         """A program with its certified optimum; None if it cannot be proven."""
 
     def judged(self, first: int, last: int, most: int) -> Iterator[tuple[int, CertifiedForm]]:
@@ -117,14 +116,14 @@ class Programs:
 
 def _families(run: Run, d: int, seed: int, limit: int | None, progress: Progress) -> list[RaceProblem]:
     """A problem with its windows for each actuator and drive, stored in the run."""
-    cases = [(plant, drive) for plant in plants.names() for drive in DRIVES][:limit]
+    cases = [(plant, drive) for plant in plants.names() for drive in simulation.DRIVES][:limit]
     problems = []
     for i, (plant, drive) in enumerate(cases):
         progress(f"{plant} under a {drive}, d = {d}", i, len(cases))
         name = f"{plant}-{drive}-{d}"
         path = run.problem_path(SET, name)
         if not path.is_file():
-            Experiment(plant, drive, *ORDERS[d], seed=seed + i).problem(SET, name).save(path)
+            simulation.Experiment(plant, drive, *ORDERS[d], seed=seed + i).problem(SET, name).save(path)
         problems.append(run.problem(SET, name))
     return problems
 
