@@ -38,7 +38,6 @@ def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None)
 
 
 def process(
-    context: typer.Context,
     job: Job,
     recordings: Sequence[str],
     out_dir: str | None,
@@ -60,7 +59,7 @@ def process(
         pass
     try:
         with progress_bar() as progress, started(workers) as map_unordered:
-            options = [each.opts[0] for each in context.command.params]
+            options = [f"--{name.replace('_', '-')}" for name in vars(job)]
             rows = [
                 {**row, "refused": as_typed(row["refused"], options)}
                 for row in fleet.run_all(items, map_unordered, progress)

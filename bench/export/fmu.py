@@ -9,9 +9,9 @@ Source: Functional Mock-up Interface 2.0.4 and 3.0.1, fmi-standard.org.
 import tempfile
 import uuid
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 from platform import machine
+from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -21,6 +21,8 @@ from bench.rendering import xml_templates
 from piezo_model import HysteresisCreepModel
 from piezo_model.atomic_file import replacing
 
+VARIABILITY = {"parameter": "fixed", "local": "constant"}
+"""By causality; inputs and outputs are discrete."""
 NAMESPACE = uuid.UUID("6f0d5a1e-57a4-5a0b-9d0e-0f6a4b8f7c11")
 METRE = 'm="1"'
 BASE_UNITS = {
@@ -44,14 +46,11 @@ BASE_UNITS = {
 """Units of recordings in the standard's base units; any other unit is named without a definition."""
 
 
-@dataclass(frozen=True)
-class Variable:
-    """A variable of the FMU."""
+class Variable(NamedTuple):
+    """A variable of the FMU; its value reference is its place in the list of all, counted from 1."""
 
     name: str
-    reference: int
     causality: str
-    variability: str
     start: float
     unit: str
     description: str
@@ -63,38 +62,16 @@ def variables(model: HysteresisCreepModel, settings: ExportSettings) -> list[Var
     numbers, lag_s = settings.numbers(s), 0.0 if model.dynamics is None else model.dynamics.lag_s(s.sample_time)
     x, y, rate = s.input_unit, s.output_unit, settings.rate_limit or 0.0
     return [
-        Variable("reference", 1, "input", "discrete", s.y_centre, y, "Wanted output of the actuator"),
-        Variable("drive", 2, "output", "discrete", numbers["x_start"], x, "Drive of the actuator"),
-        Variable("lowest_drive", 3, "parameter", "fixed", numbers["low"], x, "Lower limit of the drive"),
-        Variable("highest_drive", 4, "parameter", "fixed", numbers["high"], x, "Upper limit of the drive"),
+        Variable("reference", "input", s.y_centre, y, "Wanted output of the actuator"),
+        Variable("drive", "output", numbers["x_start"], x, "Drive of the actuator"),
+        Variable("lowest_drive", "parameter", numbers["low"], x, "Lower limit of the drive"),
+        Variable("highest_drive", "parameter", numbers["high"], x, "Upper limit of the drive"),
         Variable(
-            "rate_limit",
-            5,
-            "parameter",
-            "fixed",
-            rate,
-            f"{x}/s" if x else "",
-            "Largest change of the drive per second, 0 for none",
+            "rate_limit", "parameter", rate, f"{x}/s" if x else "", "Largest change of the drive per second, 0 for none"
         ),
-        Variable(
-            "measured",
-            6,
-            "input",
-            "discrete",
-            s.y_centre,
-            y,
-            "Output that the last drive produced, for the integral action",
-        ),
-        Variable(
-            "integral_gain",
-            7,
-            "parameter",
-            "fixed",
-            settings.integral_gain,
-            "1/s",
-            "Of the integral action, 0 for none",
-        ),
-        Variable("lag", 8, "local", "constant", lag_s, "s", "Time by which the output lags a slow reference"),
+        Variable("measured", "input", s.y_centre, y, "Output that the last drive produced, for the integral action"),
+        Variable("integral_gain", "parameter", settings.integral_gain, "1/s", "Of the integral action, 0 for none"),
+        Variable("lag", "local", lag_s, "s", "Time by which the output lags a slow reference"),
     ]
 
 
@@ -112,6 +89,7 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         "token": f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()))}}}",
         "fmi": fmi,
         "variables": found,
+        "variability": VARIABILITY,
         "units": {unit: Markup(BASE_UNITS.get(unit, "")) for unit in units},
         "rate_limit": settings.rate_limit or 0.0,
         "integral_gain": settings.integral_gain,

@@ -14,23 +14,17 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 from bench.messages.task import ChildSettings, RaceError
 from bench.processes.solver_child import SolverPool
 from bench.timing import cores
 from solvers.registry import Entry
 
+Backend = Literal["local", "dask"]
+"""Location of the workers."""
 MapUnordered = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 """Calls a function with each item; yields the results in any order."""
-
-
-class Backend(StrEnum):
-    """Location of the workers."""
-
-    LOCAL = "local"
-    DASK = "dask"
 
 
 @dataclass(frozen=True)
@@ -42,24 +36,24 @@ class Workers:
     """
 
     count: int = 1
-    backend: Backend = Backend.LOCAL
+    backend: Backend = "local"
     scheduler: str = ""
 
     def check(self) -> None:
         """RaceError if these workers cannot be had."""
-        if self.backend is Backend.DASK and not self.scheduler:
+        if self.backend == "dask" and not self.scheduler:
             raise RaceError("the backend dask needs the address of a scheduler, --scheduler tcp://host:8786")
-        if self.backend is Backend.DASK and self.count > 1:
+        if self.backend == "dask" and self.count > 1:
             raise RaceError("--workers is for this machine; a Dask cluster has its own number of workers")
-        if self.backend is Backend.LOCAL and self.scheduler:
+        if self.backend == "local" and self.scheduler:
             raise RaceError("a scheduler goes with --backend dask")
-        if self.backend is Backend.LOCAL and self.count > len(cores.usable()):
+        if self.backend == "local" and self.count > len(cores.usable()):
             raise RaceError(f"{self.count} workers need a core each, and this machine has {len(cores.usable())}")
 
     @property
     def is_one(self) -> bool:
         """Whether this process does everything."""
-        return self.backend is Backend.LOCAL and self.count == 1
+        return self.backend == "local" and self.count == 1
 
 
 @contextmanager
@@ -73,7 +67,7 @@ def started(workers: Workers, at_end: Callable[[], None] | None = None) -> Itera
     if workers.is_one:
         yield map
         return
-    with _local(workers.count) if workers.backend is Backend.LOCAL else _cluster(workers.scheduler, at_end) as executor:
+    with _local(workers.count) if workers.backend == "local" else _cluster(workers.scheduler, at_end) as executor:
         try:
             yield lambda function, items: (
                 done.result() for done in as_completed([executor.submit(function, item) for item in items])

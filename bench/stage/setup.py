@@ -67,8 +67,6 @@ class StageSetup:
     gain_drift_per_s: float = 0.0
     samples: int | None = None
     """Length of the staircases; by default ``cycles`` of the learning machine."""
-    solve_delay_samples: int = 1
-    """Samples for a solver that does not count steps."""
     seed: int = 0
 
     @classmethod
@@ -152,7 +150,6 @@ class StageSetup:
             self.solver,
             structure.x_range,
             x_start=structure.x_range[0],
-            solve_delay_samples=self.solve_delay_samples,
             solver_options={"lane": self.lane, "setting": self.setting},
         )
 

@@ -9,6 +9,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import re
 import subprocess
 import time
 from collections import Counter
@@ -24,13 +25,14 @@ from solvers.core import bindings
 
 INSTRUCTION_SETS = {"v2": "SSE4.2", "v3": "AVX2", "v4": "AVX-512"}
 """Instruction sets of the levels of x86-64."""
-CPU = Path("/sys/devices/system/cpu")
+CPU, CPU_INFO = Path("/sys/devices/system/cpu"), Path("/proc/cpuinfo")
 PACKAGES = ("piezobench", "numpy", "scipy", "qpsolvers", "pandas")
 
 
 @cache
 def describe() -> dict[str, Any]:
     """Machine, versions and instruction set, as they were when this process first asked."""
+    known = environment()
     return {
         "processor": processor(),
         "cores": os.cpu_count(),
@@ -38,9 +40,9 @@ def describe() -> dict[str, Any]:
         "python": platform.python_version(),
         "core": core(),
         "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
-        "environment": environment(),
+        "environment": known,
         "load_at_start": list(os.getloadavg()),
-        "warnings": warnings(),
+        "warnings": warnings(known["governor"]),
     }
 
 
@@ -67,7 +69,7 @@ def environment() -> dict[str, str]:
             f"{each['internal_api']} {each['version']} {each.get('architecture', '')}".strip()
             for each in threadpool_info()
         ),
-        **{name: path.read_text().strip() if path.is_file() else "" for name, path in settings.items()},
+        **{name: text_of(path) for name, path in settings.items()},
     }
 
 
@@ -114,26 +116,25 @@ def core() -> str:
     return f"{INSTRUCTION_SETS.get(bindings.instructions, bindings.instructions)}, {bindings.compiler}"
 
 
+def text_of(path: Path) -> str:
+    """The text of one of the system's files; "" if there is none."""
+    return path.read_text(encoding="utf-8", errors="replace").strip() if path.is_file() else ""
+
+
 def processor() -> str:
     """Model name of the processor, if the system reports it."""
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    named = re.search(r"^model name\s*:(.*)", text_of(CPU_INFO), re.MULTILINE)
+    return named[1].strip() if named else platform.processor() or platform.machine()
 
 
-def warnings() -> list[str]:
-    """Sentences about conditions that make times on this machine less certain."""
+def warnings(governor: str) -> list[str]:
+    """Sentences about conditions that make times on this machine less certain; ``governor`` is that of the frequency,
+    "" if it is unknown."""
     sentences = []
-    governor = CPU / "cpu0/cpufreq/scaling_governor"
-    if governor.is_file() and governor.read_text().strip() != "performance":
-        sentences.append(f"The frequency governor is {governor.read_text().strip()!r}, so the clock rate varies.")
-    elif not governor.is_file():
-        sentences.append("Frequency governor unknown.")
-    info = Path("/proc/cpuinfo")
-    if info.is_file() and "hypervisor" in info.read_text(encoding="utf-8", errors="replace"):
+    if governor != "performance":
+        varies = f"The frequency governor is {governor!r}, so the clock rate varies."
+        sentences.append(varies if governor else "Frequency governor unknown.")
+    if "hypervisor" in text_of(CPU_INFO):
         sentences.append("This is a virtual machine, so neighbours may take time from it.")
     if os.getloadavg()[0] > 0.5:
         sentences.append(f"The machine was busy at the start (load {os.getloadavg()[0]:.1f}).")
@@ -155,20 +156,14 @@ def counters() -> dict[str, float]:
     by a hypervisor, spent working, and all. ``throttled`` counts how often a core
     was throttled.
     """
-    stolen = busy = ticks = 0
-    stat = Path("/proc/stat")
-    if stat.is_file():
-        for line in stat.read_text(encoding="ascii").splitlines():
-            name, *numbers = line.split()
-            if name == "cpu":  # user nice system idle iowait irq softirq steal, then guests, who are in user already
-                times = [int(number) for number in numbers[:8]]
-                ticks, stolen = sum(times), times[7]
-                busy = ticks - stolen - times[3] - times[4]
+    # user nice system idle iowait irq softirq steal of all cores, then guests, who are in user already
+    times = [int(number) for number in text_of(Path("/proc/stat")).partition("\n")[0].split()[1:9]] or [0] * 8
+    ticks, stolen = sum(times), times[7]
     throttled = sum(int(path.read_text()) for path in CPU.glob("cpu[0-9]*/thermal_throttle/core_throttle_count"))
     return {
         "seconds": time.monotonic(),
         "stolen": stolen,
-        "busy": busy,
+        "busy": ticks - stolen - times[3] - times[4],
         "ticks": ticks,
         "throttled": throttled,
     }

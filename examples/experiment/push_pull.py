@@ -53,7 +53,6 @@ class Case:
                 m=self.m,
                 push_pull=self.push_pull,
                 solver="box_active_set",
-                solve_delay_samples=1,
             )
         )
         return {**asdict(self), "rms_percent": float(trial.rms_by_cycle[-1])}

@@ -129,7 +129,7 @@ def test_all_learners_have_the_same_reference_whatever_their_phases() -> None:
 
 
 def test_the_problem_of_a_decision_is_the_one_that_was_solved() -> None:
-    setup = replace(SETTINGS.stage(STILL), cycles=1, solver="box_active_set", solve_delay_samples=1)
+    setup = replace(SETTINGS.stage(STILL), cycles=1, solver="box_active_set")
     driven = drive(setup)
     block = setup.learner(setup.structures[0])._block
     for decisions in driven.ends:

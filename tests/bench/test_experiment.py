@@ -36,9 +36,7 @@ def test_the_verdict_is_on_the_terminal_and_in_the_report(figures: Figures) -> N
 
 def test_the_experiment_depends_on_the_seed_alone() -> None:
     def errors(seed: int) -> np.ndarray:
-        return trial.learned(
-            StageSetup.quick(cycles=1, seed=seed, solver="box_active_set", solve_delay_samples=1)
-        ).error_um
+        return trial.learned(StageSetup.quick(cycles=1, seed=seed, solver="box_active_set")).error_um
 
     np.testing.assert_array_equal(errors(3), errors(3))
     assert not np.array_equal(errors(3), errors(4))
