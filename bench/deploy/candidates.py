@@ -209,7 +209,7 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
 def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
     """Candidates by the answer to each sample, and the time from its due time to its answer.
 
-    Compiled loops are not on the schedule and are excluded. Of two settings of a lane, the less exact one is looser.
+    Of two settings of a lane, the less exact one is looser.
     """
     times = run.times()
     table = summary.summary(summary.for_deadline(run.rows(race.STREAM), times, rule.deadline_us), times)

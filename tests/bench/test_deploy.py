@@ -302,7 +302,6 @@ def streamed(
         "scaling": "scaled",
         "settings": "{}",
         "status": "ok",
-        "paced": True,
         "samples": 1500,
         "own_gap_max": gap,
         **dict.fromkeys(("unanswered", "missed", "stalls"), 0.0),

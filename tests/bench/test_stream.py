@@ -68,7 +68,7 @@ FAULTS = {
     "answers_later": "return type('Later', (), {'__array__': lambda *_, **__: (time.sleep(1e-3), np.zeros(18))[1]})()",
     "asks_for_its_last": "assert self.calls == 1 or np.array_equal(warm_start, self.x), 'another start'",
 }
-SAMPLES, KERNEL, GIVE_UP = 400, 1000, 150
+SAMPLES, GIVE_UP = 400, 150
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,6 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
         solvers=("daqp", "box_active_set", "accelerated_projection"),
         lanes=(Lane.KERNEL, Lane.DIRECT),
         samples=SAMPLES,
-        kernel_samples=KERNEL,
         give_up=GIVE_UP,
         certified=12,
         repeats=2,
@@ -153,7 +152,7 @@ def test_a_solver_that_sleeps_misses_its_deadlines_and_its_stale_answers_have_a_
 def test_solves_begin_when_their_sample_is_due_and_response_times_include_waiting(
     streamed: Streamed,
 ) -> None:
-    for _, row in streamed.rows[streamed.rows.paced & (streamed.rows.samples > 0)].iterrows():
+    for _, row in streamed.rows[streamed.rows.samples > 0].iterrows():
         timeline = streamed.timeline(row)
         assert np.all(timeline.began >= timeline.solved * PERIOD_NS)
         includes = np.searchsorted(timeline.solved, np.arange(timeline.samples))
@@ -164,24 +163,16 @@ def test_solves_begin_when_their_sample_is_due_and_response_times_include_waitin
     assert slow.response_ns.size > 5 * slow.service_ns.size
 
 
+@pytest.mark.parametrize("lane", ["kernel", "direct"])
 @pytest.mark.parametrize("solver", ["daqp", "box_active_set"])
-def test_exact_solvers_are_exact_at_the_sample_they_answer(streamed: Streamed, solver: str) -> None:
-    row = streamed.row(solver)
+def test_exact_solvers_are_exact_at_the_sample_they_answer(streamed: Streamed, solver: str, lane: str) -> None:
+    row = streamed.row(solver, lane)
     assert row.status == Status.OK
     assert row.own_gap_max < 1e-9
     assert row.exact_instants == 12
     assert row.exact_difference < 1e-6
     assert not row.mutates_input
     assert row.solves == streamed.ns(row, "service").size
-
-
-@pytest.mark.parametrize("solver", ["box_active_set", "daqp"])
-def test_the_compiled_loop_repeats_the_rows_and_is_not_paced(streamed: Streamed, solver: str) -> None:
-    row = streamed.row(solver, "kernel")
-    assert not row.paced
-    assert row.samples == streamed.ns(row, "service").size == KERNEL > SAMPLES
-    assert row.exact_gap_max < 1e-9
-    assert row.stopped == ""
 
 
 @pytest.mark.parametrize(
@@ -197,7 +188,7 @@ def test_a_users_solver_is_timed_on_the_schedule_until_its_answer_is_an_array(
     streamed: Streamed, solver: str, lane: str, status: Status, least_ns: int
 ) -> None:
     row = streamed.row(solver, lane)
-    assert (row.status, row.message, row.paced) == (status, "", True)
+    assert (row.status, row.message) == (status, "")
     assert streamed.ns(row, "service").min() >= least_ns
     assert row.solves > 1
 
@@ -205,7 +196,6 @@ def test_a_users_solver_is_timed_on_the_schedule_until_its_answer_is_an_array(
 @pytest.mark.parametrize(
     ("solver", "lane", "status", "message"),
     [
-        ("accelerated_projection", "kernel", Status.UNSUPPORTED, "no compiled loop over rows"),
         ("gives_up_later", "direct", Status.ADAPTER_FAILED, "AssertionError: no more"),
         ("too_short", "direct", Status.ADAPTER_FAILED, "ValueError"),
     ],
@@ -288,7 +278,7 @@ def test_a_method_of_steps_has_a_row_for_each_number_of_steps(streamed: Streamed
 # Summary and report.
 
 
-def paced_row(solver: str, samples: int, missed: int, stalls: int, **more: Any) -> dict[str, Any]:
+def row_of(solver: str, samples: int, missed: int, stalls: int, **more: Any) -> dict[str, Any]:
     return STREAM.row(
         task=solver,
         solver=solver,
@@ -298,7 +288,6 @@ def paced_row(solver: str, samples: int, missed: int, stalls: int, **more: Any) 
         basis="reference",
         settings="{}",
         status="ok",
-        paced=True,
         samples=samples,
         solves=samples,
         missed=missed,
@@ -317,9 +306,9 @@ def summary_of(rows: list[dict[str, Any]], **response: np.ndarray) -> pd.DataFra
 
 def test_a_solver_is_late_if_its_bouts_are_shown_to_be_more_frequent_than_the_machines_own() -> None:
     rows = [
-        paced_row("null", 30_000, 200, 30),
-        paced_row("as_the_machine", 30_000, 900, 40),
-        paced_row("worse", 30_000, 60, 60),
+        row_of("null", 30_000, 200, 30),
+        row_of("as_the_machine", 30_000, 900, 40),
+        row_of("worse", 30_000, 60, 60),
     ]
     table = summary_of(rows).set_index("solver")
     assert table.status.to_dict() == {"null": "null", "as_the_machine": "ok", "worse": "late"}
@@ -338,14 +327,14 @@ def test_a_solver_is_late_if_its_bouts_are_shown_to_be_more_frequent_than_the_ma
     ],
 )
 def test_what_cannot_be_told_of_bouts_is_said(bouts: int, sentence: str) -> None:
-    table = summary_of([paced_row("null", 3_000, 0, 0), paced_row("daqp", 3_000, bouts, bouts)]).set_index("solver")
+    table = summary_of([row_of("null", 3_000, 0, 0), row_of("daqp", 3_000, bouts, bouts)]).set_index("solver")
     assert report.bouts(table.loc["daqp"]) == sentence
     assert table.keeps_up["daqp"] == (bouts < 10)
 
 
 @pytest.mark.parametrize(("missed", "unfit"), [(50, False), (51, True)])
 def test_too_many_missed_deadlines_of_the_machine_itself_are_stated_first(missed: int, unfit: bool) -> None:
-    rows = [paced_row("null", 5000, missed, missed), paced_row("daqp", 5000, 0, 0)]
+    rows = [row_of("null", 5000, missed, missed), row_of("daqp", 5000, 0, 0)]
     table, settings = summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000)
     sentences = report.verdict(table, settings)
     assert sentences[0].startswith("This run cannot say who keeps the schedule") == unfit
@@ -359,7 +348,7 @@ def test_too_many_missed_deadlines_of_the_machine_itself_are_stated_first(missed
     ("basis", "shown"), [("reference", "high"), ("untested", "high, untested"), ("not reached", "high, not reached")]
 )
 def test_every_table_marks_an_untested_setting(basis: str, shown: str) -> None:
-    rows = [paced_row("null", 5000, 0, 0, tier="default", basis="default"), paced_row("daqp", 5000, 0, 0, basis=basis)]
+    rows = [row_of("null", 5000, 0, 0, tier="default", basis="default"), row_of("daqp", 5000, 0, 0, basis=basis)]
     found = report.report_of(summary_of(rows, null=np.ones(5000), daqp=np.ones(5000)), StreamSettings(samples=5000))
     for table in (found.table, *found.tables[:3]):
         assert [row[2] for row in table.rows] == ["default", shown]
@@ -369,7 +358,7 @@ def test_every_table_marks_an_untested_setting(basis: str, shown: str) -> None:
 def test_a_percentile_at_the_floor_is_marked_and_an_unsupported_one_is_refused() -> None:
     generator = np.random.default_rng(5)
     floor = generator.exponential(1.0, 5000)
-    rows = [paced_row(name, 5000, 0, 0) for name in ("null", "near", "far")]
+    rows = [row_of(name, 5000, 0, 0) for name in ("null", "near", "far")]
     table = summary_of(rows, null=floor, near=floor + np.where(floor > 3.0, 0.0, 2.0), far=floor + 50.0)
     lines = table.set_index("solver")
     assert lines["at_floor_p50"].to_dict() == {"null": True, "near": False, "far": False}
@@ -398,7 +387,6 @@ def test_the_report_begins_with_the_verdict_lists_every_lane_and_is_reproducible
     assert expected_verdict(streamed.rows) in text.split("![")[0]
     assert "The machine itself, a solver that answers at once on the same schedule, misses" in text
     assert "needs 29956" in text
-    assert "no compiled loop over rows" in text
     for name in (*FAULTS, "daqp", "null"):
         assert f"| {name} | direct |" in text
     summary = pd.read_csv(streamed.run.path / "summary.csv")
@@ -461,7 +449,7 @@ def test_no_text_of_a_stream_is_evaluated_in_its_report(
 
 
 def test_the_notes_count_the_lanes_that_were_stopped_with_their_service_times_and_say_nothing_where_none_was() -> None:
-    lanes = pd.DataFrame({"solver": ["a", "b", "c"], "paced": True, "is_floor": False, "samples": 50})
+    lanes = pd.DataFrame({"solver": ["a", "b", "c"], "is_floor": False, "samples": 50})
     lanes["stopped"], lanes["service_p50_us"] = ["late", "late", ""], [200.0, 310.0, 5.0]
     assert report.notes(lanes, StreamSettings(give_up=50)) == [
         "Late at each of the first 50 samples and stopped there: 2 of 3 lanes; their median service times are 200 to "

@@ -1,19 +1,12 @@
 """The problem of a stream: its rows, programs and certified optima, and the compiled loops over its rows."""
 
-from typing import Any, ClassVar
-
 import numpy as np
 import pytest
-from qpsolvers import Problem
 
 import solvers
-from bench.messages.task import NO_SETTING, Task
 from bench.problems.simulation import Experiment
-from bench.races.stream import worker as stream_worker
 from bench.races.stream.stream_problem import StreamProblem, make
-from bench.races.stream.worker import StreamRequest
 from piezo_model.regressors import Regressors
-from solvers import Lane
 from solvers.certificate import certify, verify
 from solvers.forgetting import absorb
 
@@ -104,52 +97,3 @@ def test_the_compiled_projected_step_is_the_step_of_the_paper(short: StreamProbl
         assert 0.999 <= eta * np.linalg.eigvalsh(P)[-1] <= 1.0 + 1e-13
         w = np.maximum(w - eta * (P @ w + q), short.start.lb)
         np.testing.assert_allclose(answers[k], w, rtol=1e-11, atol=1e-14)
-
-
-class Recorder(solvers.Solver):
-    """Records the rows that its compiled loop gets, for each object."""
-
-    name, lane, algorithm, licence, distribution = "recorder", Lane.KERNEL, "none", "MIT", "nobody's"
-    seen: ClassVar[list[list[np.ndarray]]] = []
-
-    def setup(self, problem: Problem) -> None:
-        self.seen.append([])
-
-    def refuse(self, *_: object, **__: object) -> Any:
-        raise AssertionError("the kernel lane calls only the compiled loop")
-
-    update = solve = solution = refuse
-
-    def time_rows(self, rows: np.ndarray, forgetting: float) -> tuple[np.ndarray, np.ndarray]:
-        self.seen[-1].append(rows)
-        return rows[:, :-1].copy(), np.ones(len(rows), dtype=np.int64)
-
-
-def recorded(monkeypatch: pytest.MonkeyPatch, short: StreamProblem, wall_s: float) -> stream_worker.Streamed:
-    monkeypatch.setattr(stream_worker, "KERNEL_BLOCK", 70)
-    monkeypatch.setattr(stream_worker, "KERNEL_WALL_S", wall_s)
-    Recorder.seen.clear()
-    task = Task("stream", "short", "scaled", "recorder", Lane.KERNEL, NO_SETTING)
-    request = StreamRequest(task, short.start, short.c, short.answer, short.rows, short.forgetting, 950, 0)
-    outcome = request.answer(Recorder, True)
-    assert isinstance(outcome, stream_worker.Streamed), outcome.message
-    return outcome
-
-
-def test_the_compiled_loop_takes_the_rows_forwards_and_backwards(
-    monkeypatch: pytest.MonkeyPatch, short: StreamProblem
-) -> None:
-    outcome = recorded(monkeypatch, short, 60.0)
-    forwards, backwards = short.rows, short.rows[::-1]
-    assert len(np.vstack(Recorder.seen[0])) == stream_worker.WARM_UP
-    assert np.array_equal(
-        np.vstack(Recorder.seen[-1]), np.vstack([forwards, backwards, forwards, backwards, forwards[:150]])
-    )
-    assert outcome.times["service"].size == 950
-    assert np.array_equal(outcome.answers, forwards[:, :-1])  # those of the first pass
-
-
-def test_the_compiled_loop_ends_with_the_block_in_which_its_time_is_used_up(
-    monkeypatch: pytest.MonkeyPatch, short: StreamProblem
-) -> None:
-    assert recorded(monkeypatch, short, 0.0).times["service"].size == 70

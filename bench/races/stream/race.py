@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.tiers import TOLERANCE
-from bench.messages.columns import COUNT, FLAG, NUMBER, TEXT, TYPICAL, Column, first_text, least_good, named, worst
+from bench.messages.columns import COUNT, NUMBER, TEXT, TYPICAL, Column, first_text, least_good, named, worst
 from bench.messages.task import (
     NO_SETTING,
     PAPER,
@@ -40,13 +40,13 @@ from bench.races.chosen_settings import DEFAULT, EACH, choices, table_of
 from bench.races.driver import Part, TaskRace
 from bench.races.settings import Positive, TierSettings, fixed, option
 from bench.races.stream.stream_problem import StreamProblem, make
-from bench.races.stream.worker import KERNEL_WALL_S, Streamed, StreamRequest
+from bench.races.stream.worker import Streamed, StreamRequest
 from bench.report.words import gap, marked, number, settings_label, share, whole
 from bench.store import Schema
 from bench.timing.clock import Effort
 from bench.timing.schedule import PERIOD_NS, runs
 from piezo_model.json_file import decoded
-from solvers import Described, Entry, Lane
+from solvers import Described, Entry
 
 SET = "stream"
 FLOOR_EVERY = 10
@@ -60,7 +60,6 @@ STREAM = Schema(
         Column("settings", TEXT, heading="settings", format=settings_label),
         Column("setting", TEXT),
         Column("basis", TEXT, "first"),
-        Column("paced", FLAG, "first"),
         Column("status", TEXT, least_good, "status"),
         Column("processes", None, "size", of="task"),
         Column("samples", COUNT, "sum", "rows", whole),
@@ -96,7 +95,6 @@ class StreamSettings(TierSettings):
 
     effort: Effort = fixed(Effort())
     samples: int = option(30_000, "Samples of a stream.")
-    kernel_samples: Positive = 1_000_000
     give_up: Positive = 4_000
     certified: Positive = 300
     """Number of samples at which the optimum is proven."""
@@ -164,15 +162,10 @@ class StreamRace(TaskRace[StreamSettings]):
                     yield task(null_solver.ENTRY, NO_SETTING, {Tier.DEFAULT: DEFAULT}, next(floors))
                 yield shuffled
 
-    def in_loop(self, task: Task) -> int:
-        """Number of rows for the compiled loop of a task; 0 for a task on the schedule."""
-        compiled = task.lane is Lane.KERNEL and self.entrants[task.solver, task.lane].times_itself
-        return self.settings.kernel_samples if compiled else 0
-
     def request(self, task: Task) -> Request:
         """Follow the whole stream."""
         s, give_up = self.stream, 0 if task.solver == null_solver.ENTRY.name else self.settings.give_up
-        return StreamRequest(task, s.start, s.c, s.answer, s.rows, s.forgetting, self.in_loop(task), give_up)
+        return StreamRequest(task, s.start, s.c, s.answer, s.rows, s.forgetting, give_up)
 
     def measure(self, task: Task, pool: SolverPool) -> Outcome:
         """Each task has its own process."""
@@ -181,26 +174,23 @@ class StreamRace(TaskRace[StreamSettings]):
         return outcome
 
     def known(self, task: Task, outcome: Outcome) -> Mapping[str, Any]:
-        """Whether it was on the schedule, and the number of steps, if the solver counts them."""
+        """The number of steps, if the solver counts them, and whether it changed its input."""
         steps = {name: count for name, count in decoded(task.setting.text, dict[str, Any]).items() if name == "steps"}
-        return {"settings": json.dumps(steps), "paced": not self.in_loop(task), "mutates_input": outcome.mutated}
+        return {"settings": json.dumps(steps), "mutates_input": outcome.mutated}
 
     def judged(self, task: Task, outcome: Streamed) -> Sequence[Mapping[str, Any]]:
-        """Missed deadlines, times, and gaps of the answers; of a compiled loop, calls longer than a period."""
-        t, service = outcome.timeline, outcome.times["service"]
-        if t is None:
-            samples, wanted, late, medians = service.size, self.in_loop(task), service > PERIOD_NS, {"solve": service}
-        else:
-            samples, wanted, late = t.samples, self.settings.samples, t.late
-            medians = {"data": t.data_ns, "update": t.updated - t.began, "solve": t.ended - t.updated}
-        stopped = f"after {KERNEL_WALL_S:g} s" if t is None else f"late at each of the first {samples} samples"
+        """Missed deadlines, times, and gaps of the answers."""
+        t = outcome.timeline
+        medians = {"data": t.data_ns, "update": t.updated - t.began, "solve": t.ended - t.updated}
         return [
             {
-                "samples": samples,
-                "solves": service.size,
-                "missed": int(late.sum()),
-                "stalls": runs(late),
-                "stopped": "" if samples == wanted else stopped,
+                "samples": t.samples,
+                "solves": t.solved.size,
+                "missed": int(t.late.sum()),
+                "stalls": runs(t.late),
+                "stopped": ""
+                if t.samples == self.settings.samples
+                else f"late at each of the first {t.samples} samples",
                 **{f"{name}_us_p50": float(np.median(ns)) / 1e3 for name, ns in medians.items()},
                 **_gaps(outcome, self.stream),
             }
@@ -221,8 +211,7 @@ def _gaps(outcome: Streamed, stream: StreamProblem) -> dict[str, Any]:
     """Gaps of the answers in use, and of each answer at its own sample."""
     answers, t = outcome.answers, outcome.timeline
     usable: NDArray[np.bool_] = np.asarray(np.isfinite(answers).all(axis=1))
-    solved = np.arange(len(answers)) if t is None else t.solved
-    used = np.where(usable, solved, -1) if t is None else t.in_use(usable)
+    solved, used = t.solved, t.in_use(usable)
     gaps = stream.gaps(answers, used)
     instants, exact = stream.exact_gaps(answers, used)
     own = np.full(gaps.size, -1)

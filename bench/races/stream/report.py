@@ -18,7 +18,6 @@ from bench.report.words import OURS_NOTE, gap, marked, number, percent, settings
 from bench.store import Run
 from bench.timing.percentiles import QUANTILES, Percentile, needed
 from bench.timing.schedule import PERIOD_NS, PERIOD_US
-from solvers import Lane
 
 EXACT = "box_active_set"
 TOLD = 4.0
@@ -57,11 +56,9 @@ def definitions(settings: StreamSettings) -> tuple[str, ...]:
         "optimal cost: in doubles at all samples, against box_active_set, and exact at "
         f"{settings.certified} instants with proven optima. Own answers: the largest gap of an answer at "
         "its own sample. Reused: samples at whose deadline an older answer was in use.",
-        "The compiled loops process the same rows back to back, forwards and backwards: no waiting, hot caches, no "
-        "response times.",
-        f"A lane whose answers to the first {settings.give_up} samples are all late is stopped there. Every lane "
-        "runs in a fresh process after an untimed warm-up on the same rows, without garbage collection, on one thread "
-        "and one core.",
+        f"A lane whose answers to the first {settings.give_up} samples are all late is stopped there. Every lane, the "
+        "kernel's too, is called from Python for each sample, and runs in a fresh process after an untimed warm-up on "
+        "the same rows, without garbage collection, on one thread and one core.",
         definition(settings.settings_run),
         OURS_NOTE,
     )
@@ -78,7 +75,7 @@ def report(run: Run, settings: StreamSettings) -> Report:
             "Latency tails",
             "Response time by percentile, as far as the number of samples supports it; lower is better, and above the "
             f"dashed line the deadline is missed. In colour: {FLOOR_NAME}, a solver that answers at once, "
-            "and the lanes with the lowest p99. Compiled loops have no schedule and are drawn by their service time.",
+            "and the lanes with the lowest p99.",
             summaries.latency_tails(lines),
             [
                 Plot(
@@ -89,7 +86,7 @@ def report(run: Run, settings: StreamSettings) -> Report:
                         values=[10.0**k for k in range(1, 7)],
                         label="'p' + format(100 * (1 - 1 / datum.value), '.6~f')",
                     ),
-                    Axis("us", "response time, µs (compiled loops: service time)", log=True),
+                    Axis("us", "response time, µs", log=True),
                     best_lines(),
                     rules={"y": PERIOD_US},
                 )
@@ -115,34 +112,27 @@ def report(run: Run, settings: StreamSettings) -> Report:
 def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Figure] = ()) -> Report:
     """The report of a summary, the settings of the race and its figures."""
     texts = _with_texts(table)
-    paced, loops = texts[texts.paced], texts[~texts.paced]
     response, service = PERCENTILES["response"], PERCENTILES["service"]
     tables = [
         Table.of(
             "Response time on the schedule, µs: due time to answer",
-            paced,
+            texts,
             (*_columns(*NAMES), *response, *_columns("late", "stalls", "beside_machine", "status")),
             len(NAMES),
         ),
         Table.of(
             "Service time on the schedule, µs: begin to answer",
-            paced,
+            texts,
             (*_columns(*NAMES), *service, *_columns("update_us_p50", "solve_us_p50", "solves", "stopped")),
             len(NAMES),
         ),
         Table.of(
             "Relative cost gap of the answer in use",
-            pd.concat([paced, loops]),
+            texts,
             (
                 *_columns(*NAMES, "gap_mean", "gap_max", "exact_gap_mean", "exact_gap_max"),
                 *_columns("own_gap_max", "reused", "unanswered"),
             ),
-            len(NAMES),
-        ),
-        Table.of(
-            "Service time in compiled loops, µs, back to back and not paced",
-            loops,
-            (*_columns(*NAMES), *service, *_columns("samples", "stopped", "status")),
             len(NAMES),
         ),
     ]
@@ -199,12 +189,11 @@ def ranking(table: pd.DataFrame) -> Table:
     paper = (table.solver == PAPER) & (table.settings == ONE_STEP)
     tail = max((q for q in QUANTILES if table[column("response", q)].notna().any()), default=QUANTILES[0])
     lines = pd.concat([table[paper], table[~paper]])
-    us = [lines[column("response", q)].where(lines.paced, lines[column("service", q)]) for q in (QUANTILES[0], tail)]
     lines = lines.assign(
         schedule=[_schedule(line) for _, line in lines.iterrows()],
         setting=[settings_label(line.settings) or tier_label(line.tier, line.basis) for _, line in lines.iterrows()],
-        median_us=us[0],
-        tail_us=us[1],
+        median_us=lines[column("response", QUANTILES[0])],
+        tail_us=lines[column("response", tail)],
         missed=lines.missed / lines.samples.where(lines.samples > 0),
     )
     return Table.of(
@@ -223,7 +212,7 @@ def ranking(table: pd.DataFrame) -> Table:
         ),
         3,
         filters=("lane", "schedule"),
-        note="Response time by percentile; for compiled loops the time of a row. Missed: answers later than "
+        note="Response time by percentile. Missed: answers later than "
         f"{PERIOD_US:g} µs. Gap: the cost of the answer in use above the optimum of its sample, over that optimum. "
         f"{OURS_NOTE}",
     )
@@ -231,8 +220,8 @@ def ranking(table: pd.DataFrame) -> Table:
 
 def _schedule(line: pd.Series) -> str:
     """Whether a solver keeps the schedule, in one word."""
-    if not line.paced or line.is_floor:
-        return "floor" if line.paced else "loop"
+    if line.is_floor:
+        return "floor"
     if line.keeps_up:
         return "kept"
     return str(line.status) if line.machine_keeps or line.status in FAILURES else "unknown"
@@ -240,7 +229,7 @@ def _schedule(line: pd.Series) -> str:
 
 def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
     """Sentences on the solvers that keep the schedule, if the machine permits any, and on the cost of stale answers."""
-    floor, paced = table[table.is_floor], table[table.paced & ~table.is_floor]
+    floor, field = table[table.is_floor], table[~table.is_floor]
     sentences = []
     if not table.machine_keeps.all():
         sentences.append(
@@ -248,14 +237,14 @@ def verdict(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
             f"{100.0 * floor.missed.iloc[0] / floor.samples.iloc[0]:.2g} % of the deadlines; it was "
             "busy or is too slow."
         )
-    elif len(paced):
-        kept = paced[paced.keeps_up & (paced.status == Status.OK)]
+    elif len(field):
+        kept = field[field.keeps_up & (field.status == Status.OK)]
         sentences.append(
-            f"{solver_lanes(len(kept), len(paced), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they reach their "
+            f"{solver_lanes(len(kept), len(field), 'keep')} the schedule of {1e6 / PERIOD_NS:g} kHz: they reach their "
             "tier, and their bouts of late answers are not shown to be more frequent than the machine's own"
             + (
                 f"; the fastest is {marked(kept.solver.iloc[0])} ({kept.lane.iloc[0]}), with a response time of "
-                f"{_tail(kept.iloc[0], 'response')} and {bouts(kept.iloc[0])}."
+                f"{_tail(kept.iloc[0])} and {bouts(kept.iloc[0])}."
                 if len(kept)
                 else "."
             )
@@ -283,27 +272,22 @@ def bouts(line: pd.Series) -> str:
 
 
 def notes(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
-    """The machine's own response times, the solvers that were stopped, and the times of our compiled loop."""
-    stopped = table[table.paced & ~table.is_floor & (table.stopped != "")]
-    floor, loops = table[table.is_floor], table[~table.paced & (table.solver == EXACT) & (table.samples > 0)]
+    """The machine's own response times, and the solvers that were stopped."""
+    floor, field = table[table.is_floor], table[~table.is_floor]
+    stopped = field[field.stopped != ""]
     late = (
-        f"Late at each of the first {settings.give_up} samples and stopped there: {len(stopped)} of "
-        f"{(table.paced & ~table.is_floor).sum()} lanes; their median service times are "
-        f"{number(stopped['service_p50_us'].min())} to {number(stopped['service_p50_us'].max())} µs."
+        f"Late at each of the first {settings.give_up} samples and stopped there: {len(stopped)} of {len(field)} "
+        f"lanes; their median service times are {number(stopped['service_p50_us'].min())} to "
+        f"{number(stopped['service_p50_us'].max())} µs."
     )
     return [
         *(
             f"The machine itself, a solver that answers at once on the same schedule, misses {line.missed:.0f} of "
-            f"{line.samples} deadlines, in {line.stalls:.0f} stalls, and responds with {_tail(line, 'response')}, at "
-            f"most {number(line.response_max_us)} µs."
+            f"{line.samples} deadlines, in {line.stalls:.0f} stalls, and responds with {_tail(line)}, at most "
+            f"{number(line.response_max_us)} µs."
             for _, line in floor.iterrows()
         ),
         *([late] if len(stopped) else []),
-        *(
-            f"Compiled and back to back, not on the schedule, {marked(line.solver)} processes {line.samples:,} rows "
-            f"with {_tail(line, 'service')} each, at most {number(line.service_max_us)} µs."
-            for _, line in loops.iterrows()
-        ),
     ]
 
 
@@ -313,14 +297,8 @@ def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
         f"{text} is {percent(line.gap_mean)} above the optimal cost on average and {percent(line.gap_max)} at most"
         for text, selected in (
             ("the first answer, if it is kept,", table.is_floor),
-            (
-                "the paper's one projected step a sample (compiled, not on the schedule)",
-                (table.solver == PAPER) & ~table.paced & (table.settings == ONE_STEP),
-            ),
-            (
-                f"{marked(EXACT)} (direct) with the exact optimum at every sample",
-                (table.solver == EXACT) & table.paced & (table.lane == Lane.DIRECT),
-            ),
+            ("the paper's one projected step a sample", (table.solver == PAPER) & (table.settings == ONE_STEP)),
+            (f"{marked(EXACT)} with the exact optimum at every sample", table.solver == EXACT),
         )
         for _, line in table[selected & table.gap_mean.notna()].head(1).iterrows()
     ]
@@ -328,10 +306,12 @@ def _staleness(table: pd.DataFrame, settings: StreamSettings) -> list[str]:
     return [f"Over {seconds:.3g} s of drift {'; '.join(costs)}."] if costs else []
 
 
-def _tail(line: pd.Series, kind: str) -> str:
-    """The median and the farthest percentile that the sample supports."""
+def _tail(line: pd.Series) -> str:
+    """The median response time and its farthest percentile that the sample supports."""
     known = [
-        f"{Percentile(q).name} {number(line[column(kind, q)])} µs" for q in QUANTILES if line[column(kind, q)] >= 0
+        f"{Percentile(q).name} {number(line[column('response', q)])} µs"
+        for q in QUANTILES
+        if line[column("response", q)] >= 0
     ]
     return " and ".join(known[:1] + known[1:][-1:]) or "too few samples to say"
 

@@ -18,7 +18,7 @@ import pandas as pd
 
 from bench.derived.measurements import FLOOR, Microseconds
 from bench.messages.columns import combined
-from bench.messages.task import PAPER, Status
+from bench.messages.task import Status
 from bench.races.stream.race import STREAM
 from bench.report.report import BEST, together
 from bench.report.words import marked, settings_label
@@ -66,11 +66,10 @@ def percentiles(kind: str, microseconds: Microseconds) -> dict[str, float]:
 
 
 def for_deadline(rows: pd.DataFrame, times: pd.DataFrame, deadline_us: float) -> pd.DataFrame:
-    """The rows on the schedule, with the misses and bouts of another deadline."""
-    paced = rows[rows.paced.astype(bool)]
+    """The rows with the misses and bouts of another deadline."""
     response = times[times.what == "response"].set_index("task").ns
-    late = [response.get(task, np.zeros(0)) > 1e3 * deadline_us for task in paced.task]
-    return paced.assign(missed=[each.sum() for each in late], stalls=[runs(each) for each in late])
+    late = [response.get(task, np.zeros(0)) > 1e3 * deadline_us for task in rows.task]
+    return rows.assign(missed=[each.sum() for each in late], stalls=[runs(each) for each in late])
 
 
 def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
@@ -81,13 +80,12 @@ def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
     services, responses = raw(rows, times, "service"), raw(rows, times, "response")
     for _, line in table.iterrows():
         key, nothing = tuple(line[GROUP]), np.zeros(0)
-        service, ran = services.get(key, nothing), line.paced and line.samples
-        low, high = rate_ratio(int(line.stalls), line.samples, *machine_bouts) if ran else (0.0, math.inf)
+        low, high = rate_ratio(int(line.stalls), line.samples, *machine_bouts) if line.samples else (0.0, math.inf)
         figures.append(
             {
                 "bouts_ratio_low": low,
                 "bouts_ratio_high": high,
-                **percentiles("service", service),
+                **percentiles("service", services.get(key, nothing)),
                 **percentiles("response", responses.get(key, nothing)),
             }
         )
@@ -97,14 +95,14 @@ def summary(rows: pd.DataFrame, times: pd.DataFrame) -> pd.DataFrame:
     keeps = bool((machine.missed <= TOLERATED_FLOOR * machine.samples).all())
     for q in QUANTILES:
         reached = float(machine[column("response", q, "high")].iloc[0]) if len(machine) else math.nan
-        table[f"at_floor_{Percentile(q).name}"] = table.paced & (table[column("response", q, "low")] <= reached)
+        table[f"at_floor_{Percentile(q).name}"] = table[column("response", q, "low")] <= reached
     table = table.assign(
         status=status.mask((status == Status.OK) & late, str(Status.LATE)),
-        keeps_up=table.paced & ~failed & ~late & keeps,
+        keeps_up=~failed & ~late & keeps,
         machine_keeps=keeps,
     )
-    order = ["is_floor", "paced", "keeps_up", column("response", 0.5), column("service", 0.5), "solver", "settings"]
-    return table.sort_values(order, ascending=[False, False, False, True, True, True, True], ignore_index=True)
+    order = ["is_floor", "keeps_up", column("response", 0.5), "solver", "lane", "settings"]
+    return table.sort_values(order, ascending=[False, False, True, True, True, True], ignore_index=True)
 
 
 def _names(table: pd.DataFrame) -> pd.DataFrame:
@@ -117,7 +115,7 @@ def _names(table: pd.DataFrame) -> pd.DataFrame:
         + table.lane
         + np.where(several, ", " + table.tier, "")
         + np.where(settings != "", ", " + settings, "")
-        + np.where(table.paced, ")", "), service time")
+        + ")"
     )
     return table.assign(
         name=label.where(~table.is_floor, FLOOR_NAME),
@@ -127,16 +125,13 @@ def _names(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def lines(table: pd.DataFrame, rows: pd.DataFrame, times: pd.DataFrame) -> Lines:
-    """Response times on the schedule, the machine's floor first and then the fastest; then service times of compiled
-    loops."""
-    there = np.where(table.paced, table.response_samples, table.service_samples)
-    ran = table[(there > 0) & (table.paced | (table.solver != PAPER))]
-    calls = {what: raw(rows, times, what) for what in ("response", "service")}
+    """Response times, the machine's floor first and then the fastest."""
+    ran, responses = table[table.response_samples > 0], raw(rows, times, "response")
     found = [
-        (shown, np.sort(calls["response" if line.paced else "service"][tuple(line[GROUP])]))
+        (shown, np.sort(responses[tuple(line[GROUP])]))
         for (_, line), (_, shown) in zip(ran.iterrows(), _names(ran).iterrows(), strict=True)
     ]
-    return sorted(found, key=lambda pair: (not pair[0].paced, not pair[0].is_floor, float(np.quantile(pair[1], 0.99))))
+    return sorted(found, key=lambda pair: (not pair[0].is_floor, float(np.quantile(pair[1], 0.99))))
 
 
 def deadline_profile(lines: Lines) -> pd.DataFrame:
@@ -155,17 +150,16 @@ def deadline_profile(lines: Lines) -> pd.DataFrame:
                 }
             )
             for rank, (line, us) in enumerate(lines)
-            if line.paced
         ]
     )
 
 
 def latency_tails(lines: Lines) -> pd.DataFrame:
-    """Response time against the share of samples above it; service time for compiled loops."""
+    """Response time against the share of samples above it."""
     parts = [pd.DataFrame(columns=[*ID_COLUMNS, "one_in", "us", "front"])]
     for rank, (line, us) in enumerate(lines):
         shares = np.array([share for share in DECADES if needed(1.0 - share) <= us.size])
         ranks = np.ceil(np.round((1.0 - shares) * us.size, 6)).astype(int) - 1
-        tail = {"one_in": 1.0 / shares, "us": us[ranks], "front": rank < BEST and line.paced}
+        tail = {"one_in": 1.0 / shares, "us": us[ranks], "front": rank < BEST}
         parts.append(pd.DataFrame({**line[ID_COLUMNS], **tail}))
     return together(parts)
