@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from bench.derived.measurements import rows_of
-from bench.messages.progress import Progress, silent
-from bench.messages.task import ChildSettings, Setting, Status, Task, default_setting, settings_ladder
+from bench.messages.task import ChildSettings, Progress, Setting, Status, Task, default_setting, settings_ladder, silent
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem

@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 import pandas as pd
 
-from bench.messages.progress import Progress, silent
+from bench.messages.task import Progress, silent
 from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table, Where
 from bench.report.writing import write_report
 from bench.stage import trial

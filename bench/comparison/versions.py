@@ -18,8 +18,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER
-from bench.messages.progress import Progress, silent
-from bench.messages.task import RaceError, Task, default_setting
+from bench.messages.task import Progress, RaceError, Task, default_setting, silent
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file

@@ -20,7 +20,7 @@ from typing import Any
 
 from bench.fleet.jobs import Job
 from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
-from bench.messages.progress import Progress
+from bench.messages.task import Progress
 from bench.processes.engine import MapUnordered
 from piezo_model import atomic_file, json_file
 from piezo_model.recordings import RecordingError

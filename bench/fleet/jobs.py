@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.fleet.storage import model_of
-from bench.messages.progress import Progress, silent
+from bench.messages.task import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify, recordings
 from piezo_model.deployment import open_model
 from piezo_model.identification import direction, fit_review

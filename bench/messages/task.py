@@ -34,12 +34,18 @@ ranges, with which a self-learning compensator begins."""
 Timed = Literal["hot", "long", "interleaved"]
 """Whether the calls of a task follow each other directly, do so for many more calls, or alternate with those of other
 solvers."""
+Progress = Callable[[str, int, int], None]
+"""Reports the progress of long work: the current step, the number of finished steps and the total."""
 PAPER = "projected_difference"
 """The paper's method, one step a sample."""
 PAPERS_SETTING = '{"steps": 15200}'
 """Its learning phase, with steps of half the stability limit."""
 NO_RUNG = -1
 """Rung of a setting that is not in the ladder."""
+
+
+def silent(what: str, done: int, total: int) -> None:
+    """Report no progress."""
 
 
 class RaceError(ValueError):

@@ -18,8 +18,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import pandas as pd
 
-from bench.messages.progress import Progress
-from bench.messages.task import ChildSettings, Outcome, Request, Row, Task
+from bench.messages.task import ChildSettings, Outcome, Progress, Request, Row, Task
 from bench.processes import engine, sentinel
 from bench.processes.engine import Workers
 from bench.processes.solver_child import SolverPool

@@ -11,8 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from bench.messages.progress import Progress
-from bench.messages.task import RaceError
+from bench.messages.task import Progress, RaceError
 from bench.processes.engine import Workers
 from bench.races.driver import Race, drive
 from bench.races.run_problems import left_out

@@ -6,7 +6,7 @@ ended. A race that is resumed before that certifies the problems again.
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from bench.messages.progress import Progress
+from bench.messages.task import Progress
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, make
 from bench.races.settings import RaceSettings
 from bench.store import ModelNote, Run

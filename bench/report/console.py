@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from bench.messages import progress
+from bench.messages import task
 from bench.rendering import terminal
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ AROUND, FEWEST_ROWS = 5, 10
 
 
 @contextmanager
-def progress_bar() -> Iterator[progress.Progress]:
+def progress_bar() -> Iterator[task.Progress]:
     """Yield a function that shows (what, done, total); silent if standard error is not a terminal."""
     columns = (
         BarColumn(bar_width=24),

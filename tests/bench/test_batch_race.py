@@ -15,7 +15,7 @@ from command_line import CommandLine
 from programs import that_load
 from small_races import assert_harmless, killed_and_resumed
 
-from bench.messages.progress import silent
+from bench.messages.task import silent
 from bench.races.batch import report
 from bench.races.batch.contestant import WARM_UP, Batched, BatchRequest, Contestant, Families
 from bench.races.batch.race import BATCH, SKIPPED, BatchRace, BatchSettings, Programs, skip_reason, task_of

@@ -12,8 +12,7 @@ from browser import Browser
 from command_line import CommandLine
 from small_races import assert_harmless
 
-from bench.messages.progress import silent
-from bench.messages.task import NO_SETTING, Task, Tier
+from bench.messages.task import NO_SETTING, Task, Tier, silent
 from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings

@@ -18,7 +18,7 @@ from bench.cli.fleet import process
 from bench.fleet.fleet import items_of, run_all
 from bench.fleet.jobs import Compensating, Identifying, Validating
 from bench.fleet.report import DISTANT, report, table_of
-from bench.messages.progress import silent
+from bench.messages.task import silent
 from bench.processes.engine import Workers
 from piezo_model import HysteresisCreepModel, plants
 from piezo_model.recordings import RecordingError, write_table

@@ -25,7 +25,7 @@ from small_races import SMALL, TASKS, THIRD, Race
 
 from bench import problems
 from bench.derived.measurements import ONESHOT
-from bench.messages.progress import silent
+from bench.messages.task import silent
 from bench.races.kind import kinds
 from bench.races.run_problems import problems_of
 from bench.store import VERSION, Run, RunError

@@ -15,8 +15,7 @@ from browser import Browser
 from command_line import CommandLine
 from small_races import assert_harmless, killed_and_resumed
 
-from bench.messages.progress import silent
-from bench.messages.task import Outcome, Status, Tier
+from bench.messages.task import Outcome, Status, Tier, silent
 from bench.races.kind import kind_of, kinds
 from bench.races.stream import report
 from bench.races.stream import summary as stream_summary

@@ -30,8 +30,7 @@ import numpy as np
 from bench.derived.ranking import TIER_NAMES
 from bench.derived.tiers import TOLERANCE
 from bench.messages.columns import COUNT, NUMBER, TEXT, TYPICAL, Column, first_text, least_good, named, worst
-from bench.messages.progress import Progress
-from bench.messages.task import NO_SETTING, ChildSettings, Outcome, Request, Row, Status, Task, Tier
+from bench.messages.task import NO_SETTING, ChildSettings, Outcome, Progress, Request, Row, Status, Task, Tier
 from bench.problems import fresh, simulation
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverPool

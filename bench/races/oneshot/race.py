@@ -22,11 +22,11 @@ from typing import Any
 from bench.derived.measurements import FLOOR, ONESHOT, Measurements
 from bench.derived.ranking import PACE, ranking
 from bench.messages import user_cache
-from bench.messages.progress import Progress
 from bench.messages.task import (
     NO_SETTING,
     PAPER,
     ChildSettings,
+    Progress,
     RaceError,
     Setting,
     Task,
