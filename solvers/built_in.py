@@ -20,7 +20,6 @@ from solvers.protocol import (
     Entrant,
     Lane,
     Matrix,
-    Nanoseconds,
     Solver,
     Timings,
     Vector,
@@ -28,7 +27,7 @@ from solvers.protocol import (
     dense,
     only_box,
 )
-from solvers.timed_calls import follow_rows, time_calls
+from solvers.timed_calls import time_calls
 
 DATA = frozenset({"P", "q"})
 
@@ -193,15 +192,6 @@ class BuiltInSolver(BuiltIn, Solver):
         last = timings[0].size - 1
         self._took(P[last], q[last], status)
         return timings
-
-    def follow(self, loop: Callable[..., int], rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows by a compiled loop; the new data of a row are not timed."""
-        if self._missing:
-            self._refuse_to_work()
-        P, q = self.data()
-        status, answers, nanoseconds = follow_rows(loop, P, q, rows, forgetting)
-        self._took(P, q, status)
-        return answers, nanoseconds
 
     def _took(self, P: Matrix, q: Vector, status: int) -> None:
         """A loop ended with these data and this status."""

@@ -163,17 +163,6 @@ class Solver(Entrant):
         """
         return None
 
-    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Take rows (ξ, x), shape (N, d + 1), inside compiled code, with an answer after each.
-
-        Returns
-        -------
-        answers : array (N, d)
-        nanoseconds : array (N,)
-            Time of each row, without :func:`solvers.forgetting.absorb`.
-        """
-        raise Unsupported(f"{self.name} has no compiled loop over rows")
-
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), all of them new data.
 

@@ -32,17 +32,5 @@ def time_calls(
     return status, (updates[: made[0]], solves[: made[0]], answers[: made[0]])
 
 
-def follow_rows(
-    loop: Callable[..., int], P: Matrix, q: Vector, rows: Matrix, forgetting: float
-) -> tuple[int, Matrix, Nanoseconds]:
-    """Run a function of the core that absorbs rows into P (d, d) and q (d,) and solves after each.
-
-    The other parameters are those of :meth:`solvers.protocol.Solver.time_rows`. Returns the last status, the answers
-    and their times.
-    """
-    answers, nanoseconds = np.full((len(rows), q.size), np.nan), np.zeros(len(rows), dtype=np.int64)
-    return loop(P, q, _contiguous(rows), forgetting, answers, nanoseconds), answers, nanoseconds
-
-
 def _contiguous(data: Any) -> Matrix:
     return np.ascontiguousarray(data, dtype=np.float64)

@@ -1,6 +1,7 @@
 /* The exact solver as Python calls it; see box.h. */
 #include "box.h"
 #include "clock.h"
+#include "forgetting.h"
 #include "bindings_timed.h"
 
 enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than releasing the interpreter's lock */
@@ -82,8 +83,6 @@ static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, c
                   MEMORY(6), INT(7), INT(8)))                                                                          \
     F(time_box, "state@BOX1, warm#0:1, " TIMED, "time updates and solves; a status.", 1,                               \
       WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))          \
-    F(box_follow, "state@BOX1, " FOLLOWED, "time a solve after each row, warm from the last sides; a status.", 1,      \
-      WHOLE_RESULT = FOLLOWED_BY(1, (&(TimedSolver){BOX, SIZE(d), update, solve_warm}), NULL))                         \
     F(absorb, "P[d,d]=, q[d]=, c[1]=, rows[n,d+1], forgetting", "take rows into P, q and c.", LENGTH(n) > 10,          \
       absorb_rows(REALS(0), REALS(1), REALS(2), SIZE(d), LENGTH(n), REALS(3), NUMBER(4)))
 MAKE_BINDINGS(box)

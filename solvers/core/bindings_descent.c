@@ -13,7 +13,6 @@ typedef struct {
     int scaled;
     int64_t steps;
     double tolerance;
-    int warm; /* whether to continue from the last iterate instead of the given start */
 } TimedProjectedGradient;
 
 static int update(void *solver, const double *P, const double *q)
@@ -25,14 +24,10 @@ static int update(void *solver, const double *P, const double *q)
 static int solve(void *solver, const double *start, double *x)
 {
     const TimedProjectedGradient *const t = solver;
-    if (!t->warm) {
-        descent_start(t->s, start);
-    }
+    descent_start(t->s, start);
     t->method(t->s, t->steps, t->tolerance);
-    if (!t->warm) {
-        descent_answer(t->s);
-    }
-    memcpy(x, t->warm ? t->s->w : t->s->answer, (size_t)t->s->d * sizeof(double));
+    descent_answer(t->s);
+    memcpy(x, t->s->answer, (size_t)t->s->d * sizeof(double));
     return t->tolerance < 0 || t->s->head->met ? OK : CAPPED;
 }
 
@@ -72,9 +67,7 @@ static void field_offsets(Arguments *a, const ProjectedGradient *s)
     F(accelerated_steps, "state@DSC1, steps#0:, tolerance", "take steps; their number.", WHOLE(1) > 100,               \
       WHOLE_RESULT = accelerated_steps(DESCENT, WHOLE(1), NUMBER(2)))                                                  \
     F(time_projected, TIMED_METHOD, "as time_box.", 1,                                                                 \
-      WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(projected_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4), 0)))           \
+      WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(projected_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4))))              \
     F(time_accelerated, TIMED_METHOD, "as time_box.", 1,                                                               \
-      WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(accelerated_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4), 0)))         \
-    F(projected_follow, "state@DSC1, ratio, steps#0:, " FOLLOWED, "run the steps after each row, as box_follow.", 1,   \
-      WHOLE_RESULT = FOLLOWED_BY(3, TIMED_DESCENT(projected_steps, NUMBER(1), 0, WHOLE(2), -1, 1), NULL))
+      WHOLE_RESULT = TIMED_BY(5, TIMED_DESCENT(accelerated_steps, NUMBER(1), INT(2), WHOLE(3), NUMBER(4))))
 MAKE_BINDINGS(descent)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from solvers.adapter import LibrarySolver
 from solvers.arrays import address
 from solvers.core import bindings
-from solvers.protocol import Lane, Matrix, Nanoseconds, Timings, Vector
-from solvers.timed_calls import follow_rows, time_calls
+from solvers.protocol import Lane, Matrix, Timings, Vector
+from solvers.timed_calls import time_calls
 
 CORE = ctypes.CDLL(bindings.__file__)
 """The library of the core, for symbols that its C files export."""
@@ -103,7 +103,6 @@ class CompiledLibrary(LibrarySolver):
         self.state: NDArray[np.int64] = np.array([*_data_addresses(p), p.d, *map(_as_integer, values)], dtype=np.int64)
         self._addresses = np.array(list(map(_as_integer, (self.state, self._loop.update, self._loop.solve))))
         self.x = p.no_answer()
-        self._last = np.zeros(p.d)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
@@ -122,19 +121,6 @@ class CompiledLibrary(LibrarySolver):
         self.refuse(flag)
         self._finish(timings[2][last].copy())
         return timings
-
-    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Update and solve after each row, from the last answer found if the library takes a starting point; the new
-        data of a row are not timed."""
-        p = self.program
-        if self.found:
-            self._last[:] = self.x
-        flag, answers, nanoseconds = follow_rows(
-            partial(bindings.library_follow, self._addresses, self._last), p.P, p.q, rows, forgetting
-        )
-        self.refuse(flag)
-        self._finish(answers[-1].copy())
-        return answers, nanoseconds
 
     def _finish(self, x: Vector) -> None:
         self.x, self.found = x, not np.isnan(x[0])

@@ -19,8 +19,6 @@ static void copy(double *to, const double *from, int64_t size)
 
 #define BINDINGS(F)                                                                                                    \
     F(time_library, "addresses[3]q, " TIMED, "as time_box.", NEED_D, WHOLE_RESULT = TIMED_BY(1, LIBRARY_SOLVER))       \
-    F(library_follow, "addresses[3]q, last[d]=, " FOLLOWED, "as box_follow.", NEED_D,                                  \
-      WHOLE_RESULT = FOLLOWED_BY(2, LIBRARY_SOLVER, REALS(1)))                                                         \
     F(check_data, "like[d], P[d,d]?, q[d]?", "whether P and q are of d variables; an exception if not.", 0,            \
       WHOLE_RESULT = SIZE(d))                                                                                          \
     F(copy_data, "to_P[d,d]=, to_q[d]=, P[d,d]?, q[d]?", "copy P and q, None for data that stay.", 0,                  \

@@ -37,7 +37,7 @@ import numpy as np
 
 from solvers.built_in import BuiltInSolver, Setting
 from solvers.core import CAPPED, bindings, padded
-from solvers.protocol import Matrix, Nanoseconds, Vector
+from solvers.protocol import Matrix, Vector
 
 COUNTS = ("exchanges", "refinements", "proximal_steps")
 """The counters in the head of the state, in their order (BoxHead in box.h)."""
@@ -89,10 +89,6 @@ class BoxActiveSet(BuiltInSolver):
 
     def loop(self) -> Callable[..., int]:
         return partial(bindings.time_box, self.state, self._warm)
-
-    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Update and solve after each row, from the last active set."""
-        return self.follow(partial(bindings.box_follow, self.state), rows, forgetting)
 
     def extras(self) -> dict[str, Any]:
         """The numbers of exchanges, refinement steps and proximal steps, ``regularised`` (P is singular) and ``capped``

@@ -8,7 +8,6 @@ for 1.9 s.
 """
 
 from collections.abc import Mapping
-from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -17,7 +16,6 @@ import numpy as np
 from solvers.built_in import Setting
 from solvers.core import bindings
 from solvers.kernel._descent import ProjectedGradient
-from solvers.protocol import Matrix, Nanoseconds, Unsupported
 
 MOST_STEPS = 2**53
 
@@ -81,10 +79,3 @@ class ProjectedDifference(ProjectedGradient):
                 f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
                 f"{ratio}; allow_divergence=True permits more"
             )
-
-    def time_rows(self, rows: Matrix, forgetting: float) -> tuple[Matrix, Nanoseconds]:
-        """Run ``steps`` steps after each row, from the iterate before."""
-        steps, tolerance = self._limits
-        if self.options["diagonal_scaling"] or tolerance >= 0.0:
-            raise Unsupported(f"{self.name} follows rows without diagonal scaling and tolerance only")
-        return self.follow(partial(bindings.projected_follow, self.state, self._rule[0], steps), rows, forgetting)

@@ -198,9 +198,6 @@ def solve(self, warm_start=None):
 def time_kernel(self, P, q, warm_start=None, most_ns=np.inf):
     answers = np.array([self.right(each, q[k]) for k, each in enumerate(P)])
     return np.zeros(len(q), dtype=np.int64), np.zeros(len(q), dtype=np.int64), answers
-
-def time_rows(self, rows, forgetting):
-    return np.zeros((len(rows), rows.shape[1] - 1)), np.ones(len(rows), dtype=np.int64)
 """,
     "works_ahead": """
 def update(self, P=None, q=None):

@@ -1,4 +1,4 @@
-"""The problem of a stream: its rows, programs and certified optima, and the compiled loops over its rows."""
+"""The problem of a stream: its rows, programs and certified optima."""
 
 import numpy as np
 import pytest
@@ -70,30 +70,16 @@ def test_gaps_in_doubles_agree_with_the_exact_ones(short: StreamProblem) -> None
     assert short.exact_gaps(short.best, np.arange(200))[1].max() < 1e-14
 
 
-@pytest.mark.parametrize(("name", "settings"), [("box_active_set", {}), ("projected_difference", {"steps": 10})])
-def test_a_compiled_loop_continues_with_the_next_rows(
-    short: StreamProblem, name: str, settings: dict[str, int]
-) -> None:
-    answers = []
-    for blocks in ([short.rows], [short.rows[:120], short.rows[120:]]):
-        solver = solvers.get(name, "kernel", **settings)
-        solver.setup(short.start)
-        solver.solve(short.answer)
-        answers.append(np.vstack([solver.time_rows(block, short.forgetting)[0] for block in blocks]))
-    assert answers[0].tobytes() == answers[1].tobytes()
-
-
 def test_the_compiled_projected_step_is_the_step_of_the_paper(short: StreamProblem) -> None:
     solver = solvers.get("projected_difference", "kernel", steps=1)
     solver.setup(short.start)
-    w = solver.solve(short.answer).copy()
-    answers, _ = solver.time_rows(short.rows, short.forgetting)
-    P, q, c = short.start.P.copy(), short.start.q.copy(), np.zeros(1)
+    x = solver.solve(short.answer).copy()
+    w, P, q, c = x, short.start.P.copy(), short.start.q.copy(), np.zeros(1)
     for k in range(200):
         absorb(P, q, c, short.rows, k, k + 1, short.forgetting)
-        solver.update(P)
-        solver.solve()
+        solver.update(P, q)
+        x = solver.solve(x).copy()
         eta = solver.solution().extras["eta"]
         assert 0.999 <= eta * np.linalg.eigvalsh(P)[-1] <= 1.0 + 1e-13
         w = np.maximum(w - eta * (P @ w + q), short.start.lb)
-        np.testing.assert_allclose(answers[k], w, rtol=1e-11, atol=1e-14)
+        np.testing.assert_allclose(x, w, rtol=1e-11, atol=1e-14)

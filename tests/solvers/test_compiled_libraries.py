@@ -14,7 +14,6 @@ from qpsolvers import Problem
 
 import solvers
 from solvers import Lane, Solver, Unsupported
-from solvers.forgetting import absorb
 from solvers.protocol import Matrix, Vector
 from solvers.registry import Entry, describe
 
@@ -91,25 +90,6 @@ def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str,
     if name not in APART:
         for part in ("status", "iterations"):
             assert compiled_says.extras[part] == direct_says.extras[part]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_rows_are_followed_as_by_the_direct_lane_from_the_answer_before(name: str) -> None:
-    rng, d, forgetting = np.random.default_rng(5), 7, 0.9
-    problem = Problem(np.eye(d), -np.ones(d), lb=np.full(d, -0.3), ub=np.full(d, 0.4))
-    compiled, direct = both(name, problem, **reachable(name))
-    compiled.solve(np.full(d, 0.1))
-    previous = direct.solve(np.full(d, 0.1)).copy()
-    rows, (P, q, c) = rng.normal(size=(60, d + 1)), (problem.P.copy(), problem.q.copy(), np.zeros(1))
-    parts = [compiled.time_rows(rows[:25], forgetting), compiled.time_rows(rows[25:], forgetting)]
-    answers, nanoseconds = (np.concatenate(part) for part in zip(*parts, strict=True))
-    assert (nanoseconds > 0).all()
-    for k, answer in enumerate(answers):
-        absorb(P, q, c, rows, k, k + 1, forgetting)
-        direct.update(P, q)
-        previous = direct.solve(previous).copy()
-        agree(name, answer, previous)
-    np.testing.assert_array_equal(compiled.solution().x, answers[-1])
 
 
 @pytest.mark.parametrize("name", NAMES)

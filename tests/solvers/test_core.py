@@ -224,9 +224,10 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
         box = block(c.box_bytes(d))
         out.append([c.box_setup(box, lb, ub), c.box_set_data(box, P, linear), c.box_solve(box, 0), c.box_solve(box, 1)])
         out.append(box.tobytes())
-        answers, nanoseconds = np.zeros((40, d)), np.zeros(40, np.int64)
-        status = c.box_follow(box, P.copy(), linear.copy(), rows, 0.9, answers, nanoseconds)
-        out.append([status, answers.tobytes(), box.tobytes()])
+        absorbed_P, absorbed_q, constant = P.copy(), linear.copy(), np.zeros(1)
+        for row in rows:
+            c.absorb(absorbed_P, absorbed_q, constant, row[None], 0.9)
+            out.append([c.box_set_data(box, absorbed_P, absorbed_q), c.box_solve(box, 1), box.tobytes()])
         for method in (c.projected_steps, c.accelerated_steps):
             descent = block(c.descent_bytes(d))
             c.descent_setup(descent, lb, ub)
@@ -296,7 +297,7 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(req
         (lambda: absorbed(np.zeros((2, 3)), np.zeros((1, 3))), ValueError, "argument 1 has not the shape"),
         (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 2))), ValueError, "argument 4 has not the shape"),
         (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 3)), frozen(1)), ValueError, "read-only|not writable"),
-        (lambda: followed(np.zeros(1)), TypeError, "argument 9 holds numbers of type d, not lq"),
+        (lambda: timed(np.zeros(1)), TypeError, "argument 10 holds numbers of type d, not lq"),
         (lambda: many(P=5, last=1), ValueError, "argument 2 has not the shape"),
         (lambda: many(P=4, last=2), ValueError, "argument 9 must be from 0 to 1, not 2"),
         (lambda: many(P=4, last=1, room=8), ValueError, "not the state|has room for"),
@@ -307,9 +308,9 @@ def test_arguments_that_do_not_fit_their_marks_are_refused_and_nothing_is_read(c
         call()
 
 
-def followed(nanoseconds):
-    P, q, rows, answers = np.eye(3), np.zeros(3), np.zeros((1, 4)), np.zeros((1, 3))
-    return bindings.projected_follow(a_state(), 0.5, 1, P, q, rows, 0.9, answers, nanoseconds)
+def timed(updates):
+    q, P, solves, answers = np.zeros((1, 3)), np.eye(3).reshape(1, 9), np.zeros(1, np.int64), np.zeros((1, 3))
+    return bindings.time_projected(a_state(), 0.5, 0, 1, -1.0, q, P, None, 1, updates, solves, answers, solves.copy())
 
 
 def a_state(d=3):

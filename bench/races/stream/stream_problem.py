@@ -96,15 +96,14 @@ def make(experiment: Experiment, samples: int, time_constant_s: float, certified
     reference = solvers.get("box_active_set", "kernel")
     reference.setup(start)
     answer = np.array(certify(start, reference.solve(np.zeros(structure.d))).x)
-    reference.setup(start)
-    reference.solve(answer)
-    best = reference.time_rows(rows, forgetting)[0]
-    P, q, c, done, instants = start.P.copy(), start.q.copy(), np.array([form.c]), 0, {}
-    proven = np.unique(np.linspace(samples - 1, 0, min(certified, 1 + samples // 10)).round().astype(int))
-    for sample in proven.tolist():
-        absorb(P, q, c, rows, done, sample + 1, forgetting)
-        done = sample + 1
-        qp = Problem(P.copy(), q.copy(), lb=start.lb, ub=start.ub)
-        instants[sample] = CertifiedForm(qp, float(c[0]), form.to_weights, certify(qp, best[sample]))
+    P, q, c, best, instants = start.P.copy(), start.q.copy(), np.array([form.c]), np.empty((samples, answer.size)), {}
+    proven = set(np.linspace(samples - 1, 0, min(certified, 1 + samples // 10)).round().astype(int).tolist())
+    for k in range(samples):
+        absorb(P, q, c, rows, k, k + 1, forgetting)
+        reference.update(P, q)
+        best[k] = reference.solve(best[k - 1] if k else answer)
+        if k in proven:
+            qp = Problem(P.copy(), q.copy(), lb=start.lb, ub=start.ub)
+            instants[k] = CertifiedForm(qp, float(c[0]), form.to_weights, certify(qp, best[k]))
     name = f"{experiment.plant}-{experiment.drive}"
     return StreamProblem(name, start, form.c, answer, rows, forgetting, best, instants)
