@@ -96,7 +96,8 @@ def time_block(
             end = clock()
             updates.append(between - begin)
             solves.append(end - between)
-            _store(answers[k], x)  # in one array, since keeping x would take a new page of memory at each call
+            if x.shape == answers[k].shape and x.dtype.kind in "fiu":
+                answers[k] = x  # in one array, since keeping x would take a new page of memory at each call
             remaining_ns -= end - begin
             if remaining_ns < 0:
                 break
@@ -107,9 +108,3 @@ def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = Non
     """The same with the clock inside compiled code, which gets the data unchanged."""
     with no_garbage_collection():
         return solver.time_kernel(P, q, start, most_ns)
-
-
-def _store(row: Vector, x: Vector) -> None:
-    """Copy an answer into its row, if it has the right shape and real numbers."""
-    if x.shape == row.shape and x.dtype.kind in "fiu":
-        row[:] = x

@@ -16,6 +16,7 @@ from command_line import CommandLine
 from small_races import assert_harmless, killed_and_resumed
 
 from bench.messages.task import Outcome, Status, Tier, silent
+from bench.problems.simulation import FORGOTTEN_S
 from bench.races.kind import kind_of, kinds
 from bench.races.stream import report
 from bench.races.stream import summary as stream_summary
@@ -110,9 +111,7 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
     )
     run = kinds()["stream"].start(folder, settings, "run")
     kinds()["stream"].carry_on(run, silent)
-    return Streamed(
-        run, run.rows(STREAM), run.times(), make(settings.experiment, SAMPLES, settings.time_constant_s, 12)
-    )
+    return Streamed(run, run.rows(STREAM), run.times(), make(settings.experiment, SAMPLES, FORGOTTEN_S, 12))
 
 
 def test_every_solver_lane_has_a_row_per_process_and_the_floor_is_measured_in_each_round(streamed: Streamed) -> None:

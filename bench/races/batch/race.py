@@ -132,7 +132,6 @@ class BatchSettings(OwnProblemSettings):
     """Settings of a batch race; stored with the run, so that it can be resumed."""
 
     effort: Effort = field(default_factory=lambda: Effort(budget_s=0.005, fewest=3, most=100))
-    sizes: tuple[int, ...] = tuple(ORDERS)
     largest: int = option(65_536, "Programs of the largest batch; smaller ones have a quarter each.")
     repeats: Positive = 3
     """Number of times that each contestant gets each batch, in the same process."""
@@ -166,14 +165,13 @@ class BatchRace(TaskRace[BatchSettings]):
     def child(self) -> ChildSettings:
         """The memory limit excludes the programs."""
         child = super().child
-        return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(self.settings.sizes) ** 2 // 2**20)
+        return replace(child, memory_mb=child.memory_mb + 2 * 8 * self.count * max(ORDERS) ** 2 // 2**20)
 
     def prepare(self, resources: ExitStack) -> None:
         """Make the families."""
         settings = self.settings
         self.programs = {
-            d: Programs(self.run, d, self.count, settings.seed, settings.limit or None, self.progress)
-            for d in settings.sizes
+            d: Programs(self.run, d, self.count, settings.seed, settings.limit or None, self.progress) for d in ORDERS
         }
         several = [entry for entry in self.entrants.values() if entry.lane is Lane.KERNEL and len(cores.usable()) > 1]
         self.parallel = resources.enter_context(SolverPool(several, self.child))
@@ -194,7 +192,7 @@ class BatchRace(TaskRace[BatchSettings]):
         yield [
             part(repeat, d, batch)
             for repeat in range(self.settings.repeats)
-            for d in self.settings.sizes
+            for d in ORDERS
             for batch in self.settings.batches
         ]
 

@@ -98,15 +98,11 @@ class StreamSettings(TierSettings):
     give_up: Positive = 4_000
     certified: Positive = 300
     """Number of samples at which the optimum is proven."""
-    plant: str = "relay_preisach"
-    drive: str = "random_walk"
-    drift_per_s: float = DRIFT_PER_S
-    time_constant_s: float = FORGOTTEN_S
 
     @property
     def experiment(self) -> Experiment:
         """The actuator and its drive."""
-        return Experiment(self.plant, self.drive, drift_per_s=self.drift_per_s, seed=self.seed)
+        return Experiment("relay_preisach", "random_walk", drift_per_s=DRIFT_PER_S, seed=self.seed)
 
 
 class StreamRace(TaskRace[StreamSettings]):
@@ -128,7 +124,7 @@ class StreamRace(TaskRace[StreamSettings]):
         """Make the stream."""
         settings = self.settings
         self.progress(f"{settings.samples} samples with {settings.certified} proven optima", 0, 1)
-        self.stream = make(settings.experiment, settings.samples, settings.time_constant_s, settings.certified)
+        self.stream = make(settings.experiment, settings.samples, FORGOTTEN_S, settings.certified)
 
     def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """A part is one task."""
