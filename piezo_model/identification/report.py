@@ -155,7 +155,7 @@ class FitReport:
         if self.offset is not None and not self.offset.is_significant:
             yield self.offset.sentence(s.input_unit)
         if self.lag is not None and not self.lag.is_significant:
-            yield "The output shows no lag."
+            yield self.lag.sentence(s.sample_time)
         if self.determined.creep is not None and self.creep_chosen:
             rates = ", ".join(f"{rate:g}" for rate in s.creep_rates)
             yield f"Creep is in the data beside any hysteresis, at the rates that they determine: {rates} per second."

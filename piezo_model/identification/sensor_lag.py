@@ -49,6 +49,8 @@ class Lag:
 
     samples: float
     """Delay and the amplifier's delay of a ramp."""
+    at_most_s: float
+    """The longest lag within its interval at 95 %."""
     amplifier_s: float
     """Time constant of the amplifier; 0 for a delay alone."""
     removed: bool
@@ -63,6 +65,10 @@ class Lag:
 
     def sentence(self, sample_time: float) -> str:
         """The lag in words."""
+        if not self.is_significant:
+            clear = f"clear lag, but may have one of up to {quantity(self.at_most_s, 's', 2)}"
+            perhaps = f"{clear}; record steps to determine it" if self.at_most_s > sample_time else "lag"
+            return f"The output shows no {perhaps}."
         samples = f"{self.samples:.2f} samples" + " or more, the search limit," * self.at_edge
         amplifier = f", of an amplifier with {quantity(self.amplifier_s, 's', 3)}" if self.amplifier_s else ""
         where = "; it is in the model" if self.in_model else "; it is left out as the sensor's" * self.removed
@@ -98,16 +104,16 @@ class _Fits:
         """The best fit from one of some lags, with that of an amplifier where it is clearly better."""
         T, drift = trials.recording.sample_time, Columns.of(np.linspace(-1.0, 1.0, trials.recording.length))
 
-        def fitted(parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
-            return trials.fit(parameters, near, steps=STEPS, further=drift)
+        def fitted(parameters: Parameters, *nears: ForwardFit | None) -> ForwardFit:
+            fits = (trials.fit(parameters, near, steps=STEPS, further=drift) for near in nears)
+            return min(fits, key=lambda fit: fit.cost)
 
         delays = [Parameters(Dynamics((), (), (), begin.lag_s(T)), T, free=True) for begin in begins]
-        late = min((fitted(delay) for delay in delays), key=lambda fit: fit.cost)
+        late = min((fitted(delay, None) for delay in delays), key=lambda fit: fit.cost)
         if not delay_alone:
-            slow = fitted(Parameters(begins[0], T, free=True, with_lag=True), late)
+            slow = fitted(Parameters(begins[0], T, free=True, with_lag=True), None, late)
             late = slow if slow.cost < CLEAR * late.cost else late
-        none = Parameters(Dynamics((), (), (), 0.0), T)
-        prompt = min((fitted(none, near) for near in (None, late)), key=lambda fit: fit.cost)
+        prompt = fitted(Parameters(Dynamics((), (), (), 0.0), T), None, late)
         return cls(trials, prompt, late)
 
     @property
@@ -116,13 +122,14 @@ class _Fits:
         return float(found(self.late).vector.sum())
 
     @property
+    def uncertainty(self) -> float:
+        """Half its interval at 95 %."""
+        return DEVIATIONS * math.sqrt(np.diag(self.late.covariance)[self.trials.structure.d + 1 :].max())
+
+    @property
     def is_significant(self) -> bool:
         """Whether the error falls clearly and the lag exceeds its interval."""
-        deviation = math.sqrt(np.diag(self.late.covariance)[self.trials.structure.d + 1 :].max())
-        return (
-            self.samples > max(SMALLEST, DEVIATIONS * deviation)
-            and self.late.cost < (1.0 - GAIN) ** 2 * self.prompt.cost
-        )
+        return self.samples > max(SMALLEST, self.uncertainty) and self.late.cost < (1.0 - GAIN) ** 2 * self.prompt.cost
 
 
 def separate_lag(
@@ -157,7 +164,8 @@ def separate_lag(
     certain = is_significant and not at_edge
     removed, in_model = certain and remove, certain and keep and not remove
     without, behind = (best.trials.percent(fit.cost) for fit in (best.prompt, late))
-    lag = Lag(samples, found(late).start.amplifier_lag_s, removed, in_model, without, behind, at_edge, is_significant)
+    amplifier_s, at_most_s = found(late).start.amplifier_lag_s, T * (samples + best.uncertainty)
+    lag = Lag(samples, at_most_s, amplifier_s, removed, in_model, without, behind, at_edge, is_significant)
     if not (removed or in_model):
         return separated, lag
     static = best.trials.without_dynamics(recording, late)

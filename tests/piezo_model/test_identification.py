@@ -341,6 +341,14 @@ def test_a_lag_in_noise_is_named_with_errors_that_are_shares_of_the_full_range(l
     assert report["selection"]["table"][0]["error_percent"] == pytest.approx(report["fit"]["rms_percent"], rel=0.1)
 
 
+@pytest.mark.parametrize("lag", [0.0, 1.0])
+def test_a_lag_that_a_triangle_does_not_tell_from_hysteresis_is_said_to_be_possible(lag: float) -> None:
+    model = identify(of_a_stage("relay_preisach", TRIANGLE, lag))
+    assert not model.report["lag"]["is_significant"]
+    assert model.report["lag"]["at_most_s"] > 1e-3 * max(lag, 1.0)
+    assert sentences(model, "no clear lag, but may have one of up to")
+
+
 def amplified(x: np.ndarray, tau_s: float, sample_time: float) -> np.ndarray:
     """Four samples of an amplifier of first order for each that is held."""
     p = np.exp(-0.25 * sample_time / tau_s)
