@@ -130,7 +130,9 @@ class DynamicsFinding:
         for f, zeta, between in zip(self.frequencies_Hz, self.damping, self.intervals["frequencies_Hz"], strict=True):
             low, high = (f"{end:.5g}" for end in between)
             within = f" ({low} to {high} Hz)" if low != high else ""
-            yield f"A resonance at {quantity(f, 'Hz', 5)}{within} with a damping of {100.0 * zeta:.3g} %."
+            damped = f"A resonance at {quantity(f, 'Hz', 5)}{within} with a damping of {100.0 * zeta:.3g} %"
+            amplifies = f", which amplifies what the static part errs there up to {0.5 / zeta:.2g} times"
+            yield f"{damped}{amplifies * (zeta < LIGHTLY_DAMPED)}."
         for zeta, (lowest, highest) in zip(self.damping, self.moves_Hz, strict=True):
             if highest - lowest > NOTABLE * zeta * lowest:
                 yield f"It moves from {lowest:.5g} to {highest:.5g} Hz with the amplitude or the position."

@@ -259,7 +259,9 @@ def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kin
     later = Recording.from_arrays(x, recorded(kind, x, MODE, DELAY_S), T)
     assert model.validate(later).fit.rms_percent < 1.0
     f = f"{model.dynamics.frequencies_Hz[0]:.5g}"
-    assert any(f"A resonance at {f} Hz" in sentence for sentence in model.report["sentences"])
+    said = " ".join(model.report["sentences"])
+    assert f"A resonance at {f} Hz" in said
+    assert re.search(r"amplifies what the static part errs there up to (4[5-9]|5[0-5]) times", said)
     chosen = model.report["selection"]["table"][0]
     assert chosen["error_percent"] < 2.0 * model.report["fit"]["rms_percent"]  # not behind an inverse that adds noise
     low, high = model.report["dynamics"]["intervals"]["frequencies_Hz"][0]
