@@ -112,9 +112,9 @@ def live_verb(
     ((option, value),) = (given or default).items()
     wanted = REFERENCES[option](value, declared.output_unit, declared.y_range, 1.0 / rate)
     settings = LiveSettings(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
-    inverted = first.dynamics and (
-        f"The output lags the reference by {quantity(first.dynamics.lag_s(1.0 / rate), 's', 3)}, since the dynamics of "
-        "the stage are inverted."
+    inverted = settings.lag_s and (
+        f"The output lags the reference by {quantity(settings.lag_s, 's', 3)}, since the dynamics of the stage are "
+        "inverted."
     )
     for sentence in filter(None, (inverted, first.warning, settings.out_of_reach())):
         console.print(sentence)

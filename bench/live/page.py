@@ -87,8 +87,9 @@ def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], 
     model, window = board.shown_model(), round(WINDOW_S * settings.rate)
     s, samples = model.structure, board.read(max(0, board.head - 2 * window))[1]
     drive = s.x_centre + s.x_scale * np.clip((samples[:, 1] - s.y_centre) / s.y_scale, -1.0, 1.0)
-    t, reference, _, measured, line = np.column_stack([samples, model.simulate(drive)])[-window:].T
-    errors, thin = {LINE: line - reference, MEASURED: measured - reference}, max(1, t.size // MOST_POINTS)
+    late, line = settings.late(samples[:, 1]), settings.late(model.simulate(drive))
+    t, reference, _, measured, late, line = np.column_stack([samples, late, line])[-window:].T
+    errors, thin = {LINE: line - late, MEASURED: measured - late}, max(1, t.size // MOST_POINTS)
 
     def lines(x: Vector, series: Mapping[str, Vector]) -> dict[str, Any]:
         """The lines one after the other, so that the last one is drawn on top."""
@@ -105,7 +106,7 @@ def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], 
     columns = [
         lines(t, {REFERENCE: reference, MEASURED: measured}),
         lines(t, errors),
-        lines(reference, {LINE: line, MEASURED: measured}),
+        lines(late, {LINE: line, MEASURED: measured}),
         {"weight": np.array(s.weight_names), "value": model.weights},
         {"from_us": edges[bins], "to_us": edges[bins + 1], "samples": counts[bins], "zero": np.zeros(bins.size)},
     ]
@@ -121,7 +122,7 @@ def status(settings: LiveSettings, board: Board, errors: tuple[float, float]) ->
     return [
         f"{settings.device}, {settings.reference.words}: {STATES[State(board.state)]}"
         f"{'' if settings.learn == 'off' else learning}.",
-        f"Tracking error over the last {WINDOW_S:g} s: {measured} RMS{beside}.",
+        f"Tracking error{settings.after_lag} over the last {WINDOW_S:g} s: {measured} RMS{beside}.",
         board.timing(),
     ]
 

@@ -135,9 +135,12 @@ def _figures(settings: LiveSettings, board: Board) -> list[str]:
     """Tracking error and timing in sentences."""
     first, samples = board.read(0)
     samples = samples[: max(0, (board.followed or board.head) - first)]
-    settled = samples[-min(int(10 * settings.rate), len(samples) // 2) or None :]  # without the approach
-    error, unit = rms(settled[:, 1] - settled[:, 3]), settings.declared.output_unit
-    tracking = f"Tracking error over the last {len(settled) / settings.rate:.3g} s: {quantity(error, unit, 3)} RMS."
+    errors = settings.late(samples[:, 1]) - samples[:, 3]
+    settled = errors[-min(int(10 * settings.rate), errors.size // 2) or None :]  # without the approach
+    error, last = rms(settled), f"the last {settled.size / settings.rate:.3g} s"
+    tracking = (
+        f"Tracking error{settings.after_lag} over {last}: {quantity(error, settings.declared.output_unit, 3)} RMS."
+    )
     return [*([tracking] if math.isfinite(error) else []), board.timing()]
 
 

@@ -69,6 +69,21 @@ class LiveSettings:
         """Longest time from a sample to the next, and longest silence of the sensor: samples are a period apart."""
         return self.declared.timeout_s + 1.0 / self.rate
 
+    @property
+    def lag_s(self) -> float:
+        """Time by which the output lags a slow reference, since the dynamics of the first model are inverted."""
+        return 0.0 if self.model.dynamics is None else self.model.dynamics.lag_s(1.0 / self.rate)
+
+    @property
+    def after_lag(self) -> str:
+        """What a tracking error counts after, in words."""
+        return " after the lag" * (self.lag_s > 0.0)
+
+    def late(self, reference: Vector) -> Vector:
+        """The reference (N,) that the output is to follow, late by the lag."""
+        k = np.arange(reference.size)
+        return np.interp(k - self.lag_s * self.rate, k, reference) if k.size else reference
+
     def out_of_reach(self) -> str:
         """What of the reference the stage cannot follow by its first model, in a sentence; empty if it can."""
         up, wanted = np.linspace(*self.declared.x_limits, SWEPT), self.reference.samples

@@ -13,6 +13,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -33,7 +34,7 @@ from exported_loops import a_model
 from bench.live.board import Board
 from bench.live.device import Declared, DeviceError, DeviceFile, Simulated
 from bench.live.settings import first_model, of_file, sine
-from piezo_model import HysteresisCreepModel, plants
+from piezo_model import Dynamics, HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import decaying_triangle, multi_sine
 from piezo_model.units import UnitError, quantity
@@ -259,6 +260,34 @@ def test_the_board_hands_over_samples_and_events_in_their_order() -> None:
     np.testing.assert_array_equal(samples[:, 3], np.arange(start, 3000))
     one.log("fünf " * 100)
     assert other.last_events()[0].startswith("299.900 s: fünf")
+
+
+def test_tracking_errors_count_after_the_lag_of_the_inverse(piezobench: CommandLine, tmp_path: Path) -> None:
+    model, dynamics = a_model(), Dynamics((20.0,), (0.02,), (1.0,), 0.01)
+    replace(model, dynamics=dynamics).save(tmp_path / "model.json")
+    (tmp_path / "stage.py").write_text(f"""
+from piezo_model import HysteresisCreepModel, OperatorState
+class Stage:
+    input_unit, output_unit, x_limits, y_range = "V", "um", (0.0, 150.0), (-20.0, 20.0)
+    rate_limit, rest, reopens = 5e4, 0.0, False
+    def open(self):
+        model = HysteresisCreepModel.load({str(tmp_path / "model.json")!r}).at(0.01)
+        self.static, self.state = model.static, OperatorState.settled_at(model.structure, 0.0)
+        self.g = model.dynamics.stream(0.01, self.static.simulate([0.0], self.state)[0])
+    def exchange(self, x):
+        y, self.state = self.static.advance([x], self.state)
+        return float(self.g(y)[0])
+    def close(self): pass
+""")
+    words = ("--rate", 100, "--seconds", 3, "--no-page", "--learn", "off", "--sine", "2Hz:5um")
+    call = piezobench("live", tmp_path / "model.json", "--device", tmp_path / "stage.py", *words)
+    assert call.status == 0, call.stderr
+    found = re.search(r"Tracking error after the lag over the last .* s: ([0-9.]+) (µm|nm) RMS", call.stdout)
+    assert found
+    assert float(found[1]) * {"µm": 1.0, "nm": 1e-3}[found[2]] < 0.1
+    lag_s = dynamics.lag_s(0.01)
+    assert f"The output lags the reference by {quantity(lag_s, 's', 3)}" in call.stdout
+    assert 5.0 * 2.0 * np.pi * 2.0 * lag_s > 1.0  # what counting at once would have said
 
 
 @pytest.mark.parametrize("frequency", [3.0, 99.0, 0.37, math.pi])
