@@ -150,9 +150,8 @@ def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
     if form is None:
         yield "the stored problem has no such scaling"
         return
-    gaps = (math.nan, math.nan)
-    if row["status"] == Status.OK and answer.shape == form.qp.q.shape and np.isfinite(answer).all():
-        gaps = relative_gap(form, answer)
+    is_judged = row["status"] == Status.OK and answer.shape == form.qp.q.shape and np.isfinite(answer).all()
+    gaps = relative_gap(form, answer) if is_judged else (math.nan, math.nan)
     yield from _differences(("cost gap", "violation"), (row["cost_gap"], row["violation"]), gaps)
     if row["timed_call"] < 0:
         yield from _differences(("timed gap",), (row["timed_gap"],), (math.nan,))

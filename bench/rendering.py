@@ -84,13 +84,8 @@ def markdown(text: Any) -> Markup:
     return Markup(re.sub(r"[\\`*\[\]<>&|~]", lambda found: f"&#{ord(found[0])};", line))
 
 
-def html_templates(package: str) -> jinja2.Environment:
-    """Templates of pages."""
-    return _templates(package, autoescape=True)
-
-
-def xml_templates(package: str) -> jinja2.Environment:
-    """Templates of XML."""
+def markup_templates(package: str) -> jinja2.Environment:
+    """Templates of HTML and XML."""
     return _templates(package, autoescape=True, finalize=xml)
 
 

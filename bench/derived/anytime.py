@@ -90,9 +90,11 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
         yield "No solver gave an answer."
         return
     reach = others[others[1] <= tolerance]
-    closest = ""
-    if len(reach):
-        closest = f"; the closest is {reach.name.iloc[0]} ({reach.lane.iloc[0]}) with {reach[1].iloc[0]:.1e}"
+    closest = (
+        f"; the closest is {reach.name.iloc[0]} ({reach.lane.iloc[0]}) with {reach[1].iloc[0]:.1e}"
+        if len(reach)
+        else ""
+    )
     yield (
         f"Within one sampling period {solver_lanes(len(reach), len(others), 'reach')} a cost gap of {tolerance:g} on "
         f"the median problem{closest}."

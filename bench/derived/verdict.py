@@ -82,10 +82,8 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
 
 def _known(lines: Sequence[Line], at: Tier) -> Iterator[str]:
     """Which of the libraries that people know first reach a tier by their own interface, and how far the others are."""
-    best: dict[str, int] = {}
-    for line in lines:
-        if line.solver in KNOWN and line.lane in LANE_NAMES:
-            best[line.solver] = max(best.get(line.solver, 0), line.results[at].right)
+    known = [line for line in lines if line.solver in KNOWN and line.lane in LANE_NAMES]
+    best = {one.solver: max(line.results[at].right for line in known if line.solver == one.solver) for one in known}
     reach = [solver for solver in best if any(line.solver == solver and line.results[at].reached for line in lines)]
     all_of_them = [f"{joined(reach)} {'reaches' if len(reach) == 1 else 'reach'} it on all problems"] if reach else []
     short = [f"{solver} on {count}" for solver, count in best.items() if solver not in reach]

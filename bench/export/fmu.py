@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from bench.export import building, c_source
 from bench.export.settings import ExportSettings
-from bench.rendering import xml_templates
+from bench.rendering import markup_templates
 from piezo_model import HysteresisCreepModel
 from piezo_model.atomic_file import replacing
 
@@ -95,7 +95,7 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         "integral_gain": settings.integral_gain,
     }
     code |= c_source.render(model, settings, title, {"piezo_fmu.h": "fmu.h.jinja"}, **about)
-    described, templates = {**c_source.variables_of(model, settings, title), **about}, xml_templates("bench.export")
+    described, templates = {**c_source.variables_of(model, settings, title), **about}, markup_templates("bench.export")
     contents: dict[str, str | bytes] = {f"sources/{key}": text for key, text in code.items()}
     contents["modelDescription.xml"] = templates.get_template(f"modelDescription{fmi}.xml.jinja").render(described)
     if fmi == 3:

@@ -23,7 +23,7 @@ import pandas as pd
 from bench.live.board import FOLLOW, Board, State, edges_us, rms
 from bench.live.device import DeviceError
 from bench.live.settings import LiveSettings
-from bench.rendering import html_templates
+from bench.rendering import markup_templates
 from bench.report import vega
 from bench.report.report import GREY, PALETTE, Axis, Mark, Plot
 from piezo_model.units import quantity, shown
@@ -209,7 +209,7 @@ def html(settings: LiveSettings, board: Board) -> bytes:
         title: vega.specification(pd.DataFrame(table), plot)
         for (title, plot), table in zip(plots(settings).items(), tables(settings, board)[0], strict=True)
     }
-    page = html_templates("bench.live").get_template("page.html.jinja")
+    page = markup_templates("bench.live").get_template("page.html.jinja")
     centre, learns = f"{0.5 * (low + high):g}", settings.learn != "off"
     return page.render(plots=drawn, library=vega.library(), learns=learns, centre=centre, unit=unit).encode()
 

@@ -107,11 +107,13 @@ class _Reader:
         require(kind not in self.seen, f"a second {kind} section")
         self.seen[kind] = self.section
         if self.section == "OBJSENSE" and argument:
-            self._sense(argument)
+            self._line(argument)
 
     def _line(self, line: str) -> None:
         if self.section == "OBJSENSE":
-            self._sense(line.strip())
+            word = line.strip()
+            require(word.upper() in SENSES, f"the sense {word!r} is neither MIN nor MAX")
+            _put(self.values["OBJSENSE"], "of the objective", SENSES[word.upper()], "sense")
             return
         require(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
         kind, head, pairs = self._fields([line[field].strip() for field in FIXED] if self.fixed else line.split())
@@ -126,10 +128,6 @@ class _Reader:
         else:
             for name, text in pairs:
                 self._element(head, name, text)
-
-    def _sense(self, word: str) -> None:
-        require(word.upper() in SENSES, f"the sense {word!r} is neither MIN nor MAX")
-        _put(self.values["OBJSENSE"], "of the objective", SENSES[word.upper()], "sense")
 
     @property
     def _objective(self) -> str | None:

@@ -82,9 +82,8 @@ class Kind:
         self.race.entries(settings)
         run.reopen(asdict(settings), self.anchors(run))
 
-    def carry_on(self, run: Run, progress: Progress, workers: Workers | None = None) -> None:
+    def carry_on(self, run: Run, progress: Progress, workers: Workers) -> None:
         """Do the tasks that are not done yet, and gather the tables."""
-        workers = workers or Workers()
         self.check(workers)
         with run.exclusive():
             drive(self.race(run, self.settings_of(run), progress), workers)

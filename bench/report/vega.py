@@ -118,7 +118,7 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark, legend: bool) -> dict[st
     size = {"size": mark.size} if is_point else {} if mark.kind == "bar" else {"strokeWidth": mark.size}
     encoding: dict[str, Any] = {
         "x": _position(table, plot.x, mark.x, mark.share),
-        "y": _position(table, plot.y, mark.y, False),
+        "y": _position(table, plot.y),
     }
     optional: dict[str, Any] = {
         "x2": mark.x2 and {"field": mark.x2},
@@ -170,7 +170,7 @@ def _coloured(plot: Plot, mark: Mark, is_line: bool, is_point: bool, legend: boo
     }
 
 
-def _position(table: pd.DataFrame, axis: Axis, column: str, share: bool) -> dict[str, Any]:
+def _position(table: pd.DataFrame, axis: Axis, column: str = "", share: bool = False) -> dict[str, Any]:
     """Encoding of an axis and the column along it."""
     field = column or axis.column
     if not _is_number(table, field):

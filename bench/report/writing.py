@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.rendering import html_templates, markdown_templates
+from bench.rendering import markdown_templates, markup_templates
 from bench.report import vega
 from bench.report.report import Report
 from piezo_model.atomic_file import replacing, write_text
@@ -22,7 +22,7 @@ def write_page(report: Report, path: Path, figures: str = "figures") -> Path:
     plots = {figure.name: [vega.specification(figure.data, plot) for plot in figure.plots] for figure in report.drawn}
     write_text(
         path,
-        html_templates("bench.report")
+        markup_templates("bench.report")
         .get_template("page.html.jinja")
         .render(report=report, plots=plots, folder=figures, library=vega.library() if plots else ""),
     )

@@ -13,6 +13,7 @@ from command_line import CommandLine
 from small_races import assert_harmless
 
 from bench.messages.task import NO_SETTING, Task, Tier, silent
+from bench.processes.engine import Workers
 from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings
@@ -45,7 +46,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("loop")
     (folder / "mine.py").write_text(OWN)
     started = kinds()["loop"].start(folder, replace(SETTINGS, solver_files=(str(folder / "mine.py"),)), "loop")
-    kinds()["loop"].carry_on(started, silent)
+    kinds()["loop"].carry_on(started, silent, Workers())
     return started
 
 

@@ -17,6 +17,7 @@ from small_races import assert_harmless, killed_and_resumed
 
 from bench.messages.task import Outcome, Status, Tier, silent
 from bench.problems.simulation import FORGOTTEN_S
+from bench.processes.engine import Workers
 from bench.races.kind import kind_of, kinds
 from bench.races.stream import report
 from bench.races.stream import summary as stream_summary
@@ -110,7 +111,7 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
         ),
     )
     run = kinds()["stream"].start(folder, settings, "run")
-    kinds()["stream"].carry_on(run, silent)
+    kinds()["stream"].carry_on(run, silent, Workers())
     return Streamed(run, run.rows(STREAM), run.times(), make(settings.experiment, SAMPLES, FORGOTTEN_S, 12))
 
 
