@@ -16,6 +16,7 @@ from bench.messages.task import NO_SETTING, Task, Tier, silent
 from bench.processes.engine import Workers
 from bench.races.kind import kind_of, kinds
 from bench.races.loop import race as closed_loop
+from bench.races.loop import report
 from bench.races.loop.race import DRIFTING, LOOP, PAPER, STILL, LoopRace, LoopSettings
 from bench.races.loop.worker import drive
 from bench.store import Run
@@ -157,6 +158,17 @@ def test_the_report_answers_whether_accuracy_matters_and_its_page_draws_it(run: 
     summary = pd.read_csv(run.path / "summary.csv")
     assert len(summary) == 6 * 2
     assert browser.sections(path.with_suffix(".html")) == ["loop", "loop_time"]
+
+
+def test_the_verdict_says_what_the_papers_method_reaches_on_each_stage(
+    rows: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "PAPERS_SETTING", STEPS_1000)  # the quick race has no phase of 15 200 steps
+    assert re.match(
+        r"The paper's method with its 15 200 steps reaches \S+ nm on the still stage, \S+ times the least, at a cost gap "
+        r"of \S+; \S+ nm on the drifting stage",
+        report.verdict(report.summary(rows))[1],
+    )
 
 
 def test_a_solver_is_not_added_to_a_loop_race(piezobench: CommandLine, run: Run) -> None:

@@ -54,7 +54,7 @@ def verdict(table: pd.DataFrame) -> list[str]:
     stages = [(problem, part.reset_index(drop=True)) for problem, part in _learned(table)]
     if not stages:
         return ["No solver learned weights that the loop used."]
-    near, far = [], []
+    near, far, paper = list[str](), list[str](), list[str]()
     for problem, part in stages:
         inside = part.rms_percent <= NOTICED * part.rms_percent.min()
         near.append(
@@ -65,10 +65,15 @@ def verdict(table: pd.DataFrame) -> list[str]:
         )
         if not inside.all():
             far.append(f"{gap(part[~inside].cost_gap.min())} on the {problem} stage")
+        paper += [
+            f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
+            f"times the least, at a cost gap of {gap(line.cost_gap)}"
+            for _, line in part[part.settings == PAPERS_SETTING].iterrows()
+        ]
     sentence = "; ".join(near)
     return [
         f"{sentence[0].upper()}{sentence[1:]}.",
-        *(f"The paper's method with its 15 200 steps reaches {reached}." for reached in _paper(table)),
+        *([f"The paper's method with its 15 200 steps reaches {'; '.join(paper)}."] if paper else []),
         *([f"Learners farther away have cost gaps of at least {joined(far)}."] if far else []),
     ]
 
@@ -76,17 +81,6 @@ def verdict(table: pd.DataFrame) -> list[str]:
 def _learned(table: pd.DataFrame) -> Iterator[tuple[object, pd.DataFrame]]:
     """Each stage with its learners whose weights were used."""
     return iter(table[table.cost_gap.notna()].groupby("problem", sort=False))
-
-
-def _paper(table: pd.DataFrame) -> list[str]:
-    """What the paper's method reaches on each stage, if it learned weights."""
-    reached = [
-        f"{_nm(line.rms_um)} nm on the {problem} stage, {number(line.rms_percent / part.rms_percent.min())} "
-        f"times the least, at a cost gap of {gap(line.cost_gap)}"
-        for problem, part in _learned(table)
-        for _, line in part[part.settings == PAPERS_SETTING].iterrows()
-    ]
-    return ["; ".join(reached)] if reached else []
 
 
 def notes(table: pd.DataFrame) -> Iterator[str]:
