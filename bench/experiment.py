@@ -12,13 +12,12 @@ the repository.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 
 from bench.messages.task import Progress, silent
-from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table, Where
+from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.writing import write_report
 from bench.stage import trial
 from bench.stage.setup import AMPLITUDE_UM, AXES, LEVELS, RANGE_UM, StageSetup, percent
@@ -160,10 +159,10 @@ def lines(
     x: Axis,
     y: Axis,
     names: Sequence[str],
-    where: Where = MappingProxyType({}),
     along: str = "",
     points: bool = False,
     height: int = 240,
+    **where: Sequence[object],
 ) -> Plot:
     """One line for each of these names, from the rows of a table that ``where`` selects."""
     marks = Mark("line", "name", along=along), *([Mark("point", "name", size=50.0)] if points else [])
@@ -224,10 +223,10 @@ def loops(runs: Mapping[str, Trial]) -> Figure:
     )
     plots = []
     for axis in AXES:
-        x, where = Axis("reference_um", f"reference {axis}, µm"), {"axis": [axis]}
+        x = Axis("reference_um", f"reference {axis}, µm")
         plots += [
-            lines(x, Axis("position_um", "measured position, µm"), (STRAIGHT, LEARNED), where, "sample"),
-            lines(x, Axis("error_um", "error, µm"), (LEARNED,), where, "sample", height=150),
+            lines(x, Axis("position_um", "measured position, µm"), (STRAIGHT, LEARNED), "sample", axis=[axis]),
+            lines(x, Axis("error_um", "error, µm"), (LEARNED,), "sample", height=150, axis=[axis]),
         ]
     return Figure(
         "loops",
@@ -278,9 +277,7 @@ def errors(runs: Mapping[str, Trial]) -> pd.DataFrame:
 def cycles(table: pd.DataFrame) -> Figure:
     """The errors on the steady stage, and below on the drifting one."""
     last = int(table.cycle.max())
-    cycle = Axis(
-        "cycle", "cycle", values=range(1, last + 1), label="format(datum.value, 'd')", domain=(0.8, last + 0.2)
-    )
+    cycle = Axis("cycle", "cycle", values=range(1, last + 1), format="d", domain=(0.8, last + 0.2))
     error = Axis("percent", "RMS error, % of range", log=True)
     return Figure(
         "cycles",
@@ -291,7 +288,7 @@ def cycles(table: pd.DataFrame) -> Figure:
         f"{100 * DRIFT_PER_CYCLE:g} % a cycle.",
         table,
         [
-            lines(cycle, error, names, {"stage": [stage]}, points=True)
+            lines(cycle, error, names, points=True, stage=[stage])
             for stage, names in ((STEADY, (STRAIGHT, HINDSIGHT, LEARNED)), (DRIFTING, (ONCE, LEARNED)))
         ],
     )

@@ -10,7 +10,6 @@ per period, whatever a step costs.
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -59,9 +58,8 @@ def drawn(table: pd.DataFrame) -> pd.DataFrame:
 def by_budget(table: pd.DataFrame) -> pd.DataFrame:
     """One row per solver lane, one column per budget: the paper's pace, then the others from accurate to inaccurate."""
     wide = table.pivot_table(index=LINE, columns="budget", values="median_gap", sort=False).reset_index()
-    keys: list[Any] = ["other", *BUDGETS]
-    ordered = wide.assign(other=wide.name != PACE).sort_values(keys, kind="stable", ignore_index=True)
-    return ordered.drop(columns="other")
+    accurate_first = wide.sort_values(wide.columns.drop(LINE).tolist(), kind="stable")
+    return accurate_first.sort_values("name", key=lambda names: names != PACE, kind="stable", ignore_index=True)
 
 
 def accuracy_table(table: pd.DataFrame) -> Table:

@@ -165,8 +165,8 @@ def test_the_verdict_says_what_the_papers_method_reaches_on_each_stage(
 ) -> None:
     monkeypatch.setattr(report, "PAPERS_SETTING", STEPS_1000)  # the quick race has no phase of 15 200 steps
     assert re.match(
-        r"The paper's method with its 15 200 steps reaches \S+ nm on the still stage, \S+ times the least, at a cost gap "
-        r"of \S+; \S+ nm on the drifting stage",
+        r"The paper's method with its 15 200 steps reaches \S+ nm on the still stage, \S+ times the least, at a cost "
+        r"gap of \S+; \S+ nm on the drifting stage",
         report.verdict(report.summary(rows))[1],
     )
 

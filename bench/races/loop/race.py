@@ -16,8 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
-from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from msgspec import Meta
@@ -108,7 +107,7 @@ class LoopRace(TaskRace[LoopSettings]):
     schema = LOOP
     preload = ("bench.races.loop.worker",)
     timed = False
-    failed = MappingProxyType({"window": -1, "hand_overs": 0, "refused": 0, "faults": 0})
+    failed: ClassVar = {"window": -1, "hand_overs": 0, "refused": 0, "faults": 0}
 
     @classmethod
     def entries(cls, settings: LoopSettings) -> Sequence[Entry]:
