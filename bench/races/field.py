@@ -37,18 +37,16 @@ def chosen(
         and (entry.name in settings.solvers if settings.solvers or settings.named_only else True)
     ]
     warm_up(selected, preload)
-    taken = {(entry.name, entry.lane) for entry in known}
     for path in settings.solver_files:
         entry = entry_of_file(path, of_file)
         if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
             raise RaceError(
                 f"{path}: a {what} is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}"
             )
-        if (entry.name, entry.lane) in taken:
+        if any((other.name, other.lane) == (entry.name, entry.lane) for other in [*known, *selected]):
             raise RaceError(
                 f"{path}: there is a {what} {entry.name} in the lane {entry.lane} already; name it otherwise"
             )
-        taken.add((entry.name, entry.lane))
         selected.append(entry)
     if not selected:
         raise RaceError(f"no selected {what} is in the lane {' or '.join(settings.lanes)}")

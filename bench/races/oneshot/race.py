@@ -44,9 +44,8 @@ from bench.report.words import joined, marked
 from bench.store import Anchor, Run
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import decoded
-from solvers import find
 from solvers.protocol import setting_text
-from solvers.registry import FAMILIES, Described, Entry
+from solvers.registry import FAMILIES, Described, Entry, entries, find
 
 EXPONENT = 8.0
 """Exponent of the cost gap at which wrappers are compared."""
@@ -165,15 +164,12 @@ def first_pass_settings(solver: Described, given: str = "") -> Sequence[Setting]
 def anchors(run: Run) -> list[Anchor]:
     """The fastest lanes of different solvers that reach 1e-9 on all problems and are installed."""
     found: dict[str, Anchor] = {}
+    # not those from a file of the user's, whose code a run does not choose
+    known = {(entry.name, str(entry.lane)) for entry in entries() if entry.lane not in FAMILIES}
     for line in ranking(Measurements.of(run)):
         high = line.results.get(Tier.HIGH)
-        if high is None or not high.reached or line.partial or line.name == PACE or line.lane in FAMILIES:
-            continue
-        try:
-            find(line.solver, line.lane)
-        except KeyError:  # from a file of the user's, whose code a run does not choose
-            continue
-        found.setdefault(line.solver, {"solver": line.solver, "lane": line.lane, "setting": high.setting})
+        if high and high.reached and not line.partial and line.name != PACE and (line.solver, line.lane) in known:
+            found.setdefault(line.solver, {"solver": line.solver, "lane": line.lane, "setting": high.setting})
     return [*found.values()][:ANCHORS]
 
 
