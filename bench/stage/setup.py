@@ -72,16 +72,18 @@ class StageSetup:
     @classmethod
     def quick(cls, **options: Any) -> Self:
         """A setup with short phases, which runs in a few seconds."""
-        short: dict[str, Any] = {
-            "reset_s": 0.05,
-            "build_s": 2.0,
-            "learn_s": 0.2,
-            "cycles": 3,
-            "hold_s": 0.0625,
-            "step_s": 0.01,
-            "loops_s": 1.0,
-        }
-        return cls(**{**short, **options})
+        return cls(
+            **{
+                "reset_s": 0.05,
+                "build_s": 2.0,
+                "learn_s": 0.2,
+                "cycles": 3,
+                "hold_s": 0.0625,
+                "step_s": 0.01,
+                "loops_s": 1.0,
+                **options,
+            }
+        )
 
     @property
     def cycle(self) -> int:

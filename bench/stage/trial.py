@@ -35,9 +35,7 @@ class Trial:
 
     def cycle_error_um(self, cycle: int) -> Matrix:
         """Tracking error in one cycle; −1 is the last."""
-        count = self.setup.cycle
-        start = cycle * count if cycle >= 0 else len(self.y) + cycle * count
-        return self.error_um[start : start + count]
+        return self.error_um.reshape(-1, self.setup.cycle, len(AXES))[cycle]
 
     def rms_percent(self, cycle: int = -1) -> Vector:
         """RMS error of each axis in one cycle, percent of the reference's range."""
