@@ -89,10 +89,9 @@ def markup_templates(package: str) -> jinja2.Environment:
     return _templates(package, autoescape=True, finalize=xml)
 
 
-def markdown_templates(package: str, *shared: str) -> jinja2.Environment:
-    """Templates of Markdown, which may build on those of shared packages; lists are escaped by the filter ``plain``
-    before they are joined."""
-    environment = _templates(package, *shared, autoescape=True, finalize=markdown)
+def markdown_templates(package: str) -> jinja2.Environment:
+    """Templates of Markdown; lists are escaped by the filter ``plain`` before they are joined."""
+    environment = _templates(package, autoescape=True, finalize=markdown)
     environment.filters["plain"] = markdown
     return environment
 
@@ -104,10 +103,13 @@ def c_templates(package: str) -> jinja2.Environment:
     return environment
 
 
-def _templates(*packages: str, **options: Any) -> jinja2.Environment:
-    loader = jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages])
+def _templates(package: str, **options: Any) -> jinja2.Environment:
     return jinja2.Environment(
-        loader=loader, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, **options
+        loader=jinja2.PackageLoader(package),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        **options,
     )
 
 
