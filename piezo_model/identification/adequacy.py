@@ -22,6 +22,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from piezo_model.dynamics import HIGHEST
 from piezo_model.identification.direction import is_monotonic, swapped
 from piezo_model.identification.error_model import Solving
 from piezo_model.identification.fit_errors import Baseline, Fit, cross_validate, residual, rms
@@ -162,7 +163,8 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[st
     far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(rms(data.near_own), cubic)
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
     if resonant < min(far_better, delayed):
-        return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz: {compared}", True
+        fast = f", above {HIGHEST:.0%} of the sampling rate; record faster".replace("%", " %") * (frequency > HIGHEST)
+        return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz{fast}: {compared}", True
     if delayed < far_better:
         return f"the output is the drive with a delay of {quantity(delay * s.sample_time, 's', 3)}: {compared}", False
     return _misread(u, v, s, poor, leads, compared), False

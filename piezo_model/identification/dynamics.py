@@ -83,6 +83,7 @@ class DynamicsFinding:
     frequencies_Hz: tuple[float, ...]
     damping: tuple[float, ...]
     delay_s: float
+    amplifier_lag_s: float
     intervals: dict[str, list[list[float]]]
     """Those of frequencies, damping ratios and delay at 95 %."""
     held_out_percent: tuple[float, float]
@@ -139,8 +140,9 @@ class DynamicsFinding:
         if self.also_rings[1] > 0.0:
             yield f"The output also rings near {self.also_rings[0]:.3g} Hz, which is not in the model."
         without, behind = self.held_out_percent
+        lag = f", and the amplifier lags by {quantity(self.amplifier_lag_s, 's', 3)}" * (self.amplifier_lag_s > 0.0)
         yield (
-            f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval; in "
+            f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval{lag}; in "
             f"a first fit the error on held-out data is {behind:.3g} % of the range with the dynamics and "
             f"{without:.3g} % without."
         )
@@ -342,6 +344,7 @@ class Trials:
             g.frequencies_Hz,
             g.damping,
             g.delay_s,
+            g.amplifier_lag_s,
             {"frequencies_Hz": ends[:modes], "damping": ends[modes : 2 * modes], "delay_s": ends[2 * modes :]},
             (without, behind),
             reason,
