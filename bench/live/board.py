@@ -136,12 +136,6 @@ class Board:
             f"does nothing {self.null_missed} of {self.null_samples}."
         )
 
-    def begin_ramp(self, reason: str, failed: bool) -> None:
-        """Note that the ramp to rest begins, and why."""
-        self.log(f"ramp to rest: {reason}")
-        self.reason = reason
-        self.set(followed=self.head, failed=failed, state=State.RAMPING)
-
     @property
     def reason(self) -> str:
         """Why the run ends, or the stage could not be opened; empty until then."""

@@ -106,8 +106,9 @@ class Loop:
     def end(self, reason: str, failed: bool = False) -> None:
         """Begin the ramp to rest, unless it has begun."""
         if not self._ramping:
-            self._ramping = True
-            self._board.begin_ramp(reason, failed)
+            self._ramping, self._board.reason = True, reason
+            self._board.log(f"ramp to rest: {reason}")
+            self._board.set(followed=self._board.head, failed=failed, state=State.RAMPING)
 
     def obey(self) -> None:
         """Carry out the requests on the board."""

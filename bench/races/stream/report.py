@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
@@ -158,30 +159,29 @@ def _with_texts(table: pd.DataFrame) -> pd.DataFrame:
     """The summary with TEXTS, and with percentiles as texts: value and interval, marked if it is not above the
     machine's floor, or the number of samples that it needs."""
     lines = table.to_dict("records")
-    texts: dict[str, list[str]] = {
+    texts = {
         "tier_label": [tier_label(line["tier"], line["basis"]) for line in lines],
         "late": [f"{line['missed']:.0f}/{line['samples']}" for line in lines],
         "beside_machine": [
             "–" if line["is_floor"] else f"{number(line['bouts_ratio_low'])} to {number(line['bouts_ratio_high'])}"
             for line in lines
         ],
+        **{
+            f"{kind} {Percentile(q).name}": [_percentile(line, kind, q) for line in lines]
+            for kind in PERCENTILES
+            for q in QUANTILES
+        },
     }
-    for kind in PERCENTILES:
-        for q in QUANTILES:
-            name = Percentile(q).name
-            texts[f"{kind} {name}"] = [
-                _or_needs(line[column(kind, q)], q)
-                + (f" ({number(line[column(kind, q, 'low')])} to {number(line[column(kind, q, 'high')])})")
-                * (line[column(kind, q)] >= 0)
-                + " ≈ floor" * (kind == "response" and not line["is_floor"] and line[f"at_floor_{name}"])
-                for line in lines
-            ]
     return table.assign(**texts)
 
 
-def _or_needs(value: float, q: float) -> str:
-    """A percentile, or the number of samples that it needs."""
-    return f"needs {needed(q)}" if math.isnan(value) else number(value)
+def _percentile(line: Mapping[Hashable, Any], kind: str, q: float) -> str:
+    """A percentile and its interval, marked if it is not above the machine's floor, or the number of samples that it
+    needs."""
+    value, low, high = (line[column(kind, q, end)] for end in ("", "low", "high"))
+    at_floor = kind == "response" and not line["is_floor"] and line[f"at_floor_{Percentile(q).name}"]
+    interval = f"{number(value)} ({number(low)} to {number(high)}){' ≈ floor' * at_floor}"
+    return f"needs {needed(q)}" if math.isnan(value) else interval
 
 
 def ranking(table: pd.DataFrame) -> Table:
