@@ -164,7 +164,7 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[st
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
     if resonant < min(far_better, delayed):
         fast = f", above {HIGHEST:.0%} of the sampling rate; record faster".replace("%", " %") * (frequency > HIGHEST)
-        return f"the output has a resonance at {frequency / s.sample_time:.3g} Hz{fast}: {compared}", True
+        return f"the output has a resonance at {quantity(frequency / s.sample_time, 'Hz', 3)}{fast}: {compared}", True
     if delayed < far_better:
         return f"the output is the drive with a delay of {quantity(delay * s.sample_time, 's', 3)}: {compared}", False
     return _misread(u, v, s, poor, leads, compared), False
