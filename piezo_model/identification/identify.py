@@ -198,8 +198,8 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     progress("start", 0, 4)
     own_range = options.structure is None
 
-    def start(static: Recording) -> Prepared:
-        return prepare(static, first, solving, options.skip, options.state, fit_range=own_range)
+    def start(static: Recording, skip: int | None = options.skip) -> Prepared:
+        return prepare(static, first, solving, skip, options.state, fit_range=own_range)
 
     separated, lag = separate(recording, start, options.dynamics, solving), None
     if separated.dynamics is None and options.lag != "ignore":

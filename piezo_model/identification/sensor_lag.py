@@ -135,7 +135,7 @@ class _Fits:
 def separate_lag(
     recording: Recording,
     separated: Separated,
-    prepare: Callable[[Recording], Prepared],
+    prepare: Callable[[Recording, int], Prepared],
     solving: Solving,
     *,
     keep: bool,
@@ -156,7 +156,7 @@ def separate_lag(
     best = fits(head, prepared, USUAL, *(Dynamics((), (), (), T * samples) for samples in {0, shift}))
     if best.is_significant:
         static = best.trials.without_dynamics(head, best.late)
-        best = fits(static, prepare(static), ORDERS, found(best.late).start)
+        best = fits(static, prepare(static, prepared.skip), ORDERS, found(best.late).start)
     late, at, samples, is_significant = best.late, best.trials.structure.d + 1, best.samples, best.is_significant
     if late.P[at, at] == 0.0:
         return separated, None
@@ -169,7 +169,7 @@ def separate_lag(
     if not (removed or in_model):
         return separated, lag
     static = best.trials.without_dynamics(recording, late)
-    return Separated(static, prepare(static), found(late).start, separated.finding), lag
+    return Separated(static, prepare(static, prepared.skip), found(late).start, separated.finding), lag
 
 
 def _best_shift(y: Vector, y_model: Vector) -> int:
