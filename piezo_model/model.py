@@ -30,6 +30,7 @@ from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.structure import SMALLEST, ModelStructure
+from piezo_model.units import quantity
 from solvers.arrays import Vector, read_only, reals
 
 if TYPE_CHECKING:
@@ -265,9 +266,18 @@ class HysteresisCreepModel(Immutable):
 
     @property
     def warning(self) -> str:
-        """What speaks against a forced model, or one without the dynamics of the stage; "" for any other model."""
+        """What speaks against a forced model, one without the dynamics of the stage, or one with a delay at another
+        sampling period; "" for any other model."""
         reasons = {"was forced": self.report.get("refusal"), "is without dynamics": self.report.get("left_out")}
-        sentences = (f"The model {how} although {why}." for how, why in reasons.items() if why is not None)
+        sentences = [f"The model {how} although {why}." for how, why in reasons.items() if why is not None]
+        now, own = self.structure.sample_time, self.report.get("sample_time_s")
+        if self.dynamics is not None and isinstance(own, float) and not math.isclose(now, own, rel_tol=1e-6):
+            wrong = f"{quantity(abs(own - now), 's', 3)} too {'long' if own > now else 'short'}"
+            sentences.append(
+                f"The model was identified with a sample every {quantity(own, 's', 3)} and has one every "
+                f"{quantity(now, 's', 3)}: its delay counts from the end of the sampling interval, and is {wrong} if "
+                "the sensor is read at the start."
+            )
         return " ".join(" ".join(sentences).split())
 
     def at(self, sample_time: float) -> HysteresisCreepModel:

@@ -164,6 +164,16 @@ def test_another_sampling_period_keeps_the_dynamics_and_one_that_does_not_suit_t
             CompensatorBank(replace(model.structure, sample_time=sample_time), 2, dynamics=which.dynamics)
 
 
+def test_at_another_sampling_period_a_model_says_what_its_delay_may_be_wrong_by() -> None:
+    model = ringing()
+    assert model.at(5e-3).warning == model.at(1e-3).at(5e-3).warning == ""
+    for sample_time, off in ((1e-3, "4 ms too long"), (0.01, "5 ms too short")):
+        changed = model.at(sample_time)
+        assert f"with a sample every 5 ms and has one every {1e3 * sample_time:g} ms: its delay" in changed.warning
+        assert f"and is {off} if the sensor is read at the start." in changed.warning
+    assert replace(model, dynamics=None).at(1e-3).warning == ""
+
+
 def test_the_longest_lag_and_the_shortest_one_can_be_compensated() -> None:
     slow = Dynamics((1.0, 1.01), (0.01, 0.01), (0.5, 0.5), 1.0)
     for dynamics in (slow, Dynamics((500.0,), (0.01,), (1.0,), 0.0, 5e-324)):
