@@ -14,9 +14,8 @@ Source: E. D. Dolan and J. J. Moré, Mathematical Programming 91 (2002) 201 to 2
 import numpy as np
 import pandas as pd
 
-from bench.derived import ranking, summary
+from bench.derived import ranking, summary, verdict
 from bench.derived.measurements import Measurements, at_tiers
-from bench.derived.verdict import KNOWN
 from bench.messages.columns import TYPICAL, worst
 from bench.messages.task import Status, Tier
 from bench.report.report import BEST, LEAST_GAP, together
@@ -83,7 +82,7 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
     ends = pd.MultiIndex.from_frame(best[[*line, "setting"]])
     table = table.assign(
         view=table.scaling + " data",
-        front=(table.label == ranking.PACE) | table.solver.isin((*KNOWN, OUR_BEST)),
+        front=(table.label == ranking.PACE) | table.solver.isin((*verdict.KNOWN, OUR_BEST)),
         end=pd.MultiIndex.from_frame(table[[*line, "setting"]]).isin(ends),
         drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP),
     )

@@ -20,7 +20,6 @@ import pandas as pd
 
 from bench.messages.task import ChildSettings, Outcome, Progress, Request, Row, Task
 from bench.processes import engine, sentinel
-from bench.processes.engine import Workers
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.field import checked, described_by, field_of
@@ -172,7 +171,7 @@ class _TaskPart(Part):
         return ()
 
 
-def drive(race: Race[Any], workers: Workers) -> None:
+def drive(race: Race[Any], workers: engine.Workers) -> None:
     """Do the tasks that are not done yet."""
     run, progress, done, total = race.run, race.progress, 0, 0
 

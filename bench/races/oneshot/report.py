@@ -7,11 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.derived import anytime
-from bench.derived import summary as summaries
+from bench.derived import anytime, ranking, summary, verdict
 from bench.derived.measurements import ONESHOT, Measurements
-from bench.derived.ranking import WRAPPERS, like_with_like, ranking, short_table, wrapper_share, yardstick
-from bench.derived.verdict import below_rounding, notes, verdict
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
 from bench.races.kind import Kind
@@ -104,23 +101,24 @@ REPEATED = (
 def report(run: Run, race: OneshotSettings) -> Report:
     """The report of a finished run."""
     measurements, settings = Measurements.of(run), run.settings
-    summary, table, costs = summaries.summary(measurements), ranking(measurements), optima(run, measurements.rows)
+    lines, table, costs = summary.summary(measurements), ranking.ranking(measurements), optima(run, measurements.rows)
     drifted = settings.get("conditions", {}).get("sentinel_drift", 0.0)
-    note = yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
-    shown = summary.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
+    note = ranking.yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
+    shown = lines.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
-    misses = dict(summaries.kept(run, measurements, race.keep_misses))
-    beside, versions, missed = like_with_like(measurements), settings.get("field", {}), summaries.misses(measurements)
+    misses = dict(summary.kept(run, measurements, race.keep_misses))
+    beside, missed = ranking.like_with_like(measurements), summary.misses(measurements)
+    versions = settings.get("field", {})
     return Report(
-        verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
-        short_table(table, note),
-        summary,
-        figures(measurements, summary),
-        terminal=short_table(table, note, terminal=True),
+        verdict.verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
+        ranking.short_table(table, note),
+        lines,
+        figures(measurements, lines),
+        terminal=ranking.short_table(table, note, terminal=True),
         scope=f"{measurements.problems} problem{'s' if measurements.problems != 1 else ''}",
         notes=[
-            *below_rounding(costs),
-            *notes(measurements, summary),
+            *verdict.below_rounding(costs),
+            *verdict.notes(measurements, lines),
             *remarks(run, measurements, misses),
         ],
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
@@ -128,7 +126,7 @@ def report(run: Run, race: OneshotSettings) -> Report:
         tables=[
             Table.of(
                 "Every solver at every tier",
-                shown.assign(right=right.mask(shown.status == summaries.NOTHING, "–")),
+                shown.assign(right=right.mask(shown.status == summary.NOTHING, "–")),
                 ONESHOT.columns,
                 3,
                 filters=("problem set", "scaling", "lane", "tier", "start", "status"),
@@ -155,8 +153,8 @@ def report(run: Run, race: OneshotSettings) -> Report:
             ),
             Table.of(
                 "Wrapper overhead",
-                wrapper_share(measurements),
-                WRAPPERS,
+                ranking.wrapper_share(measurements),
+                ranking.WRAPPERS,
                 3,
                 filters=("lane",),
                 note="Median µs of update and solve through a package, over that of the same library in the lane "
@@ -173,8 +171,8 @@ def report(run: Run, race: OneshotSettings) -> Report:
             ),
             Table.of(
                 "What went wrong",
-                summaries.failures(measurements),
-                summaries.WRONG,
+                summary.failures(measurements),
+                summary.WRONG,
                 8,
                 filters=("lane", "scaling", "status"),
             ),
