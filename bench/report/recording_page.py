@@ -160,20 +160,7 @@ def _error(review: Review, unit: str) -> Figure:
 
 
 def _weights(review: Review) -> Figure:
-    table = pd.DataFrame(
-        [
-            {
-                "weight": w.name,
-                "value": w.value,
-                "low": w.low,
-                "high": w.high,
-                "excitation": w.excitation,
-                "zero": 0.0,
-                "standing": "never reached" if not w.reached else "at its bound" if w.at_bound else "free",
-            }
-            for w in review.weights
-        ]
-    )
+    table = pd.DataFrame({**review.weights, "zero": 0.0})
     names, tips = Axis("weight"), ("weight", "standing", "value", "excitation")
     height = 30 + 18 * len(table)
     return Figure(

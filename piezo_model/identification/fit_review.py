@@ -1,10 +1,11 @@
 """A fit in detail: the model's output, the weights with the excitation of their operators, and the residual."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import welch
 
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
@@ -21,22 +22,6 @@ LONGEST = 1_000_000
 
 
 @dataclass(frozen=True)
-class Weight:
-    """One unknown."""
-
-    name: str
-    value: float
-    """Weight in normalised units, with w_H0 = 1."""
-    low: float
-    high: float
-    """Its interval at 95 %; NaN without one."""
-    excitation: float
-    """RMS of the operator's signal in normalised units."""
-    reached: bool
-    at_bound: bool
-
-
-@dataclass(frozen=True)
 class Review:
     """A recording and its model."""
 
@@ -48,7 +33,9 @@ class Review:
     sensor; straight lines where an output is missing."""
     skipped: int
     """Samples at the start that are not counted."""
-    weights: tuple[Weight, ...]
+    weights: Mapping[str, ArrayLike]
+    """A table of the unknowns: name of the weight, its value in normalised units with w_H0 = 1, its interval at 95 %,
+    NaN without one, the RMS of its operator's signal in normalised units, and its standing. Shape (d,) each."""
     sentences: tuple[str, ...]
     """Sentences of the identification, or of the validation."""
     fitted: bool
@@ -106,16 +93,23 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         part.y,
         simulate(s, model.arrays, part, states, with_sensor(model).dynamics),
         skip,
-        tuple(_weights(problem, model.weights, known)),
+        _weights(problem, model.weights, known),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),
         validation is None,
     )
 
 
-def _weights(problem: IdentificationProblem, w: Vector, known: Sequence[Sequence[float] | None]) -> Iterator[Weight]:
-    s = problem.structure
+def _weights(
+    problem: IdentificationProblem, w: Vector, known: Sequence[Sequence[float] | None]
+) -> dict[str, ArrayLike]:
+    s, unknown = problem.structure, (math.nan, math.nan)
     at_bound = s.inverse_slope_map @ w <= s.lower_bounds(problem.min_slope) + 1e-9
-    excitation = np.sqrt(np.maximum(np.diag(problem.P), 0.0))
-    for i, (name, interval) in enumerate(zip(s.weight_names, known, strict=True)):
-        low, high = (math.nan, math.nan) if interval is None else interval
-        yield Weight(name, float(w[i]), low, high, float(excitation[i]), bool(problem.reached[i]), bool(at_bound[i]))
+    low, high = np.transpose([interval or unknown for interval in known])
+    return {
+        "weight": s.weight_names,
+        "value": w,
+        "low": low,
+        "high": high,
+        "excitation": np.sqrt(np.maximum(np.diag(problem.P), 0.0)),
+        "standing": np.select([~problem.reached, at_bound], ["never reached", "at its bound"], "free"),
+    }
