@@ -1,11 +1,14 @@
-"""A deployment for a controller: model, solver and settings in one file, with the evidence for the choice.
+"""The files from which a self-learning compensator starts: a deployment, or its own when it was saved in operation.
 
-``piezobench deploy`` writes it and ``SelfLearningCompensator.load`` starts from it.
+A deployment for a controller holds model, solver and settings, with the evidence for the choice; ``piezobench deploy``
+writes it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -13,7 +16,7 @@ import msgspec
 
 from piezo_model import checks, json_file
 from piezo_model.atomic_file import write_text
-from piezo_model.json_file import Number, packed
+from piezo_model.json_file import Number, packed, unpacked
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
 from solvers import Lane
@@ -80,3 +83,44 @@ def open_model(path: str | Path) -> tuple[HysteresisCreepModel, Deployment[Hyste
         deployed = Deployment.load(path)
         return deployed.model, deployed
     return HysteresisCreepModel.load(path), None
+
+
+class LearnerFile(json_file.Versioned):
+    """The file of a self-learning compensator in operation: arrays are packed, to the bit."""
+
+    FORMAT = "piezobench-learner"
+    VERSION = 8
+    UPGRADE_HINT = "save its model, the field state.compensator.model, as a file of its own, and start from that"
+    settings: dict[str, Any]
+    """Fields of `learning.settings.LearningSettings`."""
+    state: dict[str, Any]
+    """With the model and its structure."""
+    checksum: str
+    """SHA-256 of the rest."""
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode("utf-8")).hexdigest()
+
+
+def write_learner(path: str | Path, settings: Mapping[str, Any], state: Mapping[str, Any]) -> None:
+    """Write a compensator in operation; the file is replaced as a whole."""
+    content = {
+        "format": LearnerFile.FORMAT,
+        "version": LearnerFile.VERSION,
+        "settings": packed(settings),
+        "state": packed(state),
+    }
+    write_text(path, json.dumps({**content, "checksum": _checksum(content)}, indent=1, allow_nan=False) + "\n")
+
+
+def read_learner(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings and state; ModelError names what is wrong with the file."""
+    file = json_file.read(path, LearnerFile, ModelError)
+    content = {"format": file.format, "version": file.version, "settings": file.settings, "state": file.state}
+    if file.checksum != _checksum(content):
+        raise ModelError(f"{path}: is damaged, since its checksum is another one")
+    try:
+        return unpacked(file.settings), unpacked(file.state)
+    except ValueError as error:
+        raise ModelError(f"{path}: holds a broken array ({json_file.brief(error)})") from None

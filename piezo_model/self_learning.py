@@ -16,11 +16,10 @@ from typing import Any, Self, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model import checks, compensator_file, json_file
+from piezo_model import checks, json_file
 from piezo_model.compensator import Compensator, CompensatorState
-from piezo_model.compensator_file import LearnerFile
 from piezo_model.core import bindings
-from piezo_model.deployment import Deployment
+from piezo_model.deployment import Deployment, LearnerFile, read_learner, write_learner
 from piezo_model.json_file import Number
 from piezo_model.learning.driven_range import RangeState
 from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
@@ -346,7 +345,7 @@ class SelfLearningCompensator(Learner):
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON, at any time; the file is replaced as a whole."""
-        compensator_file.write(path, asdict(self.settings), self.get_state())
+        write_learner(path, asdict(self.settings), self.get_state())
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> Self:
@@ -386,7 +385,7 @@ class SelfLearningCompensator(Learner):
 
     @classmethod
     def _resumed(cls, path: str | Path) -> Self:
-        fields, state = compensator_file.read(path)
+        fields, state = read_learner(path)
         try:
             saved = json_file.convert(state, SavedState)
             settings = json_file.convert(fields, LearningSettings)

@@ -36,8 +36,7 @@ from bench.problems.protocol import RaceProblem
 from bench.races.kind import open_run
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator
-from piezo_model.compensator_file import _checksum
-from piezo_model.deployment import Deployment
+from piezo_model.deployment import Deployment, _checksum
 from solvers import Lane
 
 STRUCTURE = ModelStructure.equidistant(

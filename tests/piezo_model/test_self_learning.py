@@ -18,8 +18,8 @@ from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor,
 from qpsolvers import Problem
 
 import solvers
-from piezo_model import OperatorState, SelfLearningCompensator, compensator_file
-from piezo_model.deployment import Deployment
+from piezo_model import OperatorState, SelfLearningCompensator
+from piezo_model.deployment import Deployment, write_learner
 from piezo_model.learning.events import Phase
 from piezo_model.learning.solving import solved
 from piezo_model.model import HysteresisCreepModel, ModelError
@@ -153,7 +153,7 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
     ]
     for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
         memory["learning"]["core"] = core
-        compensator_file.write(path, asdict(learner.settings), memory)
+        write_learner(path, asdict(learner.settings), memory)
         with pytest.raises(
             ModelError, match="does not hold a whole compensator: the state of the core is that of another structure"
         ):
@@ -212,7 +212,7 @@ def test_options_that_the_solver_does_not_have_are_refused_before_anything_runs(
     solver: str, options: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:
     learner, path = fresh("cyclic", solver), tmp_path / "learner.json"
-    compensator_file.write(path, {**asdict(learner.settings), "solver_options": options}, learner.get_state())
+    write_learner(path, {**asdict(learner.settings), "solver_options": options}, learner.get_state())
     with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{re.escape(sentence)}[^\n]*$"):
         SelfLearningCompensator.load(path)
 
