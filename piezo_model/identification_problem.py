@@ -19,17 +19,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import solvers
 from piezo_model import checks
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector
-
-if TYPE_CHECKING:
-    from qpsolvers import Problem
 
 Coordinates = Literal["slope", "weight"]
 Scaling = Literal["scaled", "raw"]
@@ -86,7 +84,7 @@ class ExcitationReport:
 class Form:
     """One form of the program: z is its variable, w = ``to_weights`` z, cost = ½ zᵀP z + qᵀz + c."""
 
-    qp: Problem
+    qp: solvers.Problem
     c: float
     to_weights: Matrix
 
@@ -187,8 +185,6 @@ class IdentificationProblem:
         """
         if coordinates not in ("slope", "weight") or scaling not in ("scaled", "raw"):
             raise ValueError(f"there is no form {coordinates!r}, {scaling!r}")
-        from qpsolvers import Problem  # which imports every solver that is installed
-
         s = self.structure
         P, q, c = self._in_slopes
         lb = s.lower_bounds(self.min_slope)
@@ -212,13 +208,13 @@ class IdentificationProblem:
             np.fill_diagonal(P, np.where(np.diag(P) > 0.0, 1.0, 0.0))
         upper = np.full(s.d, np.inf)
         if coordinates == "slope":
-            return Form(Problem(P, q, lb=lb, ub=upper), c, s.slope_map * D)
+            return Form(solvers.Problem(P, q, lb=lb, ub=upper), c, s.slope_map * D)
         row_unit = 1.0 / np.max(np.abs(rows * D), axis=1)  # the largest element of every row is 1
         G, h = -rows * D * row_unit[:, None], np.full(s.dead_zones, -self.min_slope) * row_unit
-        return Form(Problem(P, q, G=G, h=h, lb=lb, ub=upper), c, np.diag(D))
+        return Form(solvers.Problem(P, q, G=G, h=h, lb=lb, ub=upper), c, np.diag(D))
 
     @property
-    def qp(self) -> Problem:
+    def qp(self) -> solvers.Problem:
         """The default form: the box in slope coordinates, scaled."""
         return self.form().qp
 

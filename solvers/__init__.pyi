@@ -1,6 +1,6 @@
 from .batch import BoxBatch
 from .least_squares import BoxLeastSquares
-from .protocol import Lane, Solver, Unsupported
+from .protocol import Lane, Problem, Solver, Unsupported
 from .registry import Described, Entry, add_file, available, describe, entries, find, from_file, get
 
 __all__ = [
@@ -9,6 +9,7 @@ __all__ = [
     "Described",
     "Entry",
     "Lane",
+    "Problem",
     "Solver",
     "Unsupported",
     "add_file",

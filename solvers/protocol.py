@@ -19,7 +19,8 @@ from enum import StrEnum
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
-from qpsolvers import Problem, Solution
+from qpsolvers import Problem as Problem
+from qpsolvers import Solution
 
 from solvers.arrays import Matrix as Matrix
 from solvers.arrays import Nanoseconds as Nanoseconds

@@ -48,18 +48,16 @@ class Solving:
 
     def minimise(self, P: Matrix, q: Vector, low: Vector, high: Vector, towards: Vector) -> Vector:
         """The z (k,) in a box that minimises ½ zᵀP z + qᵀz, with a proximal term towards a point."""
-        from qpsolvers import Problem  # which imports every solver that is installed
-
         self.programs += 1
         rho = self.proximal * float(np.mean(np.diag(P)))
         D = 1.0 / np.sqrt(np.maximum(np.diag(P) + rho, np.finfo(float).tiny))
         scaled = (P + rho * np.eye(q.size)) * np.outer(D, D)
         upper = None if np.all(np.isinf(high)) else high / D
-        qp = Problem(0.5 * (scaled + scaled.T), (q - rho * towards) * D, lb=low / D, ub=upper)
+        qp = solvers.Problem(0.5 * (scaled + scaled.T), (q - rho * towards) * D, lb=low / D, ub=upper)
         return np.clip(_solve(qp, 1.0, self.solver) * D, low, high)
 
 
-def _solve(qp: object, c: float, solver: str) -> Vector:
+def _solve(qp: solvers.Problem, c: float, solver: str) -> Vector:
     """Solution of a program in a box whose constant is c; IdentificationError if the solver fails."""
     cls = solvers.find(solver).load()
     for rung in reversed(cls.ladder(c)):  # the tightest one may be beyond rounding

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import solvers
 from piezo_model.compensator import Compensator
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.identification_problem import Excitation, IdentificationProblem
@@ -148,9 +149,7 @@ class Learner(Stateful):
             bindings.learner_program(core.block)
         P, q, lower = core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), core["lower"].copy()
         c = 0.5 * float(full_gram(core["data" if self._cyclic else "gram"], s)[-1, -1])
-        from qpsolvers import Problem  # which imports every solver that is installed
-
-        program = Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
+        program = solvers.Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
         start = np.maximum(core["start"], lower)
         try:
             answer = solved(self.settings.solver, self.settings.solver_options, program, start, c)

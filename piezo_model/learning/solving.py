@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,16 +11,13 @@ import solvers
 from solvers.arrays import Vector
 from solvers.protocol import setting_text
 
-if TYPE_CHECKING:
-    from qpsolvers import Problem
-
-    from solvers.protocol import Solver
-
 STEPPED = "projected_difference"
 """The solver that the core runs itself, one step for each sample."""
 
 
-def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, start: Vector, c: float = 1.0) -> Vector:
+def solved(
+    solver: str, options: Mapping[str, Any] | None, program: solvers.Problem, start: Vector, c: float = 1.0
+) -> Vector:
     """Answer (d,) of a solver, or NaN if it finds none; warm-started from ``start`` if the solver supports it.
 
     The setup sees different data of the same structure, so that the solution is computed by the solve alone.
@@ -34,10 +31,8 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
     >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1)).tolist()
     [2.0]
     """
-    from qpsolvers import Problem
-
     for engine in _candidates(solver, c, **(options or {})):
-        engine.setup(Problem(0.5 * program.P, np.zeros_like(program.q), lb=program.lb, ub=program.ub))
+        engine.setup(solvers.Problem(0.5 * program.P, np.zeros_like(program.q), lb=program.lb, ub=program.ub))
         engine.update(program.P, program.q)
         answer = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
         if engine.solution().found:
@@ -47,7 +42,7 @@ def solved(solver: str, options: Mapping[str, Any] | None, program: Problem, sta
 
 def _candidates(
     solver: str, c: float, lane: str | None = None, setting: str | None = None, **settings: Any
-) -> Iterator[Solver]:
+) -> Iterator[solvers.Solver]:
     """The solver at the given setting, or at each rung of its ladder, beginning with the tightest."""
     cls = solvers.find(solver, lane).load()
     for rung in cls.ladder(c)[::-1] if setting is None else [cls.at(setting, c)]:
@@ -69,8 +64,6 @@ def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
 
 def step_ratio(options: Mapping[str, Any] | None) -> float:
     """Step of the projected difference equation as a share of the stability limit; ValueError if it is invalid."""
-    from qpsolvers import Problem
-
     engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "setting"})
-    engine.setup(Problem(np.eye(1), np.zeros(1), lb=np.zeros(1)))
+    engine.setup(solvers.Problem(np.eye(1), np.zeros(1), lb=np.zeros(1)))
     return float(engine.settings.get("step_ratio", 0.5))
