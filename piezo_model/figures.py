@@ -10,14 +10,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+import piezo_model
 from piezo_model.operator_state import OperatorState
-
-if TYPE_CHECKING:
-    from piezo_model.model import HysteresisCreepModel
 
 POINTS = 200
 """Samples of each branch of the loop, and of the step until t."""
@@ -25,7 +22,7 @@ STEP = 0.8
 NAMES = ("gain", "hysteresis_percent", "creep_percent_per_decade", "offset")
 
 
-def figures_of(model: HysteresisCreepModel) -> dict[str, float]:
+def figures_of(model: piezo_model.HysteresisCreepModel) -> dict[str, float]:
     """Gain in output unit per input unit, hysteresis and creep in %, offset in the input unit, by name."""
     s = model.structure
     low, high = s.x_range
@@ -42,7 +39,7 @@ def figures_of(model: HysteresisCreepModel) -> dict[str, float]:
     }
 
 
-def _creep_percent(model: HysteresisCreepModel) -> float:
+def _creep_percent(model: piezo_model.HysteresisCreepModel) -> float:
     s, (low, high) = model.structure, model.structure.x_range
     early = 1.0 / math.sqrt(10.0 * max(s.creep_rates) * min(s.creep_rates))
     slow = replace(model.static.at(early / POINTS), start=None)

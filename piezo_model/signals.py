@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
+import scipy  # its parts are imported when they are first used
 
 from piezo_model import checks
 from solvers.arrays import Vector
@@ -196,10 +197,8 @@ def random_walk(
     increments[0] = 0.0
     path = _triangle(0.5 * (0.5 + np.cumsum(increments)))
     keep = math.exp(-2.0 * math.pi * bandwidth_Hz * sample_time)
-    from scipy.signal import lfilter  # imported here, since the import takes most of a second
-
     for _ in range(2):
-        path, _state = lfilter([1.0 - keep], [1.0, -keep], path, zi=[keep * 0.5])
+        path, _state = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], path, zi=[keep * 0.5])
     return scaled(path, low, high)
 
 
@@ -209,9 +208,7 @@ def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
     if window.size < 2:
         return steps
     held = np.concatenate([np.full(window.size - 1, steps[0]), steps])
-    from scipy.signal import oaconvolve  # imported here, since the import takes most of a second
-
-    smooth: Vector = oaconvolve(held, window / window.sum(), "valid")
+    smooth: Vector = scipy.signal.oaconvolve(held, window / window.sum(), "valid")
     return np.clip(smooth, steps.min(), steps.max())
 
 

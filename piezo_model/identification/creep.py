@@ -27,7 +27,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.identification.autocorrelation import independent_samples
 from piezo_model.identification.error_model import Solving
@@ -36,7 +35,7 @@ from piezo_model.identification.gram_matrix import STILL
 from piezo_model.operators import creep, play
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Mask, Matrix, Vector
+from solvers.arrays import Index, Mask, Matrix, Vector
 
 PLAYS, KNOTS = 10, 6
 """Thresholds above zero of the regression, and knots of each function over the whole range; twice as many for r = 0."""
@@ -190,7 +189,7 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Sol
     return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
 
 
-def holds(recording: Recording) -> NDArray[np.int64]:
+def holds(recording: Recording) -> Index:
     """Number of the hold that each sample of a recording (N,) lies in, and −1 where its drive moves.
 
     Examples
@@ -217,7 +216,7 @@ def _judged(
     states: Matrix,
     decays: Matrix,
     rates: tuple[float, ...],
-    edges: NDArray[np.int64],
+    edges: Index,
 ) -> Determined:
     """Judge creep and drift beside the columns of a null (M, p); the signals (M, 2) are output and time, of parts that
     begin at the edges."""
@@ -301,7 +300,7 @@ def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
 
 
 def _columns(
-    recording: Recording, at: NDArray[np.int64], fit: ForwardFit, rates: tuple[float, ...], richness: float
+    recording: Recording, at: Index, fit: ForwardFit, rates: tuple[float, ...], richness: float
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Columns of the null, creep states of each rate, and decays of each in each part, at the samples ``at``."""
     s, count = fit.structure, max(1, int(PLAYS * richness))

@@ -30,7 +30,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples, inverse_over
@@ -50,7 +49,7 @@ from piezo_model.simulation import (
     respond,
 )
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Mask, Matrix, Vector
+from solvers.arrays import Index, Mask, Matrix, Vector
 
 GAIN = 0.1
 """Largest gain that further unknowns must have, as a share of the cost."""
@@ -268,7 +267,7 @@ def fit_forward(
             free = determined & (best.z > low) & (best.z < high)
         if gain <= CONVERGED * best.cost or best.cost < EXACT:
             break
-    kept: NDArray[np.int64] = np.r_[np.arange(d), np.arange(d + n, z.size)]
+    kept: Index = np.r_[np.arange(d), np.arange(d + n, z.size)]
     return ForwardFit(
         **vars(best),
         structure=s,

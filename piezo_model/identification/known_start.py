@@ -7,10 +7,10 @@ may begin at a level of its own; otherwise the start is found as in an identific
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+import piezo_model
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving, States, counted_from, one_thread
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
@@ -21,14 +21,11 @@ from piezo_model.recordings import Recording
 from piezo_model.simulation import Arrays
 from solvers.arrays import Mask, Vector
 
-if TYPE_CHECKING:
-    from piezo_model.model import HysteresisCreepModel
-
 FARTHEST = 2.0
 """Largest distance of a creep state before the first sample from the play's, normalised units."""
 
 
-def start_and_transient(model: HysteresisCreepModel, recording: Recording) -> tuple[States, int]:
+def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Recording) -> tuple[States, int]:
     """The states before the first sample of each part of a recording with which a model, and a constant added to it,
     err least, and the number of samples in a transient; those of the identification for its own recording."""
     s, solving = model.structure, Solving()
@@ -45,7 +42,7 @@ def was_fitted_to(model: HysteresisCreepModel, recording: Recording) -> bool:
 
 
 def _start_and_transient(
-    model: HysteresisCreepModel, part: Recording, v: Vector, solving: Solving
+    model: piezo_model.HysteresisCreepModel, part: Recording, v: Vector, solving: Solving
 ) -> tuple[OperatorState, int]:
     """The same of one part."""
     s, head = model.structure, initial_segment(part, model.structure)
@@ -106,7 +103,7 @@ def _centred(fit: ForwardFit, counted: Mask) -> Vector:
 
 
 @one_thread
-def simulated(model: HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
+def simulated(model: piezo_model.HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
     """Output (N,) of a model over a recording, from the states before each part with which it errs least, or from given
     ones before the first sample."""
     model = model.at(recording.sample_time)

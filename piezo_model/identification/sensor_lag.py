@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+import piezo_model
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS
 from piezo_model.identification.dynamics import ORDERS, Separated, Trials, found
@@ -24,9 +24,6 @@ from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
-
-if TYPE_CHECKING:
-    from piezo_model.model import HysteresisCreepModel
 
 LAG_SAMPLES = 100_000
 """Samples for the estimate of the lag."""
@@ -182,7 +179,7 @@ def _best_shift(y: Vector, y_model: Vector) -> int:
     return max(range(min(int(LONGEST), y.size // 2)), key=correlation)
 
 
-def with_sensor(model: HysteresisCreepModel) -> HysteresisCreepModel:
+def with_sensor(model: piezo_model.HysteresisCreepModel) -> piezo_model.HysteresisCreepModel:
     """The model with the lag of the sensor that was removed from it."""
     if (lag := model.report.get("lag")) is None or not lag["removed"]:
         return model

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+import piezo_model
 from piezo_model.identification.adequacy import outlier
 from piezo_model.identification.error_model import States, counted_from, one_thread
 from piezo_model.identification.fit_errors import Fit, fit_of
@@ -22,9 +23,6 @@ from piezo_model.identification.sensor_lag import with_sensor
 from piezo_model.identification.start import y_range
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
-
-if TYPE_CHECKING:
-    from piezo_model.model import HysteresisCreepModel
 
 OUTLIER_SAMPLES = 1_000_000
 """Samples from the start in which an outlier is searched for."""
@@ -37,7 +35,7 @@ shift, since extrapolation has errors of its own."""
 class Validation:
     """The errors of a model on a recording."""
 
-    model: HysteresisCreepModel
+    model: piezo_model.HysteresisCreepModel
     fit: Fit
     """The errors as of an identification, with ``shift`` removed."""
     shift: float
@@ -90,7 +88,7 @@ class Validation:
 
 
 @one_thread
-def validate(model: HysteresisCreepModel, recording: Recording) -> Validation:
+def validate(model: piezo_model.HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     model = model.at(recording.sample_time)
     s, own, seen = model.structure, was_fitted_to(model, recording), with_sensor(model)

@@ -12,6 +12,7 @@ import math
 from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
+import scipy  # its parts are imported when they are first used
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
@@ -119,9 +120,9 @@ class Sensor(Plant):
         at = (self._samples + np.arange(y.size)) % self.gap_period_samples
         self._samples += y.size
         if self._keep:
-            from scipy.signal import lfilter  # imported here, since the import takes most of a second
-
-            drifted, state = lfilter([1.0 - self._keep], [1.0, -self._keep], drifted, zi=self._keep * self._lagging)
+            drifted, state = scipy.signal.lfilter(
+                [1.0 - self._keep], [1.0, -self._keep], drifted, zi=self._keep * self._lagging
+            )
             self._lagging = state / self._keep
         passing = np.concatenate([self._line, drifted])
         self._line = passing[y.size :].copy()

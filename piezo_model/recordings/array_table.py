@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.recordings.roles import TIME_WORDS
 from piezo_model.recordings.table import KINDS, Column, RecordingError, Table, check_sample_time
@@ -105,7 +104,7 @@ def _batch_of(arrays: Mapping[str, Any]) -> _Batch | None:
     return _Batch(shape, in_rows) if (in_rows := shape[1] in lengths) or shape[1] > MOST_AXES else None
 
 
-def _columns(name: str, array: Any, batch: _Batch | None) -> Iterator[tuple[str, NDArray[Any]]]:
+def _columns(name: str, array: Any, batch: _Batch | None) -> Iterator[tuple[str, np.ndarray]]:
     """Names and columns of the numbers in an array; none if it holds no numbers."""
     flat = np.squeeze(array) if array.ndim > 1 and array.size > 1 else array
     if array.dtype.names:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.structure import SAMPLE_TIMES
 from piezo_model.units import canonical, split_unit
@@ -82,7 +81,7 @@ class Table:
     where: RowName = field(default=lambda row: f"data row {row + 1}", repr=False)
     repairs: tuple[str, ...] = ()
     """Rows that are left out, as clauses."""
-    clocks: Callable[..., NDArray[Any]] | None = field(default=None, repr=False)
+    clocks: Callable[..., np.ndarray] | None = field(default=None, repr=False)
     """Times of a column of clocks as text, of its batches and of label and rows for error messages."""
 
     @cached_property
@@ -136,7 +135,7 @@ class Table:
         return numbers
 
 
-def seconds_since_first(times: NDArray[Any]) -> Vector:
+def seconds_since_first(times: np.ndarray) -> Vector:
     """Seconds since the first time, exact to the unit of the times; NaN for a missing one.
 
     Seconds since 1970 in double precision would be rounded to 0.2 µs. Times of day may pass midnight.

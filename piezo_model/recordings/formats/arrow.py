@@ -5,11 +5,9 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from pyarrow.parquet import ParquetFile
 
 from piezo_model.recordings.options import ReadOptions
@@ -56,7 +54,7 @@ def _table(
 ) -> Table:
     columns = tuple(Column.named(field.name, kind=_kind(field.type), rows=rows) for field in schema)
 
-    def batches(at: Sequence[int]) -> Iterator[list[NDArray[Any]]]:
+    def batches(at: Sequence[int]) -> Iterator[list[np.ndarray]]:
         for k in at:
             if columns[k].kind not in ("number", "clock"):
                 raise RecordingError(
@@ -81,7 +79,7 @@ def _kind(type: pa.DataType) -> Kind:
     return "clock" if pa.types.is_temporal(type) and not pa.types.is_date(type) else "text"
 
 
-def array_of(column: pa.Array) -> NDArray[Any]:
+def array_of(column: pa.Array) -> np.ndarray:
     """Numbers, with NaN where one is missing; datetime64 or timedelta64 with NaT."""
     if not pa.types.is_temporal(column.type):
         if column.null_count or pa.types.is_decimal(column.type):

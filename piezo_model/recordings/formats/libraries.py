@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.options import ReadOptions
@@ -118,7 +117,7 @@ def read_matlab(path: Path, options: ReadOptions) -> Arrays:
     return Arrays("MATLAB 7.3" if modern else "MATLAB", several, units, period_in_scalars(arrays))
 
 
-def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, NDArray[Any]]]:
+def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, np.ndarray]]:
     """Paths and arrays of all numbers in a value; their units are added to ``units``."""
     if isinstance(value, dict):
         plain = {str(key).lower(): item for key, item in value.items()}
@@ -167,7 +166,7 @@ def read_tdms(path: Path, options: ReadOptions) -> Arrays:
     )
 
 
-def _exact(values: Any) -> NDArray[Any]:
+def _exact(values: Any) -> np.ndarray:
     """Times to the nanosecond; the library's own conversion truncates to microseconds."""
     if not hasattr(values, "second_fractions"):
         return np.asarray(values)
