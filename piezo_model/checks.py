@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_model.json_file import LARGEST
+from piezo_model.json_file import LARGEST, brief
 from solvers.arrays import Matrix, Vector, reals
 
 
@@ -30,7 +30,7 @@ def refusing(error: type[ValueError], label: str = "") -> Iterator[None]:
     try:
         yield
     except ValueError as refused:
-        raise error(f"{label}{refused}") from None
+        raise error(f"{label}{brief(refused)}") from None
 
 
 def instance(kind: type[Any], **arguments: Any) -> None:

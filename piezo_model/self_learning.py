@@ -386,7 +386,7 @@ class SelfLearningCompensator(Learner):
     @classmethod
     def _resumed(cls, path: str | Path) -> Self:
         fields, state = read_learner(path)
-        try:
+        with checks.refusing(ModelError, f"{path}: does not hold a whole compensator: "):
             saved = json_file.convert(state, SavedState)
             settings = json_file.convert(fields, LearningSettings)
             options = {**(settings.solver_options or {}), "lane": "", "setting": ""}
@@ -396,6 +396,4 @@ class SelfLearningCompensator(Learner):
             model = HysteresisCreepModel.from_file(saved["compensator"]["model"])
             learner = cls(model.structure, **asdict(settings), model=model)
             learner.restore(state)
-        except ValueError as error:
-            raise ModelError(f"{path}: does not hold a whole compensator: {json_file.brief(error)}") from None
-        return learner
+            return learner

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from piezo_model import ModelStructure
+from piezo_model import ModelStructure, checks
 from piezo_model.compensator import blend_factor, drive_settings
 from piezo_model.learning.layout import learner_numbers
 from piezo_model.learning.settings import LearningSettings, Mode
@@ -124,15 +124,13 @@ class ExportSettings:
     def numbers(self, s: ModelStructure) -> dict[str, float]:
         """Numbers of the parameter file, in the units of the C code: samples and normalised units."""
         low, high = s.x_range if self.x_limits is None else self.x_limits
-        try:
+        with checks.refusing(ExportError):
             blend = blend_factor(s, LearningSettings.blend_time_s)
             *_, max_step, _, gain = drive_settings(s, self.rate_limit, blend, self.integral_gain).tolist()
             start = drive_start(low, high, self.x_start)
             mode: Mode = "cyclic" if self.cyclic else "continuous"
             learning = LearningSettings(self.reset_s, self.build_s, self.learn_s, self.solver, mode=mode)
             block, numbers = learner_numbers(s, learning)
-        except ValueError as error:
-            raise ExportError(str(error)) from None
         return {
             "x_start": float(start),
             "low": low,
