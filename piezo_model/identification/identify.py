@@ -23,7 +23,7 @@ from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
-from piezo_model.identification.creep import Determined, Drift, determine
+from piezo_model.identification.creep import Bounded, Determined, Drift, determine
 from piezo_model.identification.direction import check_direction
 from piezo_model.identification.drive import drive_of
 from piezo_model.identification.dynamics import DynamicsChoice, Separated, separate
@@ -231,7 +231,8 @@ class Final:
     optimal: Vector
     """Weights (d,) of the program."""
     fit: ForwardFit
-    drift: Columns | None
+    drift: Bounded | None
+    """The estimate within which the fit has a drift; None without one."""
 
 
 @dataclass(frozen=True)
@@ -304,12 +305,11 @@ class Fitting:
             fit.cost > self.prepared.fit.cost
         ):  # where the model class does not fit, the prediction of a choice is far off
             fit = min(fit, fitted(near.states, s.inverse_slope_map @ optimal, None), key=lambda fit: fit.cost)
-        if self.determined.drift is not None:
-            drift = self.determined.drift
+        if (drift := self.determined.drift) is not None:
             column = Columns.of(np.linspace(-1.0, 1.0, recording.length), drift.lowest, drift.highest)
             drifting = fitted(fit.states, fit.v, column)
             if fit.improved_by(drifting, 1):
-                return Final(problem, optimal, drifting, column)
+                return Final(problem, optimal, drifting, drift)
         return Final(problem, optimal, fit, None)
 
     def judged(self, final: Final) -> tuple[Adequacy, Fit]:
@@ -318,7 +318,7 @@ class Fitting:
         s = fit.structure
         found = fit_of(recording, s, recording.y - s.y_centre - s.y_scale * fit.y_model, skip, self.span)
         if final.drift is not None:
-            recording = replace(recording, y=recording.y - s.y_scale * (final.drift.signals @ fit.further))
+            recording = replace(recording, y=s.y_centre + s.y_scale * (fit.y_model + fit.error))
         ignored = self.options.dynamics == "ignore"
         verdict = check_adequacy(recording, fit, skip, self.solving, found, dynamics_ignored=ignored)
         refusal = None if self.separated.finding is None else self.separated.finding.refusal
@@ -355,7 +355,7 @@ def _reported(
         drive=drive_of(recording, prepared.skip, determined),
         determined=determined,
         creep_chosen=options.chooses_creep,
-        drift=None if final.drift is None else _drift(final, determined, fitting.recording, fitting.span),
+        drift=None if final.drift is None else _drift(fit, final.drift, recording, fitting.span),
         selection=selection,
         intervals=intervals(fit) if known else None,
         figures=figures_of(model),
@@ -364,12 +364,10 @@ def _reported(
     return replace(model, report=report.to_dict(s), start=fit.states[0])
 
 
-def _drift(final: Final, determined: Determined, recording: Recording, span: float) -> Drift:
-    assert determined.drift is not None  # where there is a column, there is an estimate
-    fit = final.fit
+def _drift(fit: ForwardFit, estimate: Bounded, recording: Recording, span: float) -> Drift:
     per_s = 2.0 * fit.structure.y_scale / recording.duration_s
     rms_percent = 100.0 * abs(fit.structure.y_scale) * math.sqrt(fit.cost) / span
-    return Drift(per_s * float(fit.further[0]), abs(per_s) * determined.drift.se, rms_percent)
+    return Drift(per_s * float(fit.further[0]), abs(per_s) * estimate.se, rms_percent)
 
 
 def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: ModelStructure | None) -> Recording:
