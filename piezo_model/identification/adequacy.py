@@ -172,24 +172,26 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[st
 
 def _misread(u: Vector, v: Vector, s: ModelStructure, poor: bool, leads: bool, compared: str) -> str | None:
     """The reason against a model that a lack of samples or the sense of the loops gives; None without one."""
-    if poor and is_undersampled(u):
-        period = 2.0 * math.pi / math.acos(max(1.0 - roughness(u), -1.0))
-        return (
-            f"the drive is undersampled, with {period:.1f} samples a period, "
-            f"or aliased: its turning points, on which hysteresis depends, are lost; {compared}"
-        )
+    period = 2.0 * math.pi / math.acos(max(1.0 - max(roughness(u), ROUGH), -1.0))
     phase, tone = phase_lag(u, v)
-    if leads and is_tonal(u) and phase > 90.0:
-        return (
+    reasons = (
+        (
+            poor and is_undersampled(u),
+            f"the drive is undersampled, with {period:.1f} samples a period, "
+            f"or aliased: its turning points, on which hysteresis depends, are lost; {compared}",
+        ),
+        (
+            leads and is_tonal(u) and phase > 90.0,
             f"the output lags by {phase:.0f}° at {tone / s.sample_time:.3g} Hz, as above a resonance, or falls as the "
-            f"drive rises and leads it, as where the columns are swapped: {compared}"
-        )
-    if leads:
-        return (
+            f"drive rises and leads it, as where the columns are swapped: {compared}",
+        ),
+        (
+            leads,
             "the output leads the drive round its loops, as where the columns of input and output are swapped: "
-            f"{compared}"
-        )
-    return None
+            f"{compared}",
+        ),
+    )
+    return next((reason for applies, reason in reasons if applies), None)
 
 
 def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit, compared: str) -> str | None:
@@ -197,22 +199,29 @@ def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit,
     cubic = fit.cubic_percent / 100.0
     drifts = fit.rms_percent >= NO_BETTER * fit.line_percent  # with a drift that the model leaves out
     trend = rms(residual(chebvander(np.linspace(-1.0, 1.0, data.thin_v.size), 5), data.thin_v))
-    if drifts and trend < MUCH_BETTER * min(error, cubic):
-        return (
+    follows = line <= NO_BETTER * float(data.v.std())
+    left = correlation(data.near_own) > WHITE or not follows  # more than the sensor's noise
+    reasons = (
+        (
+            drifts and trend < MUCH_BETTER * min(error, cubic),
             f"the output drifts with time and does not follow the drive: RMS residual {percent(100.0 * trend)} of "
-            f"range with a polynomial in time, {compared.removeprefix('RMS residual ')}"
-        )
-    if no_better and correlation(data.near_v) < WHITE and line > NO_BETTER * float(data.v.std()):
-        return f"the output is noise that does not follow the drive: {compared}"
-    if no_better and cubic < NO_BETTER * line and data.is_valley:
-        return (
+            f"range with a polynomial in time, {compared.removeprefix('RMS residual ')}",
+        ),
+        (
+            no_better and correlation(data.near_v) < WHITE and not follows,
+            f"the output is noise that does not follow the drive: {compared}",
+        ),
+        (
+            no_better and cubic < NO_BETTER * line and data.is_valley,
             "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field: "
-            f"{compared}, {percent(100.0 * cubic)} with a cubic"
-        )
-    left = correlation(data.near_own) > WHITE or line > NO_BETTER * float(data.v.std())  # more than the sensor's noise
-    if (no_better and left) or cubic < MUCH_BETTER * error:
-        return f"the model class does not describe these data: {compared}, {percent(100.0 * cubic)} with a cubic"
-    return None
+            f"{compared}, {percent(100.0 * cubic)} with a cubic",
+        ),
+        (
+            (no_better and left) or cubic < MUCH_BETTER * error,
+            f"the model class does not describe these data: {compared}, {percent(100.0 * cubic)} with a cubic",
+        ),
+    )
+    return next((reason for applies, reason in reasons if applies), None)
 
 
 def correlation(error: Vector) -> float:

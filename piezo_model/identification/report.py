@@ -93,42 +93,50 @@ class FitReport:
     def _findings(self, s: ModelStructure) -> Iterator[tuple[float, str]]:
         """The important sentences, each with the error that its cause adds or would add, per cent of the range."""
         fit, verdict = self.fit, self.adequacy
-        if verdict.refusal is not None:
-            yield 1e3, f"The model was forced although {verdict.refusal}."
-        if verdict.left_out is not None:
-            yield 1e3, f"The model is without dynamics although {verdict.left_out}."
-        if s.negative_gain:
-            yield 200.0, "The output falls as the input rises; model, inverse and compensator have that sign."
-        if not verdict.hysteresis:
-            yield (
+        creep = self.determined.sentence(s.creep_rates, self.creep_chosen)
+        cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
+        for applies, error, sentence in (
+            (verdict.refusal, 1e3, f"The model was forced although {verdict.refusal}."),
+            (verdict.left_out, 1e3, f"The model is without dynamics although {verdict.left_out}."),
+            (
+                s.negative_gain,
+                200.0,
+                "The output falls as the input rises; model, inverse and compensator have that sign.",
+            ),
+            (
+                not verdict.hysteresis,
                 150.0,
                 "No hysteresis: the data lie on a single curve, which a line describes to "
                 f"{percent(fit.line_percent)}, a cubic to {percent(fit.cubic_percent)} and this model to "
                 f"{percent(fit.rms_percent)}.",
-            )
-        if fit.skipped:
-            cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
-            yield (
+            ),
+            (
+                fit.skipped,
                 fit.skipped_max_percent,
                 f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
                 f"{cause}; the error there reaches {percent(fit.skipped_max_percent)}.",
-            )
-        if fit.samples < fit.skipped:
-            yield 100.0, f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on."
-        if verdict.monotonic_drive:
-            yield (
+            ),
+            (
+                fit.samples < fit.skipped,
+                100.0,
+                f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on.",
+            ),
+            (
+                verdict.monotonic_drive,
                 90.0,
                 "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
                 "barely be separated from curvature.",
-            )
-        if self.drive.levels:
-            yield (
+            ),
+            (
+                self.drive.levels,
                 80.0,
                 f"The drive has {self.drive.levels} levels and hardly anything between them, where the model is a "
                 "guess; record steps between many levels.",
-            )
-        if sentence := self.determined.sentence(s.creep_rates, self.creep_chosen):
-            yield 85.0, sentence
+            ),
+            (creep, 85.0, creep),
+        ):
+            if applies:
+                yield error, sentence
         if self.drift is not None:
             clear = self.determined.is_clear
             who, why = ("sensor", "") if clear else ("output", ", as by creep or a drift of the sensor")

@@ -62,29 +62,33 @@ class Validation:
         yield from filter(None, (self.model.warning, self.fit.headline(unit, "on this recording"), own, self.units))
         if self.outlier:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
-        if self.fit.skipped:
-            yield (
+        reported = self.model.report.get("fit", {}).get("rms", math.inf)
+        for applies, sentence in (
+            (
+                self.fit.skipped,
                 f"The first {self.fit.skipped} samples are excluded as a switch-on transient; the error there reaches "
-                f"{percent(self.fit.skipped_max_percent)}."
-            )
-        if abs(self.shift) > 0.1 * self.fit.rms:
-            yield (
+                f"{percent(self.fit.skipped_max_percent)}.",
+            ),
+            (
+                abs(self.shift) > 0.1 * self.fit.rms,
                 f"The output is shifted by a constant {quantity(self.shift, unit, 3)} "
                 f"({percent(100.0 * abs(self.shift) / self.fit.span)} of the range) from that of the model; the errors "
-                "are without it."
-            )
-        reported = self.model.report.get("fit", {}).get("rms", math.inf)
-        if self.fit.rms > 2.0 * reported:
-            yield (
+                "are without it.",
+            ),
+            (
+                self.fit.rms > 2.0 * reported,
                 f"An RMS error of {quantity(self.fit.rms, unit, 2)} is "
                 f"{self.fit.rms / max(reported, 1e-11 * self.fit.span):.2g} times the {quantity(reported, unit, 2)} on "
-                "the recording that the model was identified from."
-            )
-        if self.beyond_percent > 1.0:
-            yield (
+                "the recording that the model was identified from.",
+            ),
+            (
+                self.beyond_percent > 1.0,
                 f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
-                f"where the model extrapolates; the constant shift is estimated within that range alone."
-            )
+                "where the model extrapolates; the constant shift is estimated within that range alone.",
+            ),
+        ):
+            if applies:
+                yield sentence
 
 
 @one_thread

@@ -107,17 +107,16 @@ class Learner(Stateful):
 
     def _follow_cycle(self, events: BlockEvent) -> None:
         errors = float(self._clock["error_in_use"]), float(self._clock["error_found"])
-        if BlockEvent.UNEXCITED in events:
-            low, high = self._core["covered"][:2]
-            self._note(
-                "refused", f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed"
-            )
-        elif BlockEvent.NOT_A_NUMBER in events:
-            self._note("refused", f"the solver {self.settings.solver} found no finite weights")
-        elif BlockEvent.WORSE in events:
-            self._note("refused", "the new weights explain the data worse than the old ones", *errors)
-        elif BlockEvent.CYCLE_OVER in events:
-            self._note("hand-over", "new weights", *errors)
+        low, high = self._core["covered"][:2]
+        span = f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed"
+        notes: dict[BlockEvent, tuple[Any, ...]] = {
+            BlockEvent.UNEXCITED: ("refused", span),
+            BlockEvent.NOT_A_NUMBER: ("refused", f"the solver {self.settings.solver} found no finite weights"),
+            BlockEvent.WORSE: ("refused", "the new weights explain the data worse than the old ones", *errors),
+            BlockEvent.CYCLE_OVER: ("hand-over", "new weights", *errors),
+        }
+        if note := next((note for event, note in notes.items() if event in events), None):
+            self._note(*note)
 
     def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
         sample, since = int(self._core.as_int64("samples")[0]), int(self._clock["learning_since"])
