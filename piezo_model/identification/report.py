@@ -157,25 +157,28 @@ class FitReport:
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
-        yield self._drive_sentence
-        if self.start in STARTS:
-            yield STARTS[self.start]
-        if self.offset is not None and not self.offset.is_significant:
-            yield self.offset.sentence(s.input_unit)
-        if self.lag is not None and not self.lag.is_significant:
-            yield self.lag.sentence(s.sample_time)
-        if self.determined.creep is not None and self.creep_chosen:
-            rates = ", ".join(f"{rate:g}" for rate in s.creep_rates)
-            yield f"Creep is in the data beside any hysteresis, at the rates that they determine: {rates} per second."
-        yield self._figures(s)
-        if self.excitation.unreached:
-            yield (
-                f"The drive never reached the thresholds of {', '.join(self.excitation.unreached)}; these weights "
-                f"stay at their reference."
-            )
-        for names in self.excitation.undetermined:
-            yield f"The data cannot separate the weights {names}."
-        yield self.adequacy.baseline.sentence
+        rates, unreached = ", ".join(f"{rate:g}" for rate in s.creep_rates), ", ".join(self.excitation.unreached)
+        slight_offset = self.offset is not None and not self.offset.is_significant
+        slight_lag = self.lag is not None and not self.lag.is_significant
+        for applies, sentence in (
+            (True, self._drive_sentence),
+            (self.start in STARTS, STARTS.get(self.start)),
+            (slight_offset, self.offset and self.offset.sentence(s.input_unit)),
+            (slight_lag, self.lag and self.lag.sentence(s.sample_time)),
+            (
+                self.determined.creep is not None and self.creep_chosen,
+                f"Creep is in the data beside any hysteresis, at the rates that they determine: {rates} per second.",
+            ),
+            (True, self._figures(s)),
+            (
+                unreached,
+                f"The drive never reached the thresholds of {unreached}; these weights stay at their reference.",
+            ),
+            *((True, f"The data cannot separate the weights {names}.") for names in self.excitation.undetermined),
+            (True, self.adequacy.baseline.sentence),
+        ):
+            if applies:
+                yield str(sentence)
         if self.certificate is None:
             yield "The model is the best straight line, since the fit is no better on these data."
         else:

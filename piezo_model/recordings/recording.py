@@ -329,16 +329,18 @@ class Recording(Source):
 
     def describe(self) -> str:
         """Describe in two lines the samples, and the columns that were guessed, and in one each remark."""
+        gaps = int(np.count_nonzero(self.uncounted))
+        more = {
+            f" by {self.columns.get('time')!r}": "time" in self.columns,
+            f", rounded to {quantity(self.time_resolution, 's')}": self.time_resolution
+            > TIME_TOLERANCE * self.sample_time,
+            f"; {gaps} of them not counted": gaps,
+        }
         first = (
             f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
             f"{quantity(self.duration_s, 's')}, {self._describe_period()}"
+            f"{''.join(clause for clause, applies in more.items() if applies)}"
         )
-        if "time" in self.columns:
-            first += f" by {self.columns['time']!r}"
-        if self.time_resolution > TIME_TOLERANCE * self.sample_time:
-            first += f", rounded to {quantity(self.time_resolution, 's')}"
-        if gaps := int(np.count_nonzero(self.uncounted)):
-            first += f"; {gaps} of them not counted"
         input = self._describe_signal("input", self.input_unit, self.x_range)
         output = self._describe_signal("output", self.output_unit, self.y_range)
         remarks = (f"Note: {remark}." for remark in self.remarks)
