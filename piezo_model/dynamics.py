@@ -183,11 +183,9 @@ class Dynamics:
 
     def pole_pairs(self, sample_time: float) -> list[tuple[Vector, Vector]]:
         """D_i(z) / D_i(1) and R_i(z) / R_i(1) of each mode, three coefficients each."""
-        pairs = []
-        for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True):
-            D, R = poles(f, zeta, sample_time), poles(f, REFERENCE_DAMPING, sample_time)
-            pairs.append((D / D.sum(), R / R.sum()))
-        return pairs
+        ringing = (poles(*mode, sample_time) for mode in zip(self.frequencies_Hz, self.damping, strict=True))
+        damped = (poles(f, REFERENCE_DAMPING, sample_time) for f in self.frequencies_Hz)
+        return [(D / D.sum(), R / R.sum()) for D, R in zip(ringing, damped, strict=True)]
 
     def response(self, frequencies_Hz: Vector, sample_time: float) -> Vector:
         """Complex response of G at frequencies (k,)."""
