@@ -36,7 +36,7 @@ def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Reco
     return states, skips[0]
 
 
-def was_fitted_to(model: HysteresisCreepModel, recording: Recording) -> bool:
+def was_fitted_to(model: piezo_model.HysteresisCreepModel, recording: Recording) -> bool:
     """Whether a model was fitted to exactly these samples."""
     return bool(model.report.get("recording") == recording.digest())
 
