@@ -200,24 +200,33 @@ class Dynamics:
         f = np.unique(np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around]))
         f = f[(f > 0.0) & (f <= 0.5 / sample_time)]
         q = np.exp(-2j * np.pi * f * sample_time)
-        p = math.exp(-sample_time / self.amplifier_lag_s) if self.amplifier_lag_s else 0.0
-        loop = self.response(f, sample_time) * (1.0 - p) / (1.0 - p * q) * sample_time * q / (1.0 - q)
+        loop = self.response(f, sample_time) * self._amplifier(f, sample_time) * sample_time * q / (1.0 - q)
         for D, R in self.pole_pairs(sample_time) if inverted else ():
             loop *= np.polyval(D[::-1], q) / np.polyval(R[::-1], q)
         turned = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # at half the sampling rate, too
         least = float(np.min(loop.real[turned]))
         return -1.0 / least if least < 0.0 else math.inf
 
-    def anticipated(self, y: ArrayLike, sample_time: float) -> Vector:
-        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth of twice the highest frequency; it anticipates
-        y, which must be known."""
+    def anticipated(self, y: ArrayLike, sample_time: float, *, amplifier: bool = False) -> Vector:
+        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth of twice the highest frequency, and through the
+        inverse of the amplifier, too, where that is asked for; it anticipates y, which must be known."""
         bandwidth_Hz = 2.0 * max(self.frequencies_Hz, default=0.05 / sample_time)
-        return self._known(y, sample_time, lambda f, G: np.exp2(-0.5 * (f / bandwidth_Hz) ** 2) / G)
+
+        def inverse(f: Vector, G: Vector) -> Vector:
+            lag = self._amplifier(f, sample_time) if amplifier else 1.0
+            return np.asarray(np.exp2(-0.5 * (f / bandwidth_Hz) ** 2) / (G * lag))
+
+        return self._known(y, sample_time, inverse)
 
     def equalised(self, y: ArrayLike, sample_time: float) -> Vector:
         """G⁻¹ y (N,) without lag where G amplifies; elsewhere with the phase of G⁻¹ alone, so that no noise is
         amplified."""
         return self._known(y, sample_time, lambda _, G: 1.0 / (G * np.maximum(1.0, 1.0 / np.abs(G))))
+
+    def _amplifier(self, frequencies_Hz: Vector, sample_time: float) -> Vector:
+        """Complex response of the amplifier at frequencies (k,)."""
+        p = math.exp(-sample_time / self.amplifier_lag_s) if self.amplifier_lag_s else 0.0
+        return np.asarray((1.0 - p) / (1.0 - p * np.exp(-2j * np.pi * frequencies_Hz * sample_time)))
 
     def _known(self, y: ArrayLike, sample_time: float, response: Callable[[Vector, Vector], Vector]) -> Vector:
         """A known signal y (N,) through a response at frequencies (k,), given those and G there."""

@@ -186,7 +186,7 @@ class Compensating(WithModel):
         if self.preview:
             if model.dynamics is None:
                 raise ModelError(f"{further[0]}: the model has no dynamics, so --preview has nothing to anticipate")
-            wanted = model.dynamics.anticipated(wanted, s.sample_time)
+            wanted = model.dynamics.anticipated(wanted, s.sample_time, amplifier=True)
         compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start, dynamics=inverted)
         state, lag = compensator.state.copy(), compensator.lag_s
         x = compensator.run(wanted)

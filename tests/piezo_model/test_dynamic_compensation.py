@@ -73,6 +73,15 @@ def test_a_slow_reference_is_followed_after_the_declared_lag(dynamics: Dynamics)
     assert np.max(np.abs(error[4000:])) < 0.02
 
 
+@pytest.mark.parametrize("dynamics", [ONE, TWO], ids=str)
+def test_a_reference_that_is_known_is_followed_without_the_lag_of_an_amplifier(dynamics: Dynamics) -> None:
+    model, reference = model_of(dynamics), wave(20_000)
+    compensator = Compensator(model, (-100.0, 300.0), dynamics=False)
+    state = compensator.state.copy()
+    y = model.simulate(compensator.run(dynamics.anticipated(reference, T, amplifier=True)), state)
+    assert np.std((y - reference)[4000:-4000]) < 0.004 * np.ptp(reference)
+
+
 def test_without_the_inverse_the_drive_is_that_of_the_static_part_without_a_lag() -> None:
     without, static = Compensator(model_of(ONE), dynamics=False), Compensator(model_of(ONE).static)
     assert without.lag_s == static.lag_s == 0.0
