@@ -62,7 +62,7 @@ class ModelFile(json_file.Versioned):
 
 @dataclass(frozen=True, eq=False)
 class HysteresisCreepModel(Immutable):
-    """A valid model: structure, weights and, after an identification, its report.
+    """A valid model: structure, weights and, after an identification, its report, all of it copied and read-only.
 
     Parameters
     ----------
@@ -81,8 +81,6 @@ class HysteresisCreepModel(Immutable):
         Identified states before the first sample of the recording that the model was identified from.
     dynamics : Dynamics, optional
         Resonance, delay and lag behind equation (2); none by default.
-
-    All of it is copied and read-only.
 
     Raises
     ------
