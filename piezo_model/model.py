@@ -59,6 +59,10 @@ class ModelFile(json_file.Versioned):
     dynamics: Dynamics | None = None
     report: dict[str, Any] = msgspec.field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.version in self.EARLIER and self.dynamics is not None:
+            raise ValueError("there is no field 'dynamics' before version 2")
+
 
 @dataclass(frozen=True, eq=False)
 class HysteresisCreepModel(Immutable):

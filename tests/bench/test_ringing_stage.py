@@ -70,6 +70,14 @@ def test_a_scan_is_compensated_after_a_declared_lag_without_lag_or_not_at_all(
     assert f"The output lags the reference by {quantity(lag, 's', 3)}, after which" in call.stdout
 
 
+def test_a_reference_too_slow_for_the_dynamics_is_compensated_without_them_with_a_warning(
+    piezobench: CommandLine, desk: Path, tmp_path: Path
+) -> None:
+    words = ("compensate", desk / "0.json", desk / "slow.csv", "--out", tmp_path / "x.csv", "--no-dynamics")
+    assert LEFT_OUT in " ".join(piezobench.run(*words).stdout.split())
+    assert LEFT_OUT in (tmp_path / "x.csv").read_text(encoding="utf-8")
+
+
 def test_exports_invert_the_dynamics_and_carry_the_lag_as_a_constant(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:

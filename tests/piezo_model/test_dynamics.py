@@ -137,6 +137,9 @@ def test_a_model_of_the_version_before_is_read_alone_in_a_deployment_and_in_a_le
     del earlier["dynamics"]
     (tmp_path / "model.json").write_text(json.dumps(earlier))
     assert HysteresisCreepModel.load(tmp_path / "model.json").dynamics is None
+    (tmp_path / "mixed.json").write_text(json.dumps({**ringing().to_dict(), "version": 1}))
+    with pytest.raises(ModelError, match=r"mixed\.json: there is no field 'dynamics' before version 2"):
+        HysteresisCreepModel.load(tmp_path / "mixed.json")
 
     usual = {"solver": "box_active_set", "lane": "kernel", "tier": "mid", "settings": {}, "mode": "cyclic"}
     Deployment(model=model, x_limits=(0.0, 100.0), **usual).save(tmp_path / "deployment.json")
