@@ -241,8 +241,7 @@ class CompensatorBank(Stateful):
         self._set("drive_memory", new, drive_memory(s, low, high).T)
         self._set("play", new, np.array([state["play"] for state in settled])[which])
         self._set("creep", new, np.array([np.ravel(state["creep"]) for state in settled])[which])
-        line = replace(HysteresisCreepModel.from_weights(s, s.straight_line), dynamics=self.dynamics)
-        self._set_model(np.arange(taken.size, taken.size + count), line)
+        self._set_model(np.arange(taken.size, taken.size + count), self._line(self.dynamics))
         self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
@@ -270,13 +269,23 @@ class CompensatorBank(Stateful):
                 raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {number}")
         return numbers.astype(np.int64)
 
-    def _set_model(self, which: Index, model: HysteresisCreepModel) -> None:
-        slots, g = self._slots[which], model.dynamics
+    def _line(self, dynamics: Dynamics | None) -> HysteresisCreepModel:
+        """The straight line through the ranges, with dynamics."""
+        line = HysteresisCreepModel.from_weights(self.structure, self.structure.straight_line)
+        return replace(line, dynamics=dynamics)
+
+    def _prefilter(self, model: HysteresisCreepModel) -> Prefilter:
+        """The prefilter of an actuator's model; ValueError if the loop would be unstable, or the bank has no room."""
         if self.options["integral_gain"] > 0.0:
             model.require_stable(self.options["integral_gain"])
+        g = model.dynamics
         prefilter = Prefilter(g, self.structure.sample_time)
         if prefilter.modes != self._modes or prefilter.ring > self._ring:
             raise ValueError(f"the bank has room for {self._modes} modes and the lag of its own; the model has {g}")
+        return prefilter
+
+    def _set_model(self, which: Index, model: HysteresisCreepModel) -> None:
+        slots, g, prefilter = self._slots[which], model.dynamics, self._prefilter(model)
         if g is not None:
             self._dynamics[which] = [*g.frequencies_Hz, *g.damping, *g.gains, g.delay_s, g.amplifier_lag_s]
             constants = np.zeros(self._view("prefilter").shape[1])
@@ -401,11 +410,15 @@ class CompensatorBank(Stateful):
         dynamics = state.get("dynamics", np.empty((slots.size, 0)))  # which files of the version before lack
         if dynamics.shape != (slots.size, self._dynamics.shape[1]) or dynamics.dtype != np.float64:
             raise ValueError("dynamics must be numbers of each actuator")
-        for numbers in np.unique(dynamics, axis=0) if dynamics.shape[1] else ():
-            self._of(numbers).require(self.structure.sample_time)
+        distinct, which = np.unique(dynamics, axis=0, return_inverse=True) if dynamics.shape[1] else ((), slots)
+        prefilters = [self._prefilter(self._line(self._of(numbers))) for numbers in distinct]
         self._core.restore(state["core"], bindings.bank_restore)
         self._place(slots.copy())
         self._dynamics = dynamics.copy()
+        for i, prefilter in enumerate(prefilters):  # the constants of the core follow from the dynamics
+            own = slots[which == i]
+            self._set("prefilter", own, prefilter.with_states(self._get("prefilter", own)))
+            self._set("noise_gains", own, prefilter.noise_gains)
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as NPZ; the file is replaced as a whole."""

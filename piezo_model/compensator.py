@@ -264,6 +264,8 @@ class Compensator(Stateful):
             raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
         self._use(model, operators, drive, saved["decay"])
         values, filtered = saved.get("prefilter", np.zeros(0)), self._core["prefilter"]
-        if values.shape != filtered.shape or not np.all(np.isfinite(values)):
-            raise ValueError(f"the state of the dynamics must be {filtered.size} finite numbers")
+        if values.shape != filtered.shape or not np.all(np.abs(values) <= LARGEST):
+            raise ValueError(
+                f"the state of the dynamics must be {filtered.size} numbers of at most {LARGEST:g} in size"
+            )
         filtered[:] = self.prefilter.with_states(values)

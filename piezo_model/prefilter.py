@@ -12,7 +12,7 @@ import numpy as np
 
 from piezo_model.dynamics import Dynamics
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Vector
+from solvers.arrays import Matrix, Vector
 
 FORGOTTEN = 1e-4
 """Share of the largest part of the response of F that counts as the end of it."""
@@ -52,11 +52,11 @@ class Prefilter:
         self.noise_gains = np.array([h @ h, 1.0 / np.sum(np.convolve(h, THIRD_DIFFERENCE) ** 2)])
         """What F makes of the variance of white noise, and one over what it makes of that of third differences."""
 
-    def with_states(self, values: Vector) -> Vector:
-        """The constants of the model with the states of a saved prefilter."""
-        whole, modes = values.copy(), 3 * self.modes * MODE
-        whole[: self.constants.size] = self.constants
-        whole[:modes].reshape(-1, MODE)[:, -3:] = values[:modes].reshape(-1, MODE)[:, -3:]
+    def with_states(self, values: Matrix) -> Matrix:
+        """The constants of the model with the states of saved prefilters (..., ·)."""
+        whole, at = values.copy(), np.arange(self.constants.size)
+        at = at[(at >= 3 * self.modes * MODE) | (at % MODE < MODE - 3)]
+        whole[..., at] = self.constants[at]
         return whole
 
     def rescaled(self, values: Vector, old: ModelStructure, new: ModelStructure) -> Vector:

@@ -337,6 +337,7 @@ class SelfLearningCompensator(Learner):
         with self._core.exclusive():
             self.compensator.restore(saved["compensator"])
             self._core.restore(saved["learning"]["core"], bindings.learner_restore)
+            self._follow_dynamics()
             self._driven.restore(saved["learning"]["driven"])
             self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
             self._last_x = saved["last_x"]

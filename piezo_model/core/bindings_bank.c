@@ -39,9 +39,9 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
     RETURN_FIELDS(memory, fields);
 }
 
-static int nums_finite(const num *v, int count) { return all_finite((const real *)v, (int64_t)count * LANES); }
+static int nums_bounded(const num *v, int count) { return all_bounded((const real *)v, (int64_t)count * LANES); }
 
-/* Whether a tile of unknown origin is safe: counts in their ranges, numbers finite. */
+/* Whether a tile of unknown origin is safe: counts and numbers in their ranges. */
 static int sound(const Bank *b, int64_t tile)
 {
     const Controller controller = tile_controller(b, tile);
@@ -52,12 +52,12 @@ static int sound(const Bank *b, int64_t tile)
                      && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block
                      && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed
                      && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
-    return fine && nums_finite((const num *)(const void *)c->prefilter.modes, prefilter_nums(b->shape))
-           && nums_finite(c->play, play_vectors(b->shape)) && nums_finite(c->creep, creep_vectors(b->shape))
-           && nums_finite(c->inverse.w_H, inverse_nums(b->shape)) && nums_finite(l->in_use, 3 * NUMS(l->d))
-           && nums_finite(l->gram, data_nums(b->shape))
-           && nums_finite(l->checkpoint.gram, 2 * checkpoint_nums(b->shape))
-           && all_finite(l->mailbox.offer.inverse, LANES * inverse_nums(b->shape));
+    return fine && nums_bounded((const num *)(const void *)c->prefilter.modes, prefilter_nums(b->shape))
+           && nums_bounded(c->play, play_vectors(b->shape)) && nums_bounded(c->creep, creep_vectors(b->shape))
+           && nums_bounded(c->inverse.w_H, inverse_nums(b->shape)) && nums_bounded(l->in_use, 3 * NUMS(l->d))
+           && nums_bounded(l->gram, data_nums(b->shape))
+           && nums_bounded(l->checkpoint.gram, 2 * checkpoint_nums(b->shape))
+           && all_bounded(l->mailbox.offer.inverse, LANES * inverse_nums(b->shape));
 }
 
 /* Restore the state of another bank of the same settings and size, or refuse it and change nothing. */

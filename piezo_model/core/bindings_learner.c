@@ -80,7 +80,7 @@ static int64_t quiet(const Learner *l)
     return end + m->delay - m->samples;
 }
 
-/* Whether a state of unknown origin is safe: sizes and counts in their ranges, numbers finite. */
+/* Whether a state of unknown origin is safe: sizes and counts and numbers in their ranges. */
 static int sound(const Learner *l, const LearnerHead *head)
 {
     const MailboxHead *const m = l->mailbox.head;
@@ -94,11 +94,11 @@ static int sound(const Learner *l, const LearnerHead *head)
            && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1
            && p->mode == head->mode && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0
            && p->middle < l->shape.zones && (cyclic || (p->interval > 0 && p->checkpoint > 0)) && t->phase >= RESET
-           && t->phase <= LEARN && t->next_interval >= 0 && all_finite(l->in_use, l->d) && all_finite(l->before, l->d)
-           && all_finite(l->candidate, l->d) && all_finite(l->gram, gram)
-           && (cyclic || (all_finite(l->checkpoint.gram, gram) && all_finite(l->next_checkpoint.gram, gram)))
-           && all_finite(block.play, lanes(l->shape)) && all_finite(block.creep, creep_lanes(l->shape))
-           && all_finite(block.x, m->filled) && all_finite(l->mailbox.offer.inverse, inverse_nums(l->shape))
+           && t->phase <= LEARN && t->next_interval >= 0 && all_bounded(l->in_use, l->d) && all_bounded(l->before, l->d)
+           && all_bounded(l->candidate, l->d) && all_bounded(l->gram, gram)
+           && (cyclic || (all_bounded(l->checkpoint.gram, gram) && all_bounded(l->next_checkpoint.gram, gram)))
+           && all_bounded(block.play, lanes(l->shape)) && all_bounded(block.creep, creep_lanes(l->shape))
+           && all_bounded(block.x, m->filled) && all_bounded(l->mailbox.offer.inverse, inverse_nums(l->shape))
            && (!cyclic || (steps->kind == DESCENT_KIND && steps->d == l->d && steps->bytes == descent_bytes(l->d)));
 }
 

@@ -21,11 +21,13 @@
 /* Whether calls for n samples take long. */
 #define SAMPLES_LAST (LENGTH(n) > 100)
 
-static inline int all_finite(const real *v, int64_t count)
+/* Whether numbers of a file are at most 1e100, beyond which those computed from them may not be finite. */
+static inline int all_bounded(const real *v, int64_t count)
 {
     real sum = 0;
     for (int64_t i = 0; i < count; ++i) {
-        sum += v[i] - v[i]; /* 0, or NaN */
+        const real scaled = v[i] * (real)1e208;
+        sum += scaled - scaled; /* 0, or NaN */
     }
     return sum == 0;
 }

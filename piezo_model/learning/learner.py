@@ -58,11 +58,16 @@ class Learner(Stateful):
         self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
         layout.write_settings(numbers, self._core["settings"])
         self._core.as_int64("delay")[:] = self._block
-        self._core["noise_gains"][: compensator.prefilter.noise_gains.size] = compensator.prefilter.noise_gains
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / layout.CHECKPOINT_S))
+        self._follow_dynamics()
         compensator.set_blend_time(settings.blend_time_s)
         self._begin(compensator.state, resets=True)
+
+    def _follow_dynamics(self) -> None:
+        """Take over the noise behind the compensator's prefilter."""
+        gains = self.compensator.prefilter.noise_gains
+        self._core["noise_gains"][: gains.size] = gains
 
     def _begin(self, state: OperatorState, resets: bool) -> None:
         """Begin to learn from the compensator's model and these states of the operators."""

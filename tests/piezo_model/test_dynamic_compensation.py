@@ -354,6 +354,36 @@ def test_a_bank_with_dynamics_of_any_number_of_actuators_is_loaded_as_it_was_sav
         bank.restore(state)
 
 
+def test_a_restored_bank_and_learner_compute_with_the_dynamics_that_they_state() -> None:
+    other = replace(ONE, frequencies_Hz=(510.0,), damping=(0.02,))
+    reference = scan(30.0, 0.5)
+    bank, same = CompensatorBank(S, 11, dynamics=ONE), CompensatorBank(S, 11, dynamics=other)
+    bank.remove(4)
+    same.remove(4)
+    state = bank.get_state()
+    state["dynamics"][:] = same.get_state()["dynamics"]
+    bank.restore(state)
+    measured = np.repeat(0.9 * reference[:, None], 10, axis=1)
+    np.testing.assert_array_equal(bank.run(measured, measured), same.run(measured, measured))
+    state["dynamics"][3, -2] = 0.5
+    with pytest.raises(ValueError, match="the bank has room for 1 modes and the lag of its own"):
+        bank.restore(state)
+    wild = bank.get_state()
+    wild["core"].view(np.float64)[bank._core.offsets["prefilter"][0] // 8] = 1e101
+    with pytest.raises(ValueError, match="a count or a number in it cannot be"):
+        bank.restore(wild)
+    learner, same_learner = learner_of(ONE), learner_of(other)
+    saved = learner.get_state()
+    saved["compensator"]["model"]["dynamics"] = other.__dict__
+    learner.restore(saved)
+    np.testing.assert_array_equal(
+        learner.replay(reference, 0.9 * reference), same_learner.replay(reference, 0.9 * reference)
+    )
+    saved["compensator"]["prefilter"][-1] = 1e101
+    with pytest.raises(ValueError, match=r"the state of the dynamics must be \d+ numbers of at most 1e\+100 in size"):
+        learner.restore(saved)
+
+
 def test_a_bank_refuses_dynamics_for_which_it_has_no_room() -> None:
     bank = CompensatorBank(S, 2, dynamics=ONE)
     with pytest.raises(ValueError, match="the model has dynamics and the bank has none, or the other way round"):
