@@ -132,7 +132,7 @@ class DynamicsFinding:
             low, high = (f"{end:.5g}" for end in between)
             within = f" ({low} to {high} Hz)" if low != high else ""
             damped = f"A resonance at {quantity(f, 'Hz', 5)}{within} with a damping of {100.0 * zeta:.3g} %"
-            amplifies = f", which amplifies what the static part errs there up to {0.5 / zeta:.2g} times"
+            amplifies = f", which amplifies errors of the static part near it up to {0.5 / zeta:.2g} times"
             yield f"{damped}{amplifies * (zeta < LIGHTLY_DAMPED)}."
         for zeta, (lowest, highest) in zip(self.damping, self.moves_Hz, strict=True):
             if highest - lowest > NOTABLE * zeta * lowest:

@@ -21,8 +21,6 @@ from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent, quantity, shown
 
-FINDINGS = 4
-"""Largest number of findings after the headline; the page has all of them."""
 STARTS = {
     "after an ascent": "The first sample lies on a branch after a long ascent.",
     "after a descent": "The first sample lies on a branch after a long descent.",
@@ -81,7 +79,7 @@ class FitReport:
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
             "creep": self.determined.to_dict(s.creep_rates, self.creep_chosen),
-            "findings": findings[:FINDINGS],
+            "findings": findings,
             "advice": list(self._advice()),
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(s)],
         }
@@ -153,7 +151,7 @@ class FitReport:
             for sentence in self.dynamics.sentences():
                 yield abs(without - behind), sentence
         if self.lag is not None and self.lag.is_significant:
-            yield self.lag.error_percent - self.lag.error_without_lag_percent, self.lag.sentence(s.sample_time)
+            yield self.lag.error_without_lag_percent - self.lag.error_percent, self.lag.sentence(s.sample_time)
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""

@@ -53,8 +53,8 @@ class Lag:
     removed: bool
     """Whether it is the sensor's, and so no part of the model."""
     in_model: bool
-    error_percent: float
     error_without_lag_percent: float
+    error_percent: float
     at_edge: bool
     """Whether it is the longest one tried: it may be longer."""
     is_significant: bool
@@ -71,8 +71,8 @@ class Lag:
         where = "; it is in the model" if self.in_model else "; it is left out as the sensor's" * self.removed
         return (
             f"The output lags by {samples} ({quantity(self.samples * sample_time, 's', 3)}){amplifier}: in a first fit "
-            f"the RMS error is {self.error_percent:.3f} % of the range without a lag and "
-            f"{self.error_without_lag_percent:.3f} % with it{where}."
+            f"the RMS error is {self.error_without_lag_percent:.3f} % of the range without a lag and "
+            f"{self.error_percent:.3f} % with it{where}."
         )
 
     @property

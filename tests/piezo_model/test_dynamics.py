@@ -283,7 +283,7 @@ def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kin
     f = f"{model.dynamics.frequencies_Hz[0]:.5g}"
     said = " ".join(model.report["sentences"])
     assert f"A resonance at {f} Hz" in said
-    assert re.search(r"amplifies what the static part errs there up to (4[5-9]|5[0-5]) times", said)
+    assert re.search(r"amplifies errors of the static part near it up to (4[5-9]|5[0-5]) times", said)
     chosen = model.report["selection"]["table"][0]
     assert chosen["error_percent"] < 2.0 * model.report["fit"]["rms_percent"]  # not behind an inverse that adds noise
     low, high = model.report["dynamics"]["intervals"]["frequencies_Hz"][0]
@@ -416,6 +416,13 @@ def test_a_third_resonance_that_rings_little_is_said_to_be_left_out() -> None:
     model = identify(with_three_modes("binary", (0.7, 0.24, 0.06), 0.002), n=5, m=3)
     assert len(model.dynamics.frequencies_Hz) == 2
     assert any(re.match("The output also rings near 80. Hz", sentence) for sentence in model.report["sentences"])
+
+
+def test_all_findings_about_a_stage_that_falls_and_rings_twice_are_said_first() -> None:
+    rising = made("maxwell_slip", "steps", [(120.0, 0.03, 0.8), (900.0, 0.01, 0.2)], size=SIZE // 2)
+    found = " ".join(identify(replace(rising, y=-rising.y), n=5, m=3).report["findings"])
+    for words in ("falls as the input rises", "Constant term", "at 120", "at 900", "The output is delayed by"):
+        assert words in found
 
 
 def test_figures_have_no_intervals_where_the_model_leaves_a_ringing_that_hardly_dies_away() -> None:
