@@ -162,7 +162,13 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[st
     cubic = rms(residual(chebvander(2.0 * u - 1.0, 3), v))
     far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(rms(data.near_own), cubic)
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
-    if resonant < min(far_better, delayed):
+    rings = resonant < min(far_better, delayed)
+    if leads and not rings:  # long holds hide a fast ringing behind the hysteresis of the levels, except in differences
+        step, moved = np.diff(u), np.diff(v)
+        resonant, fastest = resonance(step, moved)
+        if fastest > HIGHEST and resonant < MUCH_BETTER * rms(residual(step[:, None], moved)):
+            rings, frequency = True, fastest
+    if rings:
         fast = f", above {HIGHEST:.0%} of the sampling rate; record faster".replace("%", " %") * (frequency > HIGHEST)
         return f"the output has a resonance at {quantity(frequency / s.sample_time, 'Hz', 3)}{fast}: {compared}", True
     if delayed < far_better:
