@@ -24,7 +24,7 @@ THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS",
 )
-PRELOADED = ("bench.processes.forked_child", "bench.processes.worker", "solvers.core")
+PRELOADED = ("bench.processes.forked_child", "bench.processes.worker", "bench.problems.foreign", "solvers.core")
 """Modules that the server always imports; it ignores missing ones."""
 
 
