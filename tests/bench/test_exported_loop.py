@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import time
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -33,6 +34,7 @@ STAGE = f"""
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -56,7 +58,7 @@ int piezo_stage_exchange(double x, double *y)
     fprintf(drives, "%.17g %.17g\\n", x, (double)t.tv_sec + 1e-9 * (double)t.tv_nsec);
     fflush(drives);
     *y = samples % 7 ? 0.2 * x - 15.0 : NAN;
-    return FAILS;
+    return samples == atoi(getenv("FAILING_SAMPLE"));
 }}
 
 void piezo_stage_close(void) {{ fclose(drives); }}
@@ -74,20 +76,27 @@ def built(folder: Path, settings: ExportSettings, stage: str) -> None:
     assert (done.returncode, done.stderr) == (0, "")  # no warning
 
 
+@pytest.fixture(scope="module", params=[None, "projected_difference", "continuous"])
+def loop_folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A controller, or one of two learners, on the stage."""
+    folder = tmp_path_factory.mktemp("loop")
+    solver = request.param
+    built(folder, ExportSettings(part="learning", **loop_of(solver)) if solver else ExportSettings(), STAGE)
+    return folder
+
+
 @pytest.mark.needs("cc", "make")
-@pytest.mark.parametrize("solver", [None, "projected_difference", "continuous"])
 @pytest.mark.parametrize(
     ("end", "status"), [("time", 0), ("SIGHUP", 129), ("SIGINT", 130), ("SIGTERM", 143), ("stage", 1)]
 )
 def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
-    tmp_path: Path, solver: str | None, end: str, status: int
+    loop_folder: Path, tmp_path: Path, end: str, status: int
 ) -> None:
-    settings = ExportSettings(part="learning", **loop_of(solver)) if solver else ExportSettings()
-    built(tmp_path, settings, STAGE.replace("FAILS", "samples == 300" if end == "stage" else "0"))
     seconds = "0.5" if end in ("time", "stage") else "60"
     run = subprocess.Popen(
-        ["./loop", str(RATE), seconds, "0", "-1", "times"],
+        [loop_folder / "loop", str(RATE), seconds, "0", "-1", "times"],
         cwd=tmp_path,
+        env={**os.environ, "FAILING_SAMPLE": "300" if end == "stage" else "0"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         preexec_fn=hears_its_terminal,
@@ -126,7 +135,7 @@ def test_limits_that_cannot_be_kept_are_refused_before_the_stage_is_opened(
     tmp_path: Path, limits: str, sentence: str
 ) -> None:
     own = f"{{{LOW}, {HIGH}, {RATE_LIMIT}, {REST}}}"
-    built(tmp_path, ExportSettings(), STAGE.replace(own, limits).replace("FAILS", "0"))
+    built(tmp_path, ExportSettings(), STAGE.replace(own, limits))
     done = subprocess.run(
         ["./loop", str(RATE), "1", "0", "-1", "times"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
@@ -156,43 +165,38 @@ def expected_of(solver: str) -> Expected:
     return learning(solver, SIZE)
 
 
-def works(folder: Path, *flags: str) -> bool:
-    """Whether a program with these flags builds and runs here."""
+def flags_of(kind: str) -> tuple[str, ...]:
+    return ("-O1", "-g", "-fsanitize=thread") if kind == "thread sanitizer" else ("-O2",)
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def kind(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A kind of program that builds and runs here."""
+    folder, kind = tmp_path_factory.mktemp("nothing"), str(request.param)
     (folder / "nothing.c").write_text("int main(void) { return 0; }\n")
-    made = subprocess.run(
-        [program("gcc"), *flags, "nothing.c", "-o", "nothing"], cwd=folder, capture_output=True, check=False
-    )
-    return (
-        made.returncode == 0 and subprocess.run([folder / "nothing"], capture_output=True, check=False).returncode == 0
-    )
-
-
-def threaded(folder: Path, expected: Expected, kind: str) -> Path:
-    """The program of two threads."""
-    flags = ("-O1", "-g", "-fsanitize=thread") if kind == "thread sanitizer" else ("-O2",)
-    if not works(folder, *flags, "-pthread"):
+    words = [program("gcc"), *flags_of(kind), "-pthread", "nothing.c", "-o", "nothing"]
+    made = subprocess.run(words, cwd=folder, capture_output=True, check=False)
+    if made.returncode or subprocess.run([folder / "nothing"], capture_output=True, check=False).returncode:
         pytest.skip(f"gcc has no {kind} here")
-    write_sources(folder, expected.model, expected.settings)
-    (folder / "two_threads.c").write_text(SOURCE.read_text())
-    (folder / "offering_learner.c").write_text(LEARNER)
-    subprocess.run(
-        [
-            program("gcc"),
-            "-D_POSIX_C_SOURCE=200809L",
-            *WARNINGS,
-            *EXACT,
-            *flags,
-            "-pthread",
-            "two_threads.c",
-            "offering_learner.c",
-            "-o",
-            "two_threads",
-            "-lm",
-        ],
-        cwd=folder,
-        check=True,
-    )
-    return folder / "two_threads"
+    return kind
+
+
+@pytest.fixture(scope="module")
+def threaded(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Build the program of two threads for a solver, once."""
+
+    @cache
+    def built_for(solver: str) -> Path:
+        folder, expected = tmp_path_factory.mktemp("two_threads"), expected_of(solver)
+        write_sources(folder, expected.model, expected.settings)
+        (folder / "two_threads.c").write_text(SOURCE.read_text())
+        (folder / "offering_learner.c").write_text(LEARNER)
+        words = [program("gcc"), "-D_POSIX_C_SOURCE=200809L", *WARNINGS, *EXACT, *flags_of(kind), "-pthread"]
+        units = ["two_threads.c", "offering_learner.c"]
+        subprocess.run([*words, *units, "-o", "two_threads", "-lm"], cwd=folder, check=True)
+        return folder / "two_threads"
+
+    return built_for
 
 
 def run_threaded(
@@ -209,32 +213,27 @@ def run_threaded(
     return np.fromfile(target), dict(zip(names, map(int, done.stdout.split()), strict=True))
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("solver", LOOPS)
 def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
-    tmp_path: Path, solver: str, kind: str
+    threaded: Callable[[str], Path], solver: str
 ) -> None:
     expected = expected_of(solver)
-    x, events = run_threaded(threaded(tmp_path, expected, kind), expected)
+    x, events = run_threaded(threaded(solver), expected)
     np.testing.assert_array_equal(x, expected.x)
     assert (events["hand_overs"], events["refusals"]) == expected.events
     assert events["changes"] > 0
     assert events["late_offers"] == events["dropped_blocks"] == events["torn"] == 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("solver", ["projected_difference", "continuous"])
 def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_half_of_its_weights(
-    tmp_path: Path, solver: str, kind: str
+    threaded: Callable[[str], Path], solver: str
 ) -> None:
     expected = expected_of(solver)
     numbers = expected.settings.numbers(expected.model.structure)
-    two_threads, delay = (
-        threaded(tmp_path, expected, kind),
-        INTERVALS * int(numbers.get("interval", 5 * numbers["block"])),
-    )
+    delay = INTERVALS * int(numbers.get("interval", 5 * numbers["block"]))
     for seed in range(3):
-        x, events = run_threaded(two_threads, expected, delay, seed)
+        x, events = run_threaded(threaded(solver), expected, delay, seed)
         assert np.all((x >= LIMITS[0]) & (x <= LIMITS[1]))
         assert events["torn"] == 0
         assert events["dropped_blocks"] > 0
