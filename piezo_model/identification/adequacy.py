@@ -67,6 +67,12 @@ PURE = 0.9
 """Smallest share of the drive's power in one tone at which resonance and hysteresis cannot be distinguished."""
 DAMPING = (0.003, 0.7)
 """Range of a resonance's damping ratio."""
+SPIKE = 0.05
+"""Smallest spike that is worth a sentence, as a share of the range."""
+RARE = 0.99
+"""Quantile of the samples' distances from their neighbours beyond which lie spikes,"""
+FAR = 4.0
+"""and the smallest multiple of it at which they do; those of a million normal errors reach three times."""
 OUTLYING = 10.0
 """Smallest ratio of an outlier's distance from the median to that of any other sample."""
 
@@ -85,6 +91,10 @@ class Adequacy:
     """The resonance that the output has, in place of a refusal, if dynamics are ignored; a sentence likewise."""
     monotonic_drive: bool
     """Whether the data are nearly a single branch."""
+    spikes: int
+    """Samples of the output that lie far from both neighbours and from the model, on one side."""
+    spike_percent: float
+    """The largest distance of one from its neighbours, per cent of the range."""
 
 
 def check_adequacy(
@@ -120,9 +130,19 @@ def check_adequacy(
         no_better = error >= (NO_BETTER if dynamics_ignored else HARDLY_BETTER) * line
         refusal = _mismatch(data, error, line, no_better, fit, compared)
     on_curve = on_curve and refusal is None and left_out is None
+    straight = on_curve and not baseline.is_significant
+    apart = np.minimum(_apart(data.v), _apart(own))
+    spikes = apart[apart > max(SPIKE, FAR * float(np.quantile(apart, RARE)))]
+    largest = 100.0 * float(spikes.max(initial=0.0))
     return Adequacy(
-        baseline, not on_curve, on_curve and not baseline.is_significant, refusal, left_out, is_monotonic(data.thin_u)
+        baseline, not on_curve, straight, refusal, left_out, is_monotonic(data.thin_u), spikes.size, largest
     )
+
+
+def _apart(v: Vector) -> Vector:
+    """Distances of samples from the nearer one of their neighbours, 0 if those lie on both sides."""
+    before, after = v[1:-1] - v[:-2], v[1:-1] - v[2:]
+    return np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
 
 
 class _Data:

@@ -131,6 +131,12 @@ class FitReport:
                 f"The drive has {self.drive.levels} levels and hardly anything between them, where the model is a "
                 "guess; record steps between many levels.",
             ),
+            (
+                verdict.spikes,
+                verdict.spike_percent,
+                f"The output has spikes in {verdict.spikes} sample{'s' * (verdict.spikes > 1)}, of up to "
+                f"{percent(verdict.spike_percent)} of the range; they are counted as if the stage moved.",
+            ),
             (creep, 85.0, creep),
         ):
             if applies:
