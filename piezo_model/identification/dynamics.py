@@ -328,13 +328,17 @@ class Trials:
         }
         without, behind = (self.percent(squares.sum() / count) for squares in (before, after))
 
-        def step(further: Columns) -> ForwardFit:
-            return self.fit(parameters, best, steps=1, further=further)
+        def beside(further: Columns, steps: int = STEPS) -> ForwardFit:
+            return self.fit(parameters, best, steps=steps, further=further)
 
         also = 0.0, 0.0
-        if falls and rest is not None and (cost := step(_ringing(best, rest, T)).cost) < 0.5 * best.cost:
+        if falls and rest is not None and (cost := beside(_ringing(best, rest, T), 1).cost) < 0.5 * best.cost:
             also = rest.frequency_Hz, self.percent(best.cost - cost)
         reason = next((why for why, applies in reasons.items() if applies), "")
+        still = (((f, f), 0.0) for f in g.frequencies_Hz)
+        moves = still if reason else (movement(best, mode, T, beside) for mode in range(modes))
+        moves_Hz, spread = zip(*moves, strict=True)
+        deviations[:modes] = np.hypot(deviations[:modes], spread)
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
         late = deviations[modes * (3 if parameters.residual else 2)]
         wide = DEVIATIONS * np.array([*values[:-1] * deviations[: 2 * modes], T * late])
@@ -349,7 +353,7 @@ class Trials:
             (without, behind),
             reason,
             gain,
-            tuple(movement(best, mode, T, step) if not reason else (f, f) for mode, f in enumerate(g.frequencies_Hz)),
+            moves_Hz,
             also,
         )
 

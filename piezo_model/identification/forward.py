@@ -112,6 +112,8 @@ class ForwardFit(Trial):
     """Which of these the data determine and no bound holds."""
     parameters: Parameters | None
     """The dynamics, and which of their parameters were unknowns."""
+    derivative: Callable[[Vector], Vector]
+    """That of the output (N,) along a direction of (v, further, θ) at the last step, as in P."""
 
     @property
     def v(self) -> Vector:
@@ -268,6 +270,12 @@ def fit_forward(
         if gain <= CONVERGED * best.cost or best.cost < EXACT:
             break
     kept: Index = np.r_[np.arange(d), np.arange(d + n, z.size)]
+
+    def derivative(direction: Vector) -> Vector:
+        change, size = np.zeros(z.size), STEP / np.abs(direction).max()
+        change[kept] = size * direction
+        return (trial(z).error - trial(z + change).error) / size
+
     return ForwardFit(
         **vars(best),
         structure=s,
@@ -277,6 +285,7 @@ def fit_forward(
         P=P[np.ix_(kept, kept)],
         free=free[kept],
         parameters=None if best.dynamics is None or parameters is None else replace(parameters, start=best.dynamics),
+        derivative=derivative,
     )
 
 

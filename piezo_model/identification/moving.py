@@ -6,10 +6,20 @@ position of the stage,
 where p is the mean of the output over a period, and A the amplitude of its difference from the static output.
 
 With the poles D(z) of the mode, the derivative of the output by log f is J = s / D(z), and that by β_i is m_i s / D(z),
-where m_i is A², p or p²: three further columns of one Gauss–Newton step. The resonance moves if β is not 0 by the
-intervals of the module `intervals`.
+where m_i is A², p or p²: three further columns of the forward fit. What the static part errs moves β as well, and
+follows the drive as J does: it stands at few harmonics. With the columns w of J P⁻¹ / N, β errs by Σ w e, and its
+covariance is the sum over the frequencies
 
-Source: A. H. Nayfeh and D. T. Mook, Nonlinear Oscillations, 1979, section 2.3, for the frequency of a nonlinear spring.
+    C = Σ_k W_k* W_kᵀ |E_k|² / N²,
+
+of which as many are independent as Welch and Satterthwaite count. The resonance moves by an F test of β against C and
+the covariance of the module `intervals`, as a slow error is less regular than C has it.
+Whether it does or not, the standard deviation of log f(t) is how far parts of the recording disagree on f, and belongs
+to its uncertainty.
+
+Sources: A. H. Nayfeh and D. T. Mook, Nonlinear Oscillations, 1979, section 2.3, for the frequency of a nonlinear
+spring; E. J. Hannan, "Regression for time series", 1963, for C; F. E. Satterthwaite, Biometrics Bulletin 2 (1946)
+110–114, for the number of independent frequencies.
 """
 
 import math
@@ -19,34 +29,53 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
+from scipy.stats import f as f_distribution
 
 from piezo_model.dynamics import Dynamics
+from piezo_model.identification.autocorrelation import inverse_over
 from piezo_model.identification.dynamics_parameters import STEP
 from piezo_model.identification.forward import Columns, ForwardFit
 from solvers.arrays import Matrix, Vector
 
-SIGNIFICANT = 3.0
-"""Smallest β, in standard errors."""
+CHANCE = 1e-4
+"""Largest probability of β without movement."""
 USUAL = (0.05, 0.95)
 """Quantiles of the frequencies, by the squares of s, between which a resonance is said to move."""
 
 
-def movement(fit: ForwardFit, mode: int, T: float, refit: Callable[[Columns], ForwardFit]) -> tuple[float, float]:
-    """Lowest and highest frequency in Hz of a mode; the same twice for one that does not move. A step from the fit with
-    further columns is ``refit``."""
+def movement(
+    fit: ForwardFit, mode: int, T: float, refit: Callable[[Columns], ForwardFit]
+) -> tuple[tuple[float, float], float]:
+    """Lowest and highest frequency in Hz of a mode, the same twice for one that does not move, and the standard
+    deviation of log f(t). The fit beside further columns is ``refit``."""
     assert fit.dynamics is not None
     parts = [_moved(fit.dynamics, mode, T, fit.static[part], fit.y_model[part]) for part in fit.parts]
     signals, shapes, source = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    free = np.full(signals.shape[1], np.inf)
-    other = refit(Columns(signals, -free, free))
-    at = slice(other.structure.d, other.structure.d + free.size)
-    beta, f = other.further, fit.dynamics.frequencies_Hz[mode]
-    if beta @ np.linalg.pinv(other.covariance[at, at], hermitian=True) @ beta < SIGNIFICANT**2 * free.size:
-        return f, f
-    change = shapes @ beta
-    change -= np.average(change, weights=source**2)
-    low, high = np.quantile(change, USUAL, weights=source**2, method="inverted_cdf").tolist()
-    return f * math.exp(low), f * math.exp(high)
+    free, weights = np.full(signals.shape[1], np.inf), source**2
+    other, f = refit(Columns(signals, -free, free)), fit.dynamics.frequencies_Hz[mode]
+    change = shapes @ other.further
+    change -= np.average(change, weights=weights)
+    ends = np.quantile(change, USUAL, weights=weights, method="inverted_cdf") * (_chance(other) < CHANCE)
+    low, high = (f * np.exp(ends)).tolist()
+    return (low, high), math.sqrt(np.average(change**2, weights=weights))
+
+
+def _chance(fit: ForwardFit) -> float:
+    """The probability of further weights as large as those of a fit if they are 0."""
+    free, samples = np.flatnonzero(fit.free[fit.structure.d :][: fit.further.size]), np.count_nonzero(fit.counted)
+    if not free.size:
+        return 1.0
+    beta, directions = fit.further[free], inverse_over(fit.P, fit.free)[fit.structure.d + free] / samples
+    w = np.column_stack([fit.derivative(direction) for direction in directions])
+    each = zip((w[part][fit.counted[part]] for part in fit.parts), fit.errors, strict=True)
+    lines = np.concatenate(
+        [np.fft.rfft(own, axis=0) * np.abs(np.fft.rfft(e))[:, None] / e.size for own, e in each if e.size]
+    )
+    at = np.ix_(fit.structure.d + free, fit.structure.d + free)
+    inverse = np.linalg.pinv(2.0 * (lines.conj().T @ lines).real + fit.covariance[at], hermitian=True)
+    share = np.einsum("fi,ij,fj->f", lines.conj(), inverse, lines).real
+    independent = 2.0 * share.sum() ** 2 / max(float(np.sum(share**2)), 1e-300)
+    return float(f_distribution.sf(beta @ inverse @ beta / free.size, free.size, independent))
 
 
 def _moved(g: Dynamics, mode: int, T: float, static: Vector, y: Vector) -> tuple[Matrix, Matrix, Vector]:
