@@ -48,7 +48,7 @@ bench: $(VENV)/.field ## set up, then race the default field; RECORDING=stage.cs
 # A test that hangs ends the run, with a traceback.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 test: core            ## set up, then run the tests; ALL=1: with all libraries, the slow tests too, and none skipped
-	$(if $(ALL),PIEZOBENCH_ALL_TESTS=1) $(PYTEST) $(if $(ALL),-m 'not nightly')
+	$(if $(ALL),PIEZOBENCH_ALL_TESTS=1) $(PYTEST) $(if $(ALL),-m 'not nightly') $(TESTS)
 
 nightly: $(VENV)/.dev core ## run the tests that take minutes
 	$(PYTEST) -m nightly -o faulthandler_timeout=0

@@ -7,12 +7,14 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from browser import Browser
 from command_line import CommandLine
 from figures import Figures
 from hypothesis import settings
 from programs import ALL, RECORDING_ABSENT, program
+from threadpoolctl import threadpool_info
 
 # Without cached bytecode, each of hundreds of processes would compile every module again.
 sys.dont_write_bytecode = False
@@ -51,6 +53,17 @@ def group_of(nodeid: str) -> str:
     file = nodeid.partition("::")[0]
     name = Path(file).stem.removeprefix("test_")
     return next((group for group, names in SHARING.items() if name in names), name if name in LONGEST else file)
+
+
+def pytest_report_header() -> str:
+    """The kernels in use: last bits differ between processors, and environment variables choose others."""
+    blas = (
+        f"{Path(info['filepath']).parent.name.partition('.')[0]} {info['internal_api']} {info.get('architecture')}"
+        for info in threadpool_info()
+        if info["user_api"] == "blas"
+    )
+    found = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])  # type: ignore[index]
+    return f"kernels: {', '.join([*sorted(blas), ' '.join(['numpy', *found])])}"
 
 
 @pytest.hookimpl(optionalhook=True)

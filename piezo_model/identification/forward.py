@@ -274,6 +274,8 @@ def fit_forward(
     def derivative(direction: Vector) -> Vector:
         change, size = np.zeros(z.size), STEP / np.abs(direction).max()
         change[kept] = size * direction
+        if np.any((z + change < low) | (z + change > high)):  # a step that would leave the box goes the other way
+            change, size = -change, -size
         return (trial(z).error - trial(z + change).error) / size
 
     return ForwardFit(

@@ -221,6 +221,19 @@ def test_a_known_resonance_is_fitted_with_the_weights() -> None:
         assert getattr(fit.dynamics, name) == pytest.approx(value, rel=1e-3)
 
 
+@pytest.mark.parametrize("gain", [1.0 - 1e-8, 0.01 + 1e-8])
+def test_a_derivative_at_a_bound_of_the_search_is_taken_on_the_inner_side(gain: float) -> None:
+    model, x = ringing(creep_rates=()), a_drive()
+    s, state = model.structure, OperatorState.settled_at(model.structure, x[0])
+    recording, counted = Recording.from_arrays(x, model.simulate(x, state), 5e-3), np.ones(x.size, dtype=bool)
+    begun = Parameters(Dynamics((11.0,), (0.02,), (gain,), 2e-3), 5e-3, free=True, residual=True)
+    v, along = s.inverse_slope_map @ s.straight_line, np.zeros(s.d + begun.vector.size)
+    fit = fit_forward(recording, counted, s, [state], v, Solving(), steps=0, parameters=begun)
+    along[s.d + 2] = 1.0
+    np.testing.assert_allclose(fit.derivative(along), -fit.derivative(-along), rtol=1e-9)
+    assert np.abs(fit.derivative(along)).max() > 0.01
+
+
 def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:
     model = ringing()
     with pytest.raises(ModelError, match="and the model has a resonance at 11 Hz with damping 2 %"):
