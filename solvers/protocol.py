@@ -40,9 +40,6 @@ class Lane(StrEnum):
     """``qpsolvers.solve_problem``, which converts the problem and sets the solver up at every call."""
     CVXPY = "cvxpy"
     """A parametrised (DPP) cvxpy problem."""
-    CODEGEN = "codegen"
-    """C that a library generates for embedded systems, all compiled alike, no Python call per solve; raced on
-    request."""
 
 
 class Unsupported(Exception):
@@ -168,7 +165,7 @@ class Solver(Entrant):
         """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), all of them new data.
 
         Every solve starts from ``warm_start`` (d,) if it is given. No call begins once ``most_ns`` nanoseconds are
-        spent. ``solution`` is that of the last call. Only solvers of the lanes kernel and codegen have this method.
+        spent. ``solution`` is that of the last call. Only solvers of the lane kernel have this method.
 
         Returns
         -------

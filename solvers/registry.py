@@ -29,7 +29,7 @@ from typing import Any, ClassVar
 
 from solvers.protocol import Lane, Solver
 
-FOLDERS = (Lane.KERNEL, Lane.DIRECT, Lane.CODEGEN)
+FOLDERS = (Lane.KERNEL, Lane.DIRECT)
 FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
 GROUP = "piezobench.solvers"
 OURS = frozenset(
@@ -66,7 +66,7 @@ class Entry:
     def times_itself(self) -> bool:
         """Whether it is timed inside compiled code, by ``time_kernel``; only the solvers of this package may report
         their own times."""
-        return self.lane in (Lane.KERNEL, Lane.CODEGEN) and self.path is None and not self.of_package
+        return self.lane is Lane.KERNEL and self.path is None and not self.of_package
 
     @property
     def is_fallback(self) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import typer
 from command_line import CommandLine
-from programs import library, program
+from programs import library
 
 from bench.cli.app import command_line
 from bench.derived.measurements import ONESHOT, Measurements
@@ -309,8 +309,6 @@ def test_the_examples_of_a_file_print_what_they_show(path: Path) -> None:
         library(NEEDED.get(path.stem, path.stem))
         module = importlib.import_module(path.stem)
     else:
-        if "codegen" in path.parts:
-            program("cc")
         module = importlib.import_module(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
     found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert found.attempted > 0

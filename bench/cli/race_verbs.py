@@ -107,8 +107,7 @@ def race_verb(
             "--lane",
             metavar="|".join(Lane),
             help="How solvers are called, repeatable: from compiled code (kernel), by their own Python "
-            "object (direct), through qpsolvers or cvxpy, or as generated C (codegen). All but "
-            "codegen by default.",
+            "object (direct), through qpsolvers or through cvxpy; all by default.",
         ),
     ] = None,
     tiers: Annotated[

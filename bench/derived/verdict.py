@@ -23,7 +23,7 @@ from solvers.registry import OURS
 
 GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
 """The first of these tiers that any solver lane reaches is the one of the verdict."""
-LANE_NAMES = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python", Lane.CODEGEN: "generated"}
+LANE_NAMES = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python"}
 """Lanes of the verdict and their names in it."""
 KNOWN = ("osqp", "clarabel", "proxsuite", "piqp", "highspy", "scs", "qpalm", "daqp", "quadprog", "cvxopt")
 """Libraries that people know first."""

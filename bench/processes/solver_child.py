@@ -16,8 +16,6 @@ from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers import Described, Entry, Lane
 
 STANDARD = ChildSettings()
-BUILD_LIMIT_S = 60.0
-"""Additional time for a task in the lane codegen, since the first problem of a shape generates and compiles code."""
 
 
 def entry_of_file(path: str | Path, of_file: Callable[[str], Entry]) -> Entry:
@@ -41,7 +39,7 @@ class SolverChild(ForkedChild):
     def __init__(self, entry: Entry, settings: ChildSettings = STANDARD, core: int | None = None) -> None:
         super().__init__()
         self.entry, self._settings, self._core = entry, settings, core
-        self.time_limit_s = settings.time_limit_s + (BUILD_LIMIT_S if entry.lane is Lane.CODEGEN else 0.0)
+        self.time_limit_s = settings.time_limit_s
         self._load()
 
     def _load(self) -> None:

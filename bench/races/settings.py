@@ -11,8 +11,6 @@ from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
 from solvers import Lane
 
-LANES = tuple(lane for lane in Lane if lane is not Lane.CODEGEN)
-"""Default lanes: those whose solvers need not be built first."""
 MOST = 10**9
 Positive = Annotated[int, Meta(ge=1, le=MOST)]
 
@@ -36,7 +34,7 @@ class RaceSettings:
     """Names to race; empty for all."""
     named_only: bool = False
     """Whether no solver takes part but those of ``solvers`` and of files, even if ``solvers`` is empty."""
-    lanes: tuple[Lane, ...] = LANES
+    lanes: tuple[Lane, ...] = tuple(Lane)
     scalings: tuple[Scaling, ...] = SCALINGS
     limit: Annotated[int, Meta(ge=0, le=MOST)] = 0
     """Number of problems of each set, evenly spread over it; 0 for all."""

@@ -93,12 +93,9 @@ class CompiledLibrary(LibrarySolver):
     lane = Lane.KERNEL
     reads_given_arrays = False  # a library may keep pointers to P and q
 
-    def pack_state(self, *values: Any, loop: Loop | None = None) -> None:
-        """Make the state: the data, then the fields that the C file declares (numbers, arrays, functions, pointers).
-
-        ``loop`` is that of <name>.c in the core by default.
-        """
-        p, self._loop = self.program, loop or Loop.in_dll(CORE, f"library_{self.name}")
+    def pack_state(self, *values: Any) -> None:
+        """Make the state: the data, then the fields that <name>.c declares (numbers, arrays, functions, pointers)."""
+        p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")
         self._held = values  # the state has their addresses
         self.state: NDArray[np.int64] = np.array([*_data_addresses(p), p.d, *map(_as_integer, values)], dtype=np.int64)
         self._addresses = np.array(list(map(_as_integer, (self.state, self._loop.update, self._loop.solve))))

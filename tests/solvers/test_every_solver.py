@@ -22,10 +22,7 @@ COMMERCIAL = ("copt", "gurobi", "xpress")
 COPIES: dict[str, Callable[[object], object]] = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": pickle.dumps}
 each_solver = pytest.mark.parametrize(
     "entry",
-    [
-        pytest.param(entry, id=f"{entry.lane} {entry.name}", marks=[pytest.mark.slow] * (entry.lane is Lane.CODEGEN))
-        for entry in entries()
-    ],
+    [pytest.param(entry, id=f"{entry.lane} {entry.name}") for entry in entries()],
 )
 
 

@@ -18,8 +18,7 @@ from solvers.certificate import certify, exact_cost_gap
 from solvers.protocol import setting_text
 from solvers.registry import Entry
 
-LIBRARIES = [entry for entry in solvers.entries() if entry.lane is not Lane.CODEGEN and entry.name not in registry.OURS]
-CODEGEN = [entry for entry in solvers.entries() if entry.lane is Lane.CODEGEN]
+LIBRARIES = [entry for entry in solvers.entries() if entry.name not in registry.OURS]
 OURS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.name in registry.OURS]
 SEED = 1000
 """A seed that no race uses."""
@@ -84,7 +83,7 @@ def test_a_ladder_has_at_most_eight_rungs_each_tighter_than_the_one_below_it(ent
             assert all(upper[name] <= lower[name] for name in tolerances)
 
 
-@pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS, *CODEGEN]))
+@pytest.mark.parametrize("entry", named([*LIBRARIES, *OURS]))
 def test_every_setting_of_a_ladder_has_a_name_and_an_exponent_and_is_found_by_the_name_for_any_constant(
     entry: Entry,
 ) -> None:
@@ -142,9 +141,8 @@ def test_some_rung_reaches_a_billionth_on_two_problems(entry: Entry) -> None:
 def test_a_problem_without_variables_is_refused_alike_by_all() -> None:
     nothing = np.zeros(0)
     for entry in solvers.available():
-        if entry.lane is not Lane.CODEGEN:
-            with pytest.raises(Unsupported, match="without variables"):
-                entry.load()().setup(Problem(np.zeros((0, 0)), nothing, lb=nothing, ub=nothing))
+        with pytest.raises(Unsupported, match="without variables"):
+            entry.load()().setup(Problem(np.zeros((0, 0)), nothing, lb=nothing, ub=nothing))
 
 
 LIMITED = [

@@ -1,1 +1,0 @@
-"""Solvers of the lane codegen, one a file: embedded C, built here by one compiler with one set of flags."""
