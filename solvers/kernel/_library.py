@@ -7,7 +7,6 @@ library belong to one version, so other versions are refused.
 
 import ctypes
 import importlib.metadata
-import importlib.util
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,20 +30,6 @@ class Loop(ctypes.Structure):
     """``Library`` of ``library.h``."""
 
     _fields_ = (("update", Function), ("solve", Function))
-
-
-def folder(package: str) -> Path:
-    """The folder of an installed package or extension module, which is not imported.
-
-    Raises
-    ------
-    ImportError
-        It is not installed.
-    """
-    spec = importlib.util.find_spec(package)
-    if spec is None or spec.origin is None:
-        raise ImportError(f"No module named {package!r}")
-    return Path(spec.origin).parent
 
 
 def open_library(distribution: str, version: str, library: Path, names: tuple[str, ...]) -> ctypes.CDLL:
