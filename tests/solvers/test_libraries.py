@@ -32,19 +32,16 @@ class Stated:
     mid: float
     high: float = 0.0
     forms: tuple[str, ...] = FORMS
-    unreliable: tuple[str, ...] = ()
-    """Forms on which its accuracy is not tested."""
     gives_up: bool = False
     """Whether the library may report at 1e-9 that it found no answer."""
 
 
 # Errors of x, whose entries are about 1, about ten times the largest over eight seeds (trust-constr: two, qpax: one).
 # An interior point method that stops at a gap ε leaves up to √ε where a multiplier is small, a second-order cone
-# squares that, and SLSQP's tolerance is one on the cost; active set methods end at rounding.
+# squares that; active set methods end at rounding.
 DIRECT = {
     "casadi_hpipm": Stated(2e-4, 1e-7),
     "casadi_qpoases": Stated(1e-12, 1e-12),
-    "casadi_qrqp": Stated(1e-12, 1e-12, unreliable=("rows",)),
     "clarabel": Stated(1e-3, 1e-3),
     "cvxopt": Stated(5e-4, 1e-6),
     "daqp": Stated(1e-9, 1e-11),
@@ -67,7 +64,6 @@ DIRECT = {
     "scipy_bvls": Stated(1e-12, 1e-12, ("boxes", "one-sided", "free")),
     "scipy_lbfgsb": Stated(2e-5, 2e-6, ("boxes", "one-sided", "mixed", "free"), gives_up=True),
     "scipy_nnls": Stated(1e-12, 1e-12, ("one-sided",)),
-    "scipy_slsqp": Stated(1e-2, 5e-4),
     "scipy_trf": Stated(1e-3, 5e-7, ("boxes", "one-sided", "free")),
     "scipy_trust_constr": Stated(2e-4, 5e-6),
     "scs": Stated(1e-3, 1e-5),
@@ -101,18 +97,16 @@ SPREAD = (
     "scs",
 )
 """Solvers that are also tested with variables of very different size."""
-WARM = ("daqp", "mujoco", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scipy_slsqp", "scs")
+WARM = ("daqp", "mujoco", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scs")
 ADAPTING = ("osqp", "scs")
 """Solvers that keep the penalty adapted by the last solve."""
 UNCOUNTED = ("fnnlseigen", "mujoco", "scipy_nnls")
 REFUSE_CROSSING = (
     "casadi_hpipm",
     "casadi_qpoases",
-    "casadi_qrqp",
     "daqp",
     "osqp",
     "qpalm",
-    "scipy_slsqp",
     "scipy_trust_constr",
 )
 
@@ -133,8 +127,7 @@ TAKEN = [
     (*case, form)
     for case in ALL
     for form in stated(*case).forms
-    if form not in stated(*case).unreliable
-    and (case[0] is Lane.DIRECT or (form != "free" and (case in QUICK or form == "rows")))
+    if (case[0] is Lane.DIRECT or (form != "free" and (case in QUICK or form == "rows")))
 ]
 
 
