@@ -14,7 +14,7 @@ help:                 ## list the targets
 # A stamp file for each set of extras, which is installed again when the metadata or the pinned versions change.
 $(VENV)/.field: EXTRAS := bench,field,copyleft
 $(VENV)/.test:  EXTRAS := bench,field,copyleft,formats,test
-$(VENV)/.dev:   EXTRAS := bench,field,copyleft,formats,test,heavy,commercial,dask,docs,dev$(shell command -v c++ >/dev/null && echo ,compiled)
+$(VENV)/.dev:   EXTRAS := bench,field,copyleft,formats,test,heavy,commercial,dask,docs,dev
 $(VENV)/.docs:  EXTRAS := docs
 $(VENV)/.field $(VENV)/.test $(VENV)/.dev $(VENV)/.docs: pyproject.toml constraints.txt
 	@echo "installing $(EXTRAS) into $(VENV)"

@@ -5,7 +5,7 @@ c:
 
     absolute, on the cost or on the cost and the residuals together      c · 10⁻ᵏ
     relative to the cost, if the library divides by it                   10⁻ᵏ
-    on residuals, divided by the size of the data or not                 10⁻²⁻ᵏᐟ² or c · 10⁻²⁻ᵏᐟ²
+    on residuals, divided by the size of the data or not                 10⁻²⁻ᵏᐟ²
     relative, added to an absolute one                                   0
 
 The residuals of an interior point method fall far below its gap by themselves; a tolerance on them as small as that on
@@ -35,11 +35,6 @@ def relative(c: float, k: float) -> float:
 def residual(c: float, k: float) -> float:
     """10⁻²⁻ᵏᐟ²."""
     return 10.0 ** (-2 - k / 2)
-
-
-def unscaled(c: float, k: float) -> float:
-    """c · 10⁻²⁻ᵏᐟ²."""
-    return c * residual(c, k)
 
 
 def nothing(c: float, k: float) -> float:
@@ -142,16 +137,6 @@ HIGHS = Backend(
     },
     (7, 9, 11, 13),
     fixed_settings={"time_limit": 10.0},
-)
-# The default lower limit of the multipliers, 1e-16, times the number in place of an infinite bound exceeds the
-# complementarity that the rungs from 10⁻¹⁰ allow.
-HPIPM = Backend(
-    "interior point",
-    "BSD-2-Clause",
-    "casadi",
-    {"res_m_max": absolute, "res_g_max": unscaled, "res_b_max": residual, "res_d_max": residual},
-    INTERIOR_POINT,
-    rung_settings={"iter_max": 200, "lam_min": 1e-30, "t_min": 1e-30},
 )
 # The interval of adaptation is counted in steps, not in seconds, so that runs are repeatable.
 OSQP = Backend(

@@ -59,14 +59,3 @@ def cost(program: Program, x: Vector) -> tuple[float, Vector]:
 def inside(start: Vector | None, lb: Vector, ub: Vector) -> Vector:
     """The point of the box nearest to the warm start, or to 0 without one, shape (d,)."""
     return np.clip(np.zeros_like(lb) if start is None else start, lb, ub)
-
-
-def bound_duals(gradient: Vector, lb: Vector, ub: Vector) -> Vector:
-    """z_box = −gradient if there is a finite bound on that side, else zero, shape (d,).
-
-    For answers that come close to their bounds without touching them: they are stationary with these duals, and the
-    distance to the bound appears in the duality gap. With :func:`solvers.protocol.box_duals`, which takes only bounds
-    that are touched exactly, the dual residual of such an answer is as large as its gradient, however good it is.
-    """
-    below, above = np.maximum(gradient, 0.0), np.minimum(gradient, 0.0)
-    return -np.where(np.isfinite(lb), below, 0.0) - np.where(np.isfinite(ub), above, 0.0)

@@ -42,8 +42,7 @@ class Conic(LibrarySolver):
             self._function = casadi.conic("qp", self.plugin, shapes, {"error_on_fail": False, **self.options(p.d, m)})
             self._buffer: Any
             self._buffer, self._call = self._function.buffer()
-        # The buffer keeps addresses without references, and reads matrices by columns. The start is set too, since
-        # HPIPM's plugin would dereference a null pointer.
+        # The buffer keeps addresses without references, and reads matrices by columns.
         self._held = {
             "h": p.P.reshape(-1),
             "g": p.q,
@@ -52,9 +51,6 @@ class Conic(LibrarySolver):
             "uba": p.u[p.general],
             "lbx": p.lb,
             "ubx": p.ub,
-            "x0": np.zeros(p.d),
-            "lam_x0": np.zeros(p.d),
-            "lam_a0": np.zeros(m),
         }
         for key, array in self._held.items():
             if array.size:

@@ -27,7 +27,7 @@ from solvers import BoxBatch, find
 from solvers.registry import OURS
 
 TINY = ("--race", "batch", "--limit", 2, "--largest", 4, "--repeats", 1, "--budget", 0.001)
-FIELD = ("box_batch", "box_active_set", "daqp", "mujoco", *that_load("proxsuite"))
+FIELD = ("box_batch", "box_active_set", "daqp", *that_load("proxsuite"))
 LIAR = '''
 """Answers zero, and aborts on a large batch."""
 import os

@@ -245,13 +245,13 @@ def test_the_lowest_tail_wins_runners_up_are_in_order_and_the_nearest_is_refused
         nothing(),
         racer("box_active_set", us=lambda n: 0.5 + 20.0 * (chance.random(n) < 0.05)),
         racer("quadprog", us=3.0),
-        racer("mujoco", us=lambda n: 1.0 + 0.1 * chance.random(n)),
+        racer("pyqpmad", us=lambda n: 1.0 + 0.1 * chance.random(n)),
         racer("daqp", ((0.0,), (1e-3,)), 1.0),
         racer("osqp", us=200.0),
         racer("clarabel", us=lambda n: np.where(np.arange(n) % 9, 1.0, 300.0)),
     )
     decision = decide(run, Rule())
-    assert names_of((decision.chosen, *decision.runners_up)) == ["mujoco", "quadprog", "box_active_set"]
+    assert names_of((decision.chosen, *decision.runners_up)) == ["pyqpmad", "quadprog", "box_active_set"]
     assert names_of(each for each, _ in decision.refused) == ["clarabel", "osqp", "daqp"]
     assert "3 solver lanes do not qualify." in decision.sentences()
 

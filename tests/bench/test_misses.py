@@ -71,7 +71,7 @@ def test_a_kept_miss_has_the_judged_gap_and_a_solver_that_is_right_solves_it(rac
 
 def test_no_misses_are_kept_if_none_are_wanted(piezobench: CommandLine, tmp_path: Path) -> None:
     words = ("--limit", 2, "--set", "measured", "--scaling", "scaled", "--rounds", 0, "--keep-misses", 0)
-    race = race_of(piezobench, tmp_path, "run", *words, "--lane", "direct", "--solver", "daqp", "--solver", "mujoco")
+    race = race_of(piezobench, tmp_path, "run", *words, "--lane", "direct", "--solver", "daqp", "--solver", "clarabel")
     assert not (race.run.path / "misses").exists()
 
 

@@ -107,7 +107,6 @@ def check_nothing_found(solver: Solver) -> None:
 
 
 FINER = {
-    "scipy_trust_constr": {"gtol": 1e-6},
     "highspy": {"qp_regularization_value": 1e-3},
     "highs": {"qp_regularization_value": 1e-3},
 }

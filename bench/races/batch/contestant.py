@@ -28,7 +28,7 @@ from solvers import Entry, Lane, find
 from solvers.arrays import Index
 from solvers.protocol import Entrant, Matrix, Solver
 
-DIRECT = ("box_active_set", "daqp", "mujoco", "pyqpmad", "quadprog")
+DIRECT = ("box_active_set", "daqp", "pyqpmad", "quadprog")
 """The fastest solvers of the lane direct."""
 GROUP_NS = 1_000_000
 """Shortest group of calls that is timed as one."""
