@@ -1,11 +1,9 @@
 from .batch import BoxBatch
-from .least_squares import BoxLeastSquares
 from .protocol import Lane, Problem, Solver, Unsupported
 from .registry import Described, Entry, add_file, available, describe, entries, find, from_file, get
 
 __all__ = [
     "BoxBatch",
-    "BoxLeastSquares",
     "Described",
     "Entry",
     "Lane",
