@@ -3,19 +3,32 @@
 import copy
 import os
 import pickle
+import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
-from programs import solver_class
+from programs import ALL, solver_class
 from qpsolvers import Problem
 
 import solvers
 from solvers import Lane
-from solvers.registry import Entry, entries
+from solvers.registry import Entry, available, entries
 
+OURS = "accelerated_projection box_active_set projected_difference"
+DEFAULT_RACE = {
+    "kernel": f"{OURS} daqp quadprog",
+    "direct": f"{OURS} clarabel cvxopt daqp highspy osqp piqp proxsuite pyqpmad qoco qpalm quadprog scipy_bvls "
+    "scipy_lbfgsb scipy_nnls scs",
+    "qpsolvers": "clarabel cvxopt daqp ecos highs osqp piqp proxqp pyqpmad qpalm quadprog scs",
+    "cvxpy": "clarabel cvxopt daqp ecos highs osqp piqp proxqp qoco qpalm scs",
+}
+"""Solvers by lane that race on what `make bench` installs."""
+NEEDS_A_SYSTEM_LIBRARY = {"proxsuite", "proxqp"}
 PROBLEM = Problem(np.diag([1.0, 2.0]), np.array([-1.0, 2.0]), lb=np.zeros(2))
 COMMERCIAL = ("copt", "gurobi", "xpress")
 """Libraries that end a process in which others of them have solved before: an illegal instruction."""
@@ -70,3 +83,15 @@ def test_the_sentence_names_a_remedy_that_works() -> None:
     other = solvers.get("box_active_set", **solver.settings)
     other.setup(PROBLEM)
     assert other.solve().tolist() == [1.0, 0.0]
+
+
+def test_the_default_race_is_of_these_21_solvers_in_46_lanes() -> None:
+    extras = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    of_make = [*extras["dependencies"], *extras["optional-dependencies"]["field"]]
+    of_make += ["piezobench", *extras["optional-dependencies"]["copyleft"]]
+    installed = {re.match(r"[\w-]+", words)[0] for words in of_make}
+    race = {(entry.lane, entry.name) for entry in available() if entry.load().distribution in installed}
+    named = {(Lane(lane), name) for lane, names in DEFAULT_RACE.items() for name in names.split()}
+    assert (len({name for _, name in named}), len(named)) == (21, 46)
+    assert race <= named
+    assert {name for _, name in named - race} <= (set() if ALL else NEEDS_A_SYSTEM_LIBRARY)
