@@ -62,7 +62,7 @@ lint: $(VENV)/.dev    ## style and types
 	$(BIN)/clang-format --dry-run -Werror $$(find bench examples piezo_model solvers tests -name '*.[ch]')
 	$(BIN)/mypy
 	$(BIN)/mypy --config-file tests/mypy.ini
-	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters comparison experiment performance problem_sets))
+	$(BIN)/mypy $(wildcard $(patsubst %,examples/%/*.py,adapters comparison paper performance problem_sets))
 
 docs: $(VENV)/.docs   ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

@@ -5,7 +5,7 @@ before and after. Of all: error against cycle number, on a steady stage and on a
 running because a compensator that is designed once, before start-up, ignores temperature and ageing. On the drifting
 stage, such a compensator learns for two cycles and then keeps its model.
 
-`bench.stage` simulates the stage and its runs. Figures 1 to 3, and others, are scripts in ``examples/experiment/`` of
+`bench.stage` simulates the stage and its runs. Figures 1 to 3, and others, are scripts in ``examples/paper/`` of
 the repository.
 """
 

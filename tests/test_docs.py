@@ -293,7 +293,7 @@ def test_the_answer_above_the_picture_is_that_of_the_reference_run() -> None:
         assert words in verdict
 
 
-FOLDERS = ("solvers", "piezo_model", "bench", "examples/adapters", "examples/experiment")
+FOLDERS = ("solvers", "piezo_model", "bench", "examples/adapters", "examples/paper")
 FILES = [
     path.relative_to(ROOT)
     for folder in FOLDERS

@@ -16,7 +16,7 @@ PAGE = Path(__file__).parents[2] / "docs/what-to-record.md"
 
 def made(folder: Path, script: str, name: str, *words: object) -> tuple[pd.DataFrame, str]:
     """The numbers of a figure, and what its script prints."""
-    said = run_example(f"experiment/{script}.py", "--out", folder, *words)
+    said = run_example(f"paper/{script}.py", "--out", folder, *words)
     assert "<svg" in (folder / f"{name}.svg").read_text(encoding="utf-8")
     return pd.read_csv(folder / "figures" / f"{name}.csv"), said
 

@@ -15,7 +15,7 @@ import boundary  # noqa: E402
 
 
 def test_the_trajectory_meets_the_boundary_slides_along_it_and_never_leaves_the_set(tmp_path: Path) -> None:
-    run_example("experiment/boundary.py", "--quick", "--seed", 1, "--out", tmp_path)
+    run_example("paper/boundary.py", "--quick", "--seed", 1, "--out", tmp_path)
     t = pd.read_csv(tmp_path / "figures" / "fig2_boundary.csv").set_index("name")
     path, unprojected = t.loc["path"].set_index("step"), t.loc["unprojected"].set_index("step")
     first = int(np.argmax(path.held <= 0.0))
@@ -37,7 +37,7 @@ def test_the_trajectory_ends_at_the_optimum_of_the_whole_problem() -> None:
 
 @pytest.mark.slow
 def test_one_curved_actuator_needs_s_and_two_in_push_pull_do_not(tmp_path: Path) -> None:
-    output = run_example("experiment/push_pull.py", "--quick", "--seed", 1, "--out", tmp_path)
+    output = run_example("paper/push_pull.py", "--quick", "--seed", 1, "--out", tmp_path)
     t = pd.read_csv(tmp_path / "figures" / "push_pull.csv").set_index(["kind", "n", "push_pull", "m"]).rms_percent
     assert t["curved", 10, False, 0] > 5.0 * t["curved", 10, False, 3]
     assert t["curved", 10, True, 0] <= 1.1 * t["curved", 10, True, 3]

@@ -13,7 +13,7 @@ from bench.stage.setup import StageSetup
 def arguments(**options: Any) -> argparse.Namespace:
     """Parsed command line with ``--out``, the folder of the report, and further options with their defaults."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--out", type=Path, default=Path("results/experiment"), help="folder of the report")
+    parser.add_argument("--out", type=Path, default=Path("results/paper"), help="folder of the report")
     for name, default in options.items():
         kind = {"action": "store_true"} if default is False else {"type": type(default), "default": default}
         parser.add_argument(f"--{name}", **kind)
