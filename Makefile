@@ -80,8 +80,8 @@ compare: $(VENV)/.field ## compare the runs A=results/<run> and B=results/<run>
 settings: $(VENV)/.field ## use the settings of the one-shot race RUN=results/<run> for streams and loops
 	$(BIN)/python -m bench.races.chosen_settings $(RUN)
 
-experiment: $(VENV)/.field ## the paper's experiment on a simulated stage, with figures
-	$(BIN)/piezobench experiment
+experiment: $(VENV)/.field ## the paper's Fig. 4 on a simulated stage, into results/paper
+	$(BIN)/python examples/paper/staircase.py
 
 clean:                ## remove caches of compiled code and tools
 	find bench piezo_model solvers tests examples -name __pycache__ -type d -prune -exec rm -r {} +

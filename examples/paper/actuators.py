@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from hindsight import ROUNDS, SOLVER, floor
-from outputs import arguments, setup_of, show
+from outputs import arguments, show
+from two_axis_stage import CREEP_RATES, LEVELS, Setup, setup_of
 
 from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot
-from bench.stage.setup import CREEP_RATES, LEVELS, StageSetup
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.settings import Mode
 from piezo_model.signals import staircase
@@ -39,7 +39,7 @@ class Case:
     def __str__(self) -> str:
         return f"{self.plant}, {self.mode}, n = {self.n}, m = {self.m}"
 
-    def row(self, setup: StageSetup) -> dict[str, Any]:
+    def row(self, setup: Setup) -> dict[str, Any]:
         """Errors in percent of the actuator's range: of each cycle, in hindsight, and of straight lines."""
         sensor = sensor_of(self.plant, setup)
         structure = ModelStructure.equidistant(
@@ -77,13 +77,13 @@ LEARNERS: tuple[tuple[int, int, Mode], ...] = ((5, 3, "cyclic"), (5, 3, "continu
 CASES = tuple(Case(plant, *learner) for plant in plants.names() for learner in LEARNERS)
 
 
-def sensor_of(plant: str, setup: StageSetup) -> plants.Sensor:
+def sensor_of(plant: str, setup: Setup) -> plants.Sensor:
     """The actuator with a noisy sensor, at the low end of its drive."""
     actuator = plants.get(plant, sample_time=setup.sample_time)
     return plants.Sensor(actuator, noise_um=NOISE * float(np.ptp(actuator.y_range)), seed=setup.seed)
 
 
-def steps(sensor: plants.Sensor, setup: StageSetup) -> Vector:
+def steps(sensor: plants.Sensor, setup: Setup) -> Vector:
     """The staircase for all cycles, µm."""
     low, high = sensor.y_range
     margin = MARGIN * (high - low)
@@ -184,7 +184,7 @@ def cycles_of(table: pd.DataFrame) -> list[str]:
 def main() -> None:
     """Let every learner learn on every actuator."""
     given = arguments(quick=False, seed=0)
-    table = pd.DataFrame([case.row(setup_of(given, seed=given.seed)) for case in CASES])
+    table = pd.DataFrame([case.row(setup_of(given)) for case in CASES])
     show(figure(table), sentences(table), given.out)
 
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from outputs import arguments, setup_of, show
+from outputs import arguments, show
 from qpsolvers import Problem
+from two_axis_stage import Trial, learned, setup_of
 
 import solvers
 from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot
-from bench.stage.trial import Trial, learned
 from piezo_model import DataBasis, IdentificationProblem
 from solvers.arrays import Matrix, Vector
 
@@ -186,7 +186,7 @@ def spaced(path: Matrix, among: NDArray[np.intp], count: int) -> list[int]:
 def main() -> None:
     """Let a stage learn, and draw a trajectory of its last problem."""
     given = arguments(quick=False, seed=0)
-    drawn, sentence = figure(slice_of(problem_of(learned(setup_of(given, seed=given.seed, solver="box_active_set")))))
+    drawn, sentence = figure(slice_of(problem_of(learned(setup_of(given, solver="box_active_set")))))
     show(drawn, [sentence], given.out)
 
 

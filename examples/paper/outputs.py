@@ -1,13 +1,12 @@
-"""Functions shared by the scripts of this folder: command-line options, and the report of a figure with its data."""
+"""Functions shared by the scripts of this folder: command-line options, and the report of figures with their data."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from bench.report.report import Figure, Report
 from bench.report.writing import write_report
-from bench.stage.setup import StageSetup
 
 
 def arguments(**options: Any) -> argparse.Namespace:
@@ -20,14 +19,10 @@ def arguments(**options: Any) -> argparse.Namespace:
     return parser.parse_args()
 
 
-def setup_of(given: argparse.Namespace, **options: Any) -> StageSetup:
-    """The paper's setup, or the shorter one with ``--quick``."""
-    return (StageSetup.quick if given.quick else StageSetup)(**options)
-
-
-def show(figure: Figure, sentences: Iterable[str], folder: Path) -> None:
-    """Write the report of a figure and its sentences, and print the sentences."""
+def show(figure: Figure | Sequence[Figure], sentences: Iterable[str], folder: Path) -> None:
+    """Write the report of a figure, or of several, and its sentences, and print the sentences."""
     folder.mkdir(parents=True, exist_ok=True)
-    report = Report([*sentences], figures=[figure], title=figure.title)
-    written = write_report(report, folder, figure.name)
+    figures = [figure] if isinstance(figure, Figure) else figure
+    report = Report([*sentences], figures=figures, title=figures[0].title)
+    written = write_report(report, folder, figures[0].name, len(figures))
     print(*report.verdict, f"Report: {written}", sep="\n")

@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 from bank import by_count
 from example_scripts import run_example
-
-from bench.stage.setup import StageSetup
+from two_axis_stage import QUICK, Setup
 
 PAGE = Path(__file__).parents[2] / "docs/what-to-record.md"
 
@@ -67,7 +66,7 @@ def test_on_actuators_outside_the_model_class_learning_ends_near_the_best_that_t
 
 @pytest.mark.parametrize("plant", sorted({case.plant for case in actuators.CASES}))
 def test_the_best_straight_line_is_no_worse_than_the_one_through_the_corners_of_the_ranges(plant: str) -> None:
-    setup = StageSetup.quick(seed=1)
+    setup = Setup(**QUICK)
     sensor = actuators.sensor_of(plant, setup)
     straight, best = actuators.straight_lines(sensor, actuators.steps(sensor, setup)[-setup.cycle :])
     assert best <= straight
