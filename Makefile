@@ -77,7 +77,7 @@ compare: $(VENV)/.field ## compare the runs A=results/<run> and B=results/<run>
 	@test -n "$(A)" -a -n "$(B)" || { echo "name two runs: make compare A=results/<run> B=results/<run>" >&2; exit 2; }
 	$(BIN)/piezobench compare $(A) $(B) $(if $(OUT),--out $(OUT))
 
-settings: $(VENV)/.field ## use the settings of the one-shot race RUN=results/<run> for streams and loops
+settings: $(VENV)/.field ## use the settings of the one-shot race RUN=results/<run> for streams
 	$(BIN)/python -m bench.races.chosen_settings $(RUN)
 
 experiment: $(VENV)/.field ## the paper's Fig. 4 on a simulated stage, into results/paper

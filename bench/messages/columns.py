@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -79,11 +78,6 @@ def typical_of_all(values: pd.Series) -> float:
 def worst(values: pd.Series) -> float:
     """The largest value, or NaN if any is NaN: a failed problem must not look like an accurate one."""
     return float(values.max(skipna=False))
-
-
-def root_mean_square(values: pd.Series) -> float:
-    """The RMS value."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def least_good(statuses: pd.Series) -> str:

@@ -1,4 +1,4 @@
-"""Settings of the solvers in a stream or a loop: those chosen for a tier in a one-shot race.
+"""Settings of the solvers in a stream: those chosen for a tier in a one-shot race.
 
 That race is a run of the user's, or the reference run, whose accuracies are shipped with the package. A solver that the
 race does not have, or whose ladder has changed since, gets its tightest setting, marked as untested; so does a solver
@@ -23,7 +23,7 @@ from piezo_model.atomic_file import replacing
 from solvers.registry import Described
 
 SCALING = "scaled"
-"""Scaling of the data in a stream and in a loop."""
+"""Scaling of the data in a stream."""
 SHIPPED = "reference_rows.parquet"
 NAMES = "problem_set problem scaling solver lane setting rung is_default start repeat host status"
 FIGURES = "cost_gap violation timed_gap timed_violation stage_excess timed_stage_excess noise_um"

@@ -204,7 +204,7 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
         (
             "run.json",
             with_field(("race",), '"marathon"'),
-            "there is no race 'marathon'; known are oneshot, anytime, batch, loop, stream",
+            "there is no race 'marathon'; known are oneshot, anytime, batch, stream",
         ),
         ("run.json", with_field(("settings",), '"x"'), "the field 'settings' is wrong: expected `object`, got `str`"),
         ("run.json", with_field(("machine",), '"me"'), "the field 'machine' is wrong: expected `object`, got `str`"),

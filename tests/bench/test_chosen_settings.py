@@ -1,4 +1,4 @@
-"""The settings of solvers in a stream or a loop, chosen by hand-made tables, by a run and by the shipped table."""
+"""The settings of solvers in a stream, chosen by hand-made tables, by a run and by the shipped table."""
 
 import shutil
 from collections.abc import Iterable
@@ -137,13 +137,12 @@ def test_a_run_without_chosen_settings_is_refused_before_anything_is_written(
         ("stream", "is a stream race, and this needs the rows of a one-shot race"),
         ("missing", "is not a run folder: it has no run.json"),
     ):
-        for kind in ("stream", "loop"):
-            call = piezobench(
-                "race", "--race", kind, "--settings", run, "--solver", "daqp", "--out", "results", folder=tmp_path
-            )
-            assert f"{tmp_path / run}" in call.refusal
-            assert message in call.refusal
-            assert not (tmp_path / "results").exists()
+        call = piezobench(
+            "race", "--race", "stream", "--settings", run, "--solver", "daqp", "--out", "results", folder=tmp_path
+        )
+        assert f"{tmp_path / run}" in call.refusal
+        assert message in call.refusal
+        assert not (tmp_path / "results").exists()
 
 
 def test_a_run_without_scaled_data_is_refused(clean_race: Race, tmp_path: Path) -> None:

@@ -187,7 +187,6 @@ READS = {
     "oneshot": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
     "anytime": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
     "stream": {"tier", "settings", "repeats", "samples"},
-    "loop": {"tier", "settings", "repeats"},
     "batch": {"limit", "budget", "largest", "repeats"},
 }
 """Options of each kind of race, besides those of every kind."""

@@ -82,6 +82,6 @@ def test_a_new_folder_races_stops_resumes_and_reports(root: Path) -> None:
 
 
 def test_the_options_of_a_new_kind_are_those_of_its_race_alone(root: Path) -> None:
-    refused = piezobench(root, "race", "--race", "loop", "--tosses", 4)
+    refused = piezobench(root, "race", "--race", "stream", "--tosses", 4)
     assert refused.returncode == 2
-    assert "--tosses: is for the race toss; the race loop does not use it" in refused.stderr
+    assert "--tosses: is for the race toss; the race stream does not use it" in refused.stderr
