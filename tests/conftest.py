@@ -1,5 +1,4 @@
-"""Shared by all tests: order and reasons of skipped tests, profiles of Hypothesis, a browser, a command line, an
-experiment."""
+"""Shared by all tests: order and reasons of skipped tests, profiles of Hypothesis, a browser, a command line."""
 
 import os
 import sys
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from browser import Browser
 from command_line import CommandLine
-from figures import Figures
 from hypothesis import settings
 from programs import ALL, RECORDING_ABSENT, program
 from threadpoolctl import threadpool_info
@@ -40,10 +38,9 @@ SHARING = {
         "verify",
     ),
     "wide race": ("compare", "deploy", "html_report", "oneshot_race"),
-    "experiment": ("experiment", "figure_4_staircase"),
 }
 """Files whose tests share an expensive fixture: one process runs them all."""
-LONGEST = ("export_c", "small races", "wide race", "stream", "experiment", "export_fmu", "fleet", "live_ends")
+LONGEST = ("export_c", "small races", "wide race", "stream", "figure_4_staircase", "export_fmu", "fleet", "live_ends")
 """Groups that start first, so that all processes end together; any other file is a group of its own."""
 LONG_TO_MAKE = {"drift_race", "scheduler", "slowed_races", "watched"}
 """Fixtures that take more than ten seconds for a few tests, which count as slow."""
@@ -153,11 +150,3 @@ def piezobench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CommandLine
     command = CommandLine(tmp_path_factory.mktemp("calls"))
     yield command
     command.close()
-
-
-@pytest.fixture(scope="session")
-def figures(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Figures:
-    """The experiment in its quick form."""
-    folder = tmp_path_factory.mktemp("experiment") / "figures"
-    call = piezobench.run("experiment", "--quick", "--seed", 1, "--solver", "box_active_set", "--out", folder)
-    return Figures(folder, call)

@@ -19,14 +19,14 @@ LEVELS = (
     {"timing"},
     {"processes"},
     {"problem_files"},
-    {"problems", "stage"},
+    {"problems"},
     {"store"},
     {"rendering"},
     {"report"},  # common parts of all reports
     {"derived"},  # computed from a table of measurements
     {"races"},  # shared by the kinds of race
     {"a race"},  # one kind of race
-    {"accuracy", "comparison", "deploy", "experiment", "export", "fleet", "live"},
+    {"accuracy", "comparison", "deploy", "export", "fleet", "live"},
     {"cli"},
 )
 """From the bottom up, packages and then the parts of ``bench``; a part imports itself and lower levels only."""

@@ -222,7 +222,7 @@ def test_every_verb_and_option_that_the_readme_shows_exists() -> None:
     assert isinstance(command, typer.core.TyperGroup)
     verbs = command.commands
     shown = [words for block in blocks("sh") for words in documents.commands(block) if words[0] == "piezobench"]
-    assert {words[1] for words in shown} >= {"race", "compare", "deploy", "experiment", "identify", "export-c"}
+    assert {words[1] for words in shown} >= {"race", "compare", "deploy", "identify", "export-c"}
     for words in shown:
         known = {option for parameter in verbs[words[1]].params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, words

@@ -36,7 +36,6 @@ VERBS = {
     "history": ("run_verbs", "Follow a solver from run to run."),
     "compare": ("run_verbs", "Compare the times and accuracies of runs."),
     "deploy": ("run_verbs", "Choose the solver for a controller, and say why."),
-    "experiment": ("live_verbs", "Let a simulated stage learn while it moves."),
     "export-c": ("export_verbs", "Write the compensator as C99 for a controller."),
     "export-fmu": ("export_verbs", "Write the compensator as an FMU for Co-Simulation."),
     "realtime": ("export_verbs", "Run the exported C in real time and count missed deadlines."),

@@ -1,23 +1,20 @@
-"""Verbs that move a stage: ``live`` runs a compensator on one, with a page in the browser; ``experiment`` is the
-paper's Fig. 4 on a simulated one."""
+"""The verb that moves a stage: ``live`` runs a compensator on one, with a page in the browser."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bench.cli.options import AsJson, NoDynamics, Seed, SolverName, check_writable, require
+from bench.cli.options import NoDynamics, check_writable, require
 from bench.live.device import Declared, DeviceFile, Simulated
 from bench.live.session import check, run
 from bench.live.settings import REFERENCES, Learn, LiveSettings, first_model
-from bench.report.console import console, lines_of, print_report, progress_bar
-from bench.stage.setup import StageSetup
+from bench.report.console import console
 from piezo_model.units import quantity
 
 SHARE = 0.6
 """Peak-to-peak height of the default sine of a simulated stage, as a share of the output's range."""
 FASTEST_HZ = 20_000.0
-EXPERIMENT = Path("results/experiment")
 
 
 def live_verb(
@@ -122,31 +119,3 @@ def live_verb(
     for sentence in sentences:
         console.print(sentence)
     raise typer.Exit(status)
-
-
-def experiment_verb(
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Folder for the report, the figures and their data.")
-    ] = EXPERIMENT,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Shorten the phases to seconds, with less exact results.")
-    ] = False,
-    seed: Seed = 0,
-    solver: SolverName = "projected_difference",
-    as_json: AsJson = False,
-) -> None:
-    """Let a simulated stage learn while it moves, and draw the result."""
-    from bench.experiment import run  # the plot library is slow to load
-
-    require(out.is_dir() or not out.exists(), "--out", f"{out} is not a folder")
-    setup = (StageSetup.quick if quick else StageSetup)(seed=seed, solver=solver)
-    with progress_bar() as progress:
-        report, written = run(out, setup, progress)
-    page = written.with_suffix(".html")
-    print_report(
-        report,
-        {"report": written, "page": page, **report.document},
-        as_json,
-        ["", *lines_of(report.notes)],
-        [f"Page: {page}", f"Report: {written}"],
-    )
