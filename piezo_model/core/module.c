@@ -20,14 +20,20 @@ void measure_state(Arguments *a, const void *state)
 }
 
 extern PyMethodDef model_bindings[], basis_bindings[], compensator_bindings[], learner_bindings[], bank_bindings[],
-    bouc_wen_bindings[], dense_bindings[], duhem_bindings[], maxwell_slip_bindings[], relay_preisach_bindings[],
-    axis_bindings[];
+    bouc_wen_bindings[], dense_bindings[], duhem_bindings[], maxwell_slip_bindings[], relay_preisach_bindings[];
 
 PyObject *PyInit__core(void)
 {
-    PyMethodDef *const tables[] = {model_bindings,          basis_bindings, compensator_bindings,
-                                   learner_bindings,        bank_bindings,  bouc_wen_bindings,
-                                   dense_bindings,          duhem_bindings, maxwell_slip_bindings,
-                                   relay_preisach_bindings, axis_bindings,  NULL};
+    PyMethodDef *const tables[] = {model_bindings,
+                                   basis_bindings,
+                                   compensator_bindings,
+                                   learner_bindings,
+                                   bank_bindings,
+                                   bouc_wen_bindings,
+                                   dense_bindings,
+                                   duhem_bindings,
+                                   maxwell_slip_bindings,
+                                   relay_preisach_bindings,
+                                   NULL};
     return make_module(tables);
 }

@@ -20,7 +20,7 @@ from pathlib import Path
 
 CORES = ("solvers", "piezo_model")
 """Packages with a folder ``core`` of C; each may call the C of the packages before it."""
-BESIDE = {"solvers": ("kernel",), "piezo_model": ("plants", "stage")}
+BESIDE = {"solvers": ("kernel",), "piezo_model": ("plants",)}
 """Other folders of a package whose C is part of its library."""
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = tuple(ROOT / name for name in CORES)

@@ -28,10 +28,6 @@ from piezo_model import (
 )
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.recordings.recording import Reference
-from piezo_model.signals import random_walk
-from piezo_model.stage.axis import Axis
-from piezo_model.stage.decoupling import estimate_decoupling
-from piezo_model.stage.stage import Stage
 
 PLANT = plants.get("relay_preisach", sample_time=T)
 STRUCTURE = structure_for(PLANT)
@@ -50,10 +46,6 @@ def basis_of(x: Vector, y: Vector, state: OperatorState) -> DataBasis:
     basis = DataBasis(STRUCTURE, state)
     basis.update(x, y)
     return basis
-
-
-def stage() -> Stage:
-    return Stage(axes=tuple(Axis(actuators=(plants.get("relay_preisach", sample_time=T),)) for _ in range(2)))
 
 
 def solved(P: Vector, q: Vector) -> Vector:
@@ -81,8 +73,6 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "run a bank": (lambda y, before: CompensatorBank(STRUCTURE, 8).run(y, before), (np.tile(OUTPUT[:, None], 8),) * 2),
     "run another bank": (CompensatorBank(STRUCTURE, 2).run, (TWO, TWO)),
     "run a plant": (plants.get("bouc_wen", sample_time=T).run, (DRIVE,)),
-    "run a stage": (lambda x: stage().run(x), (TWO,)),
-    "estimate a decoupling": (estimate_decoupling, (TWO, stage().run(TWO))),
     "play": (play, (DRIVE, np.array([5.0, 9.0]), np.array([3.0, 4.0]))),
     "creep": (lambda x, r, a, z: creep(x, r, a, T, z), (DRIVE, np.zeros(2), np.array([5.0, 9.0]), np.zeros(2))),
     "dead zone": (dead_zone, (DRIVE, np.array([-1.0, 0.0, 2.0]))),
@@ -274,40 +264,9 @@ def equidistant(**changes: Any) -> ModelStructure:
 
 OTHER = structure_for(PLANT, n=12)
 ELSEWHERE = OperatorState.settled_at(OTHER, 0.0)
-WALK = random_walk(duration_s=2.0, sample_time=T, low=0.0, high=150.0, seed=0, spread_per_root_s=3.0)
-NOT_FINITE = np.where(np.arange(10).reshape(5, 2) == 7, np.nan, 0.0)
-
-
-def coupled(**options: object) -> Stage:
-    one, other = (Axis(actuators=(plants.get("relay_preisach", sample_time=T),)) for _ in range(2))
-    return Stage(axes=(one, other), **options)
-
-
-def mixed(x: np.ndarray) -> np.ndarray:
-    """Outputs of a stage whose axes are coupled."""
-    return coupled(coupling=np.array([[1.0, 0.06], [-0.04, 0.97]])).run(x)
-
 
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     **WRONG_SETTINGS,
-    "an axis of three": (lambda: Axis(actuators=(PLANT,) * 3), "one actuator or two in push-pull, not 3"),
-    "unlike actuators": (
-        lambda: Axis(actuators=(plants.get("bouc_wen"), plants.get("bouc_wen", x_range=(0.0, 100.0)))),
-        "same x_range",
-    ),
-    "negative damping": (lambda: Axis(actuators=(PLANT,), damping_ratio=-1.0), "damping_ratio"),
-    "singular coupling": (lambda: coupled(coupling=[[1.0, 1.0], [1.0, 1.0]]), "regular matrix"),
-    "one drive for two axes": (lambda: coupled().run(np.zeros(5)), r"shape \(N, 2\), not of shape \(5,\)"),
-    "a drive that is not finite": (lambda: coupled().run(NOT_FINITE), r"x\[3, 1\] is not a finite number"),
-    "axes driven alike": (
-        lambda: estimate_decoupling(np.column_stack([WALK, WALK]), mixed(np.column_stack([WALK, WALK]))),
-        "drive the two axes independently",
-    ),
-    "an axis at rest": (
-        lambda: estimate_decoupling(np.column_stack([WALK, 0.0 * WALK]), np.column_stack([WALK, WALK])),
-        "axis 1 does not move",
-    ),
-    "a short recording": (lambda: estimate_decoupling(np.ones((20, 2)), np.ones((20, 2))), "too few"),
     "limits of a compensator": (
         lambda: Compensator(MODEL, (1.0, math.nan)),
         r"x_limits must be two numbers in ascending order, not \(1\.0, nan\)",

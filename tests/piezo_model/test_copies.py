@@ -26,9 +26,6 @@ from piezo_model import (
     plants,
 )
 from piezo_model.deployment import Deployment
-from piezo_model.stage.axis import Axis
-from piezo_model.stage.learning import SelfLearningStage
-from piezo_model.stage.stage import Stage
 
 PLANT = plants.get("relay_preisach", sample_time=T)
 STRUCTURE = structure_for(PLANT)
@@ -73,11 +70,6 @@ def used(make: Callable[[], Any], use: Callable[[Any, int], Any]) -> Case:
         return thing
 
     return Case(in_the_middle, use)
-
-
-def stage() -> Stage:
-    axes = tuple(Axis(actuators=(plants.get(name, sample_time=T),)) for name in ("relay_preisach", "bouc_wen"))
-    return Stage(axes=axes, noise_um=0.01)
 
 
 def update(basis: DataBasis, seed: int) -> Any:
@@ -131,11 +123,6 @@ CASES = {
     "a flexure": used(
         lambda: plants.Flexure(plants.get("bouc_wen", sample_time=T), Dynamics((30.0,), (0.02,), (0.9,), 0.5 * T)),
         lambda plant, seed: plant.run(volts(signal(seed, 200))),
-    ),
-    "a stage": used(stage, lambda one, seed: one.run(volts(signal(seed, 200, 2)))),
-    "the loops of a stage": used(
-        lambda: SelfLearningStage([learner_for(PLANT, "continuous") for _ in range(2)], np.eye(2)),
-        lambda loops, seed: [loops.step(y, y + 0.1) for y in micrometres(signal(seed, 300, 2))],
     ),
     "states of operators": used(partial(OperatorState.settled_at, STRUCTURE, 40.0, "above"), move_states),
     "a batch of programs": used(partial(solvers.BoxBatch, 4, threads=2), solve_batch),

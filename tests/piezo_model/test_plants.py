@@ -7,7 +7,6 @@ from driven_plants import NAMES, TS, bare, every_plant, ramp, volts, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ringing_stage import RingingStage, T, steps
-from test_stage import stage, wander
 
 from piezo_model import Dynamics, plants
 from piezo_model.operators import creep, dead_zone, play
@@ -38,11 +37,6 @@ def measured(name):
 
 PLANTS = [*((make, name) for make in (bare, measured) for name in NAMES), (flexed, 0.5 * T)]
 contract = pytest.mark.parametrize(("make", "name"), PLANTS)
-with_stages = pytest.mark.parametrize(("make", "name"), [*PLANTS, (stage, 1), (stage, 2)])
-
-
-def drive(make, seconds=2.0, seed=0):
-    return (wander if make is stage else walk)(seconds, seed)
 
 
 def test_the_folder_is_the_registry():
@@ -57,11 +51,11 @@ def test_an_unknown_plant_is_refused_with_the_known_ones():
 # The contract of a plant
 
 
-@with_stages
+@contract
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(0, 600), max_size=6), seed=st.integers(0, 1000))
 def test_a_run_in_chunks_and_single_steps_equals_one_run_bit_for_bit(make, name, cuts, seed):
-    x, plant = drive(make, 0.6, seed), make(name)
+    x, plant = walk(0.6, seed), make(name)
     chunks = [plant.run(chunk) for chunk in np.split(x[:500], sorted(cuts))]
     steps = np.array([plant.step(v) for v in x[500:]])
     np.testing.assert_array_equal(np.concatenate([*chunks, steps]), make(name).run(x))

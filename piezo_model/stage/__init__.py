@@ -1,1 +1,0 @@
-"""The two-axis stage: its axes, their decoupling, and learning on both."""
