@@ -81,12 +81,6 @@ def history_verb(
             metavar="RATIO", min=1.0, help=f"Exit with status {FAILED} if times grow by more than this ratio."
         ),
     ] = 1.25,
-    asv: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER", help="Folder of results of airspeed velocity (asv), to which the runs are added."
-        ),
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Follow a solver from run to run: iterations exactly, times by the rule of 'compare', each against the first run.
@@ -99,8 +93,6 @@ def history_verb(
     measured = [Measurements.of(run) for run in read]
     table = several_runs.history(read, measured, solver, SMALLEST)
     worse = several_runs.regressions(table, most_iterations, most_time)
-    if asv is not None:
-        several_runs.write_asv(read, measured, solver, asv)
     newest = [
         {
             "name": f"{solver} ({line['lane']}) {what}",

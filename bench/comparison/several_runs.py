@@ -8,18 +8,9 @@ nothing, or to one of LANES, compares machines better than microseconds do.
 In a *history* iterations of the same task, a problem at a setting, are a property of the solver's version and of the
 data, and are compared exactly, as sums over the tasks that both runs have; times are compared as in
 `bench.comparison.compare`.
-
-The same runs are written as results of airspeed velocity (asv), which draws a solver's history and compares commits.
-Format: version 2 of a result file and version 1 of ``machine.json``, and ``benchmarks.json`` that describes the
-benchmarks; https://asv.readthedocs.io. Each solver lane is two benchmarks: the median time of an answer over the tasks
-of a run, in seconds, and the sum of their iterations.
 """
 
-import json
-import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,7 +22,6 @@ from bench.messages.task import Status, Tier
 from bench.report.report import Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number
 from bench.store import Run, RunError
-from piezo_model.atomic_file import replacing
 
 LANES = ("box_active_set (direct)", "daqp (direct)")
 """Solver lanes over whose times, too, those of others are shown."""
@@ -145,20 +135,6 @@ FOLLOWED = (
     ),
     Column("finding", heading="times", format=lambda text: text or "–"),
 )
-ENVIRONMENT = "race"
-"""Name of the environment of all results; asv compares results of the same environment."""
-BENCHMARK: dict[str, Any] = {"version": "1", "params": [], "param_names": [], "timeout": 0.0, "code": ""}
-RESULT: dict[str, Any] = {
-    "version": 2,
-    "env_name": ENVIRONMENT,
-    "date": 0,
-    "python": "",
-    "requirements": {},
-    "env_vars": {},
-    "durations": {},
-    "result_columns": ["result", "params"],
-}
-"""What all benchmarks and all results have in common."""
 
 
 def history(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, smallest: float) -> pd.DataFrame:
@@ -208,42 +184,3 @@ def regressions(table: pd.DataFrame, iterations: float, times: float) -> list[st
         if line["time_ratio"] > times and low > 1.0:
             found.append(f"{name}: {line['time_ratio']:.2f} times as long ({low:.2f} to {high:.2f}), over {times:g}")
     return found
-
-
-def asv_files(runs: Sequence[Run], measured: Sequence[Measurements], solver: str) -> dict[str, dict[str, Any]]:
-    """Contents of the files of a folder of results, by their names in it; RunError for a run without a commit or the
-    solver."""
-    files: dict[str, dict[str, Any]] = {}
-    described: dict[str, Any] = {}
-    for run, found in zip(runs, measured, strict=True):
-        machine = run.machine_of(found.rows)
-        commit = machine.get("environment", {}).get("commit", "").rstrip("+")
-        if not commit:
-            raise RunError(f"{run.path} does not know the commit that it ran from, by which asv orders results")
-        rows = found.field[(found.field.solver == solver) & (found.field.status == Status.OK)]
-        if not len(rows):
-            raise RunError(f"{run.path} has no answer of {solver}")
-        results = {}
-        for lane, part in rows.groupby("lane"):
-            for what, kind, unit, value in (
-                ("time", "time", "seconds", float(part.answer_us.median()) * 1e-6),
-                ("iterations", "track", "iterations", float(part.iterations.clip(lower=0).sum())),
-            ):
-                name = f"{solver}.{lane}.{what}"
-                results[name] = [[value if math.isfinite(value) else None], []]
-                described[name] = {**BENCHMARK, "name": name, "unit": unit, "type": kind}
-        about = {"machine": found.host, "cpu": machine["processor"], "os": machine["system"]}
-        files[f"{found.host}/machine.json"] = {**about, "version": 1}
-        name = f"{found.host}/{commit[:8]}-{ENVIRONMENT}.json"
-        if name in files:
-            raise RunError(f"{run.path} is of commit {commit}, as a run before it, and asv has one result a commit")
-        files[name] = {**RESULT, "commit_hash": commit, "params": about, "results": results}
-    return {**files, "benchmarks.json": {**described, "version": 2}}
-
-
-def write_asv(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, folder: Path) -> None:
-    """Write or replace the files in a folder of results."""
-    for name, content in asv_files(runs, measured, solver).items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        with replacing(folder / name) as temporary:
-            temporary.write_text(json.dumps(content, indent=1))

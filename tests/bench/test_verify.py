@@ -121,29 +121,6 @@ def test_the_newest_run_is_printed_as_names_units_and_values(
     assert values["osqp (direct) iterations"][1] == pytest.approx(1.1, abs=0.01)
 
 
-def test_runs_become_results_of_airspeed_velocity_one_for_each_commit(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
-) -> None:
-    def of_commit(commit: str) -> Path:
-        (machine,) = clean_race.run.machines.values()
-        environment = {**machine["environment"], "commit": commit}
-        return clean_race.copied(tmp_path / f"run{commit[-2:]}", machine={"environment": environment}).path
-
-    first, later, dirty, unknown = (of_commit(text) for text in ("a" * 40, "b" * 40, "b" * 39 + "b+", ""))
-    piezobench.run("history", first, later, "--solver", "osqp", "--asv", tmp_path / "asv")
-    (host,) = (path for path in (tmp_path / "asv").iterdir() if path.is_dir())
-    content = json.loads((host / "bbbbbbbb-race.json").read_text())
-    assert (content["commit_hash"], content["version"]) == ("b" * 40, 2)
-    assert {*content["results"]} == {"osqp.direct.time", "osqp.direct.iterations"}
-    assert 1e-6 < content["results"]["osqp.direct.time"][0][0] < 1e-1
-    assert json.loads((host / "machine.json").read_text())["machine"] == host.name == content["params"]["machine"]
-    assert {*json.loads((tmp_path / "asv/benchmarks.json").read_text())} == {*content["results"], "version"}
-    for other, why in ((dirty, "as a run before it"), (unknown, "does not know the commit")):
-        found = piezobench("history", first, later, other, "--solver", "osqp", "--asv", tmp_path / "none")
-        assert why in found.refusal
-        assert not (tmp_path / "none").exists()
-
-
 def test_runs_are_combined_on_the_problems_that_both_have(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
