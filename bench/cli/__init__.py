@@ -15,7 +15,7 @@ from typing import TextIO
 REFUSED = 2
 """Exit status after a user's mistake."""
 FAILED = 3
-"""Exit status of a comparison, or a history, that found what its options name."""
+"""Exit status of a comparison that found what its options name."""
 INTERRUPTED = 128 + signal.SIGINT
 """Exit status after Ctrl-C, as in shells: 128 plus the number of the signal."""
 

@@ -33,7 +33,6 @@ VERBS = {
     "compensate": ("model_verbs", "Compute the drive with which a stage follows a reference."),
     "verify": ("run_verbs", "Judge every stored answer of a run again."),
     "combine": ("run_verbs", "Put runs of several machines or versions side by side."),
-    "history": ("run_verbs", "Follow a solver from run to run."),
     "compare": ("run_verbs", "Compare the times and accuracies of runs."),
     "deploy": ("run_verbs", "Choose the solver for a controller, and say why."),
     "export-c": ("export_verbs", "Write the compensator as C99 for a controller."),

@@ -1,8 +1,6 @@
 """Verbs for finished runs: ``verify`` judges the stored answers of one again, ``combine`` puts several side by side,
-``history`` follows a solver through them, ``compare`` tells what changed between them, ``deploy`` chooses the solver
-for a controller."""
+``compare`` tells what changed between them, ``deploy`` chooses the solver for a controller."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,11 +13,9 @@ from bench.comparison import report as comparison_report
 from bench.comparison import several_runs, versions
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.deploy import actuator_model, candidates, decision
-from bench.derived.measurements import Measurements
 from bench.races.kind import open_run
 from bench.report import words, writing
-from bench.report.console import lines_of, plain_json, print_report, print_result, progress_bar
-from bench.report.report import Table
+from bench.report.console import lines_of, print_report, print_result, progress_bar
 from bench.store import RunError
 from bench.timing import machine
 from piezo_model import HysteresisCreepModel
@@ -64,48 +60,6 @@ def combine_verb(
     out.mkdir(parents=True)
     page = writing.write_report(found, out, "combined").with_suffix(".html")
     print_report(found, found.document, as_json, list(found.notes), ["", f"Page: {page}"])
-
-
-def history_verb(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B", help="Folders of runs, oldest first.")],
-    solver: Annotated[str, typer.Option(metavar="NAME", help="Name of the solver.")],
-    most_iterations: Annotated[
-        float,
-        typer.Option(
-            metavar="RATIO", min=1.0, help=f"Exit with status {FAILED} if iterations grow by more than this ratio."
-        ),
-    ] = 1.05,
-    most_time: Annotated[
-        float,
-        typer.Option(
-            metavar="RATIO", min=1.0, help=f"Exit with status {FAILED} if times grow by more than this ratio."
-        ),
-    ] = 1.25,
-    as_json: AsJson = False,
-) -> None:
-    """Follow a solver from run to run: iterations exactly, times by the rule of 'compare', each against the first run.
-
-    --json prints the newest run as a list of names, units and values, smaller being better, as actions for continuous
-    benchmarking read.
-    """
-    require(len(runs) >= 2, "RUN_A RUN_B", "a history has two runs or more")
-    read = [open_run(path) for path in runs]
-    measured = [Measurements.of(run) for run in read]
-    table = several_runs.history(read, measured, solver, SMALLEST)
-    worse = several_runs.regressions(table, most_iterations, most_time)
-    newest = [
-        {
-            "name": f"{solver} ({line['lane']}) {what}",
-            "unit": "ratio",
-            "value": line[f"{what}_ratio"],
-            "extra": json.dumps(plain_json(line)),
-        }
-        for line in table[table.run == table.run.iloc[-1]].to_dict("records")
-        for what in ("iterations", "time")
-    ]
-    shown = Table.of("", table, several_runs.FOLLOWED)
-    print_result(newest, worse, as_json, (shown.headings, shown.rows, 4))
-    raise typer.Exit(FAILED if worse else 0)
 
 
 def compare_verb(

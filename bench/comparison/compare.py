@@ -105,12 +105,9 @@ class Comparison:
         return int((self.times.finding == finding).sum())
 
 
-def compare_runs(
-    a: Run, b: Run, smallest: float = SMALLEST, measured: tuple[Measurements, Measurements] | None = None
-) -> Comparison:
-    """Compare run b with run a; RunError if one is not a finished one-shot race. ``smallest`` is above 1; ``measured``
-    are the measurements of both where they were read before."""
-    first, second = measured or (Measurements.of(a), Measurements.of(b))
+def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
+    """Compare run b with run a; RunError if one is not a finished one-shot race. ``smallest`` is above 1."""
+    first, second = Measurements.of(a), Measurements.of(b)
     times, field = compare_times(
         levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest
     )

@@ -1,13 +1,9 @@
-"""Several runs: side by side, and one solver from run to run and from version to version.
+"""Several runs side by side.
 
 *Side by side* are the problems that all of the runs have, which may be of several machines, instruction sets and
 versions. Problems are the same if their digests are, whatever they are called. Accuracy does not depend on the machine:
 an answer counts for its solver, version and setting. Times are those of each run. A ratio to the solver that does
 nothing, or to one of LANES, compares machines better than microseconds do.
-
-In a *history* iterations of the same task, a problem at a setting, are a property of the solver's version and of the
-data, and are compared exactly, as sums over the tasks that both runs have; times are compared as in
-`bench.comparison.compare`.
 """
 
 from collections.abc import Sequence
@@ -15,10 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from bench.comparison.compare import compare_runs
 from bench.derived.measurements import FLOOR, Measurements
 from bench.messages.columns import TYPICAL, Column, combined, worst
-from bench.messages.task import Status, Tier
+from bench.messages.task import Tier
 from bench.report.report import Axis, Figure, Mark, Plot, Report, Table
 from bench.report.words import OURS_NOTE, gap, marked, number
 from bench.store import Run, RunError
@@ -119,68 +114,3 @@ def side_by_side(rows: pd.DataFrame) -> pd.DataFrame:
         rows = rows.assign(**{base: rows.answer_us.to_numpy() / us.reindex(pairs).to_numpy()})
     pooled = rows.groupby(KEY[:3]).cost_gap.agg(worst).rename("worst_cost_gap")
     return combined(rows, SIDE_BY_SIDE, KEY).merge(pooled, on=KEY[:3]).sort_values(KEY, ignore_index=True)
-
-
-FOLLOWED = (
-    *(Column(name, heading=name, format=lambda text: text or "–") for name in ("run", "commit", "version", "lane")),
-    Column("iterations", heading="iterations"),
-    Column("iterations_ratio", heading="ratio", format=number),
-    Column("time_ratio", heading="time ratio", format=number),
-    Column(
-        "interval",
-        heading="interval",
-        format=lambda ends: (
-            "–" if np.isnan(ends[1]) else "unknown" if ends[1] == np.inf else " to ".join(map(number, ends))
-        ),
-    ),
-    Column("finding", heading="times", format=lambda text: text or "–"),
-)
-
-
-def history(runs: Sequence[Run], measured: Sequence[Measurements], solver: str, smallest: float) -> pd.DataFrame:
-    """FOLLOWED, one row for each lane of a solver in each run, compared with the first run; RunError if that does not
-    have it. ``measured`` are the runs' measurements; ``iterations`` is their sum over the common tasks, 0 if the solver
-    does not count them."""
-    first = measured[0]
-    if solver not in set(first.field.solver):
-        raise RunError(f"{runs[0].path} has no solver {solver!r}")
-    counted = first.field[(first.field.solver == solver) & (first.field.status == Status.OK)]
-    found = []
-    for run, here in zip(runs, measured, strict=True):
-        rows = here.field[here.field.status == Status.OK]
-        pairs = counted.merge(rows, on="task", suffixes=("_a", ""))
-        if not len(pairs):
-            raise RunError(f"{run.path} has no task of {solver} in common with {runs[0].path}")
-        times = [] if here is first else compare_runs(runs[0], run, smallest, (first, here)).times.to_dict("records")
-        of_lane = {line["lane"]: line for line in times if line["solver"] == solver}
-        for name, part in pairs.groupby("lane"):
-            lane, line = str(name), of_lane.get(str(name), {})
-            has = (part.iterations >= 0) & (part.iterations_a >= 0)
-            before, after = int(part.iterations_a[has].sum()), int(part.iterations[has].sum())
-            found.append(
-                {
-                    "run": run.path.name,
-                    "commit": run.machine_of(rows).get("environment", {}).get("commit", "")[:12],
-                    "version": run.settings.get("field", {}).get(f"{solver} ({lane})", ""),
-                    "lane": lane,
-                    "iterations": after,
-                    "iterations_ratio": after / before if before else np.nan,
-                    "time_ratio": float(line.get("ratio", np.nan)),
-                    "interval": tuple(float(line.get(f"ratio_{end}", np.nan)) for end in ("low", "high")),
-                    "finding": str(line.get("finding", "")),
-                }
-            )
-    return pd.DataFrame(found)
-
-
-def regressions(table: pd.DataFrame, iterations: float, times: float) -> list[str]:
-    """A sentence for each row whose iterations or times exceed those of the first run by these ratios; a time does if
-    the lower end of its interval excludes no change."""
-    found = []
-    for line in table.to_dict("records"):
-        name, (low, high) = f"{line['run']}, {line['lane']}, {line['version'] or 'no version'}", line["interval"]
-        if line["iterations_ratio"] > iterations:
-            found.append(f"{name}: {line['iterations_ratio']:.3f} times as many iterations, over {iterations:g}")
-        if line["time_ratio"] > times and low > 1.0:
-            found.append(f"{name}: {line['time_ratio']:.2f} times as long ({low:.2f} to {high:.2f}), over {times:g}")
-    return found
