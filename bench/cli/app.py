@@ -32,7 +32,6 @@ VERBS = {
     "simulate": ("model_verbs", "Compute the output of a model for a drive."),
     "compensate": ("model_verbs", "Compute the drive with which a stage follows a reference."),
     "verify": ("run_verbs", "Judge every stored answer of a run again."),
-    "combine": ("run_verbs", "Put runs of several machines or versions side by side."),
     "compare": ("run_verbs", "Compare the times and accuracies of runs."),
     "deploy": ("run_verbs", "Choose the solver for a controller, and say why."),
     "export-c": ("export_verbs", "Write the compensator as C99 for a controller."),

@@ -1,5 +1,5 @@
-"""Verbs for finished runs: ``verify`` judges the stored answers of one again, ``combine`` puts several side by side,
-``compare`` tells what changed between them, ``deploy`` chooses the solver for a controller."""
+"""Verbs for finished runs: ``verify`` judges the stored answers of one again, ``compare`` tells what changed between
+several, ``deploy`` chooses the solver for a controller."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,11 +10,11 @@ from bench import accuracy, problems
 from bench.cli import FAILED
 from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
 from bench.comparison import report as comparison_report
-from bench.comparison import several_runs, versions
+from bench.comparison import versions
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.deploy import actuator_model, candidates, decision
 from bench.races.kind import open_run
-from bench.report import words, writing
+from bench.report import words
 from bench.report.console import lines_of, print_report, print_result, progress_bar
 from bench.store import RunError
 from bench.timing import machine
@@ -42,24 +42,6 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
         f"{found.proofs} replayed proofs, and give the stored gaps to the last bit."
     ]
     print_result(vars(found), lines, as_json)
-
-
-def combine_verb(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B", help="Folders of one-shot races.")],
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the report, which must be new.")],
-    as_json: AsJson = False,
-) -> None:
-    """Put runs of several machines, instruction sets or versions side by side, on the problems that all of them have.
-
-    Runs have the same problems if they are of the same sets and seed, or if one raced those of another by
-    'race --folder RUN/problems'.
-    """
-    require(len(runs) >= 2, "RUN_A RUN_B", "two runs or more are combined")
-    require(not out.exists(), "--out", f"{out} already exists; name a new folder")
-    found = several_runs.combination([open_run(path) for path in runs])
-    out.mkdir(parents=True)
-    page = writing.write_report(found, out, "combined").with_suffix(".html")
-    print_report(found, found.document, as_json, list(found.notes), ["", f"Page: {page}"])
 
 
 def compare_verb(

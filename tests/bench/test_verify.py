@@ -1,7 +1,5 @@
-"""``piezobench verify`` refuses a run whose accuracies do not follow from its stored answers; ``combine`` puts runs
-side by side."""
+"""``piezobench verify`` refuses a run whose accuracies do not follow from its stored answers."""
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -80,35 +78,3 @@ def test_a_run_without_answers_or_problems_is_refused_in_one_sentence(
     for path in (run.path / "problems").glob("*.npz"):
         path.unlink()
     assert "is missing" in piezobench("verify", run.path).refusal
-
-
-def test_runs_are_combined_on_the_problems_that_both_have(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
-) -> None:
-    other = clean_race.copied(tmp_path / "other")
-    said = piezobench("combine", clean_race.run.path, other.path, "--out", tmp_path / "page", "--json")
-    rows = json.loads(said.stdout)["rows"]
-    assert {row["run"] for row in rows} == {clean_race.run.path.name, "other"}
-    assert {row["solver"] for row in rows} == {"clarabel", "daqp", "osqp"}
-    assert all(row["daqp (direct)"] == 1.0 for row in rows if row["solver"] == "daqp")
-    assert all(row["problems"] == 1 and row["over_floor"] > 1.0 for row in rows)
-    assert (tmp_path / "page/combined.html").is_file()
-
-
-def with_another_digest(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows.assign(digest="0" * 16)
-
-
-def test_runs_that_cannot_be_combined_are_refused_and_nothing_is_written(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
-) -> None:
-    first, out = clean_race.run.path, tmp_path / "page"
-    other = clean_race.copied(tmp_path / "other", rows=with_another_digest).path
-    for words, why in (
-        (("combine", first, "--out", out), "two runs or more are combined"),
-        (("combine", first, first, "--out", out), f"two runs are called {first.name}"),
-        (("combine", first, other, "--out", out), "the runs have no problem in common"),
-        (("combine", first, other, "--out", tmp_path), "already exists"),
-    ):
-        assert why in piezobench(*words).refusal
-    assert not out.exists()
