@@ -1,4 +1,4 @@
-"""Report of a comparison: sentences, a table with one row per solver lane, a picture; as page, Markdown and JSON."""
+"""Report of a comparison: sentences, a table with one row per solver lane; as page, Markdown and JSON."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from bench.derived.ranking import TIER_NAMES
 from bench.messages.columns import Column
 from bench.messages.task import Tier
 from bench.report.console import plain_json
-from bench.report.report import ROW, Axis, Figure, Mark, Plot, Report, Table
+from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, joined, marked, solver_lanes, whole
 from bench.report.writing import write_report
 from bench.store import Run
@@ -31,8 +31,7 @@ COLUMNS = (
     Column("problems", heading="problems", format=whole),
     Column("tiers", heading="tiers"),
 )
-TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.3, 1.5, 2, 3, 5, 10, 20, 50, 100]
-COLOURS = {SLOWER: "#d55e00", FASTER: "#009e73", CANNOT_TELL: "#cc79a7", SAME: "#999999"}
+ORDER = (SLOWER, FASTER, CANNOT_TELL, SAME)
 MOST_NAMED, MOST_TOLD = 4, 2
 """Most solver lanes in a sentence about rows of one run only, and most differences in a warning."""
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
@@ -71,7 +70,6 @@ def report(comparisons: Sequence[Comparison]) -> Report:
             *(sentence for comparison in comparisons for sentence in sentences(comparison)),
         ],
         grid[0],
-        figures=[_ratios(comparison, i) for i, comparison in enumerate(comparisons)],
         notes=[note for comparison in comparisons for note in notes(comparison)],
         definitions=DEFINITIONS,
         environment=[(run.path.name, str(run.path)) for run in runs],
@@ -81,10 +79,10 @@ def report(comparisons: Sequence[Comparison]) -> Report:
 
 
 def write(comparisons: Sequence[Comparison], report: Report, folder: Path) -> Path:
-    """Write ``comparison.html``, ``.md``, ``.json``, and the pictures with their data; returns the page's path."""
+    """Write ``comparison.html``, ``.md`` and ``.json``; returns the page's path."""
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "comparison.json", json.dumps(to_dict(comparisons), indent=1, allow_nan=False) + "\n")
-    return write_report(report, folder, "comparison", len(comparisons)).with_suffix(".html")
+    return write_report(report, folder, "comparison").with_suffix(".html")
 
 
 def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
@@ -218,7 +216,7 @@ def _table(comparison: Comparison) -> pd.DataFrame:
     table = comparison.times.merge(changed, on=SOLVER_LANE, how="outer").fillna(
         {"tiers": "–", "timed": "–", "finding": "–", "problems": 0}
     )
-    order = table.finding.map({finding: i for i, finding in enumerate(COLOURS)}) - len(COLOURS) * (table.tiers != "–")
+    order = table.finding.map({finding: i for i, finding in enumerate(ORDER)}) - len(ORDER) * (table.tiers != "–")
     intervals = [
         f"{low:.2f} to {high:.2f}" if low > 0.0 else "unknown"
         for low, high in zip(table.ratio_low, table.ratio_high, strict=True)
@@ -227,30 +225,4 @@ def _table(comparison: Comparison) -> pd.DataFrame:
         table.assign(run=comparison.b.path.name, interval=intervals, order=order, size=-np.log(table.ratio).abs())
         .sort_values(["order", "size"], ignore_index=True)
         .drop(columns=["order", "size"])
-    )
-
-
-def _ratios(comparison: Comparison, number: int) -> Figure:
-    """Ratios of times with their intervals, the largest first."""
-    table = comparison.times[comparison.times.ratio_low > 0.0].sort_values("ratio", ascending=False)
-    table = table.assign(name=table.solver.map(marked) + " (" + table.lane + ")")
-    return Figure(
-        f"ratios_{number + 1}",
-        f"Times of {comparison.b.path.name} over those of {comparison.a.path.name}",
-        "A point is a solver lane with its interval.",
-        table,
-        [
-            Plot(
-                Axis("ratio", "second run over first", log=True, values=TICKS),
-                Axis("name"),
-                (
-                    Mark("range", "finding", x="ratio_low", x2="ratio_high", size=2.0),
-                    Mark("point", "finding", size=60.0),
-                ),
-                ("name", "finding", "ratio", "ratio_low", "ratio_high"),
-                COLOURS,
-                {"x": 1.0},
-                40 + ROW * len(table),
-            )
-        ],
     )
