@@ -8,7 +8,7 @@ import typer
 
 from bench.cli.app import as_typed
 from bench.cli.options import WORKERS, refuse, require
-from bench.fleet import fleet, report, storage
+from bench.fleet import fleet, report
 from bench.fleet.jobs import Job
 from bench.processes.engine import Workers, started
 from bench.report.console import errors, lines_of, print_report, progress_bar
@@ -19,7 +19,7 @@ OutDir = Annotated[
     typer.Option(
         "--out-dir",
         metavar="FOLDER",
-        help="For many recordings: folder or URL for the result of each and for a table and a page of all. Results "
+        help="For many recordings: folder for the result of each and for a table and a page of all. Results "
         "that already exist, of the same content and settings, are kept; others of the same name are replaced, and "
         "nothing is deleted.",
     ),
@@ -54,9 +54,9 @@ def process(
         )
     require(page is None, "--page", "is for one recording; --out-dir has pages of its own")
     workers.check()
-    items = fleet.items_of(job, storage.matching(recordings), out_dir)
-    with storage.folder_here(out_dir):  # fails before the work if the folder cannot be written
-        pass
+    out = fleet.local(out_dir)
+    items = fleet.items_of(job, fleet.matching(recordings), out)
+    out.mkdir(parents=True, exist_ok=True)
     try:
         with progress_bar() as progress, started(workers) as map_unordered:
             options = [f"--{name.replace('_', '-')}" for name in vars(job)]
@@ -64,7 +64,7 @@ def process(
                 {**row, "refused": as_typed(row["refused"], options)}
                 for row in fleet.run_all(items, map_unordered, progress)
             ]
-            table, others = report.table_of(rows), fleet.products_of_others(job, rows, out_dir)
+            table, others = report.table_of(rows), fleet.products_of_others(job, rows, out)
             outliers = set(table.name[table.distance > report.DISTANT][:PAGES])
             pages = dict(fleet.write_pages([item for item in items if item.name in outliers], map_unordered, progress))
             found = report.report(
@@ -74,7 +74,7 @@ def process(
                 {name: {"file": job.product.format(name), "page": pages.get(name, "")} for name in table.name},
                 others,
             )
-            report.write(out_dir, table, found)
+            report.write(out, table, found)
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {AGAIN}.", soft_wrap=True)
         raise

@@ -28,7 +28,8 @@ from bench.cli.options import (
     refuse,
     require,
 )
-from bench.fleet import jobs, storage
+from bench.fleet import jobs
+from bench.fleet.fleet import local
 from bench.processes.engine import Workers
 from bench.report.console import console, print_result, progress_bar
 from piezo_model import checks, deployment, recordings
@@ -51,9 +52,7 @@ def identify_verb(
     context: typer.Context,
     reading: dict[str, Any],
     workers: Workers,
-    recording: Annotated[
-        list[str] | None, typer.Argument(help=f"{FILE} Or many, as paths or URLs, with --out-dir.")
-    ] = None,
+    recording: Annotated[list[str] | None, typer.Argument(help=f"{FILE} Or many, with --out-dir.")] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="JSON file for the model of one recording.")
     ] = None,
@@ -180,7 +179,7 @@ def validate_verb(
     workers: Workers,
     recording: Annotated[
         list[str] | None,
-        typer.Argument(help="A recording in any known format; or many, as paths or URLs, with --out-dir."),
+        typer.Argument(help="A recording in any known format; or many, with --out-dir."),
     ] = None,
     out_dir: OutDir = None,
     page: Annotated[Path | None, typer.Option(metavar="FILE.html", help="HTML file for a page with plots.")] = None,
@@ -192,7 +191,7 @@ def validate_verb(
     and reported. A sentence says if the model was fitted to the recording itself.
     """
     file = recording_of(recording, reading)
-    job = jobs.Validating(storage.absolute(model), reading)
+    job = jobs.Validating(str(local(model)), reading)
     if out_dir is not None or len(recording or ()) > 1:
         process(job, recording or (), out_dir, workers, "Validation of a fleet", "were judged", as_json, page)
         return
@@ -278,9 +277,7 @@ def compensate_verb(
     ],
     reference: Annotated[
         list[str],
-        typer.Argument(
-            help="File with a reference column, in any format of recordings; or many, as paths or URLs, with --out-dir."
-        ),
+        typer.Argument(help="File with a reference column, in any format of recordings; or many, with --out-dir."),
     ],
     reading: dict[str, Any],
     workers: Workers,
@@ -310,7 +307,7 @@ def compensate_verb(
     if start == "recording":
         refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
     require(dynamics or not preview, "--preview", "inverts the dynamics, which --no-dynamics leaves out")
-    job = jobs.Compensating(storage.absolute(model), reading, low, high, rate_limit, start, x_start, dynamics, preview)
+    job = jobs.Compensating(str(local(model)), reading, low, high, rate_limit, start, x_start, dynamics, preview)
     if out is None:
         process(job, reference, out_dir, workers, "Compensation of a fleet", "gave a drive", as_json)
         return

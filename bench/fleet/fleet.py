@@ -11,15 +11,15 @@ runs, of recordings that are refused now or were not given, stay in the folder, 
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from glob import glob
 from importlib.metadata import version
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from bench.fleet.jobs import Job
-from bench.fleet.storage import absolute, file_here, filesystem, folder_here, names_of
 from bench.messages.task import Progress
 from bench.processes.engine import MapUnordered
 from piezo_model import atomic_file, json_file
@@ -36,32 +36,31 @@ class Item:
     """The job on one recording."""
 
     job: Job
-    recording: str
+    recording: Path
     name: str
-    out: str
+    out: Path
 
     @property
-    def row(self) -> str:
-        """Path of the row in the folder."""
-        return f"rows/{self.name}.json"
+    def row(self) -> Path:
+        """Path of the row."""
+        return self.out / "rows" / f"{self.name}.json"
 
     @property
-    def product(self) -> str:
-        """Path of the product in the folder; that of the row if the job makes no file."""
-        return self.job.product.format(self.name) if self.job.product else self.row
+    def product(self) -> Path:
+        """Path of the product; that of the row if the job makes no file."""
+        return self.out / self.job.product.format(self.name) if self.job.product else self.row
 
-    @contextmanager
-    def inputs(self) -> Iterator[list[Path]]:
-        """Local copies of the files that are read, the recording first."""
-        with ExitStack() as stack:
-            places = (self.recording, *self.job.reads(self.name))
-            yield [stack.enter_context(file_here(place)) for place in places]
+    @property
+    def further(self) -> Sequence[Path]:
+        """The files that are read beside the recording."""
+        return self.job.reads(self.name)
 
-    def digest(self, inputs: Sequence[Path], product: Path) -> str:
+    def digest(self) -> str:
         """SHA-256 of everything that determines the product, and of the product."""
         settings = [version("piezobench"), type(self.job).__name__, asdict(self.job)]  # type: ignore[call-overload]
         found = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-        for path in (*inputs, product) if self.job.product else inputs:
+        inputs = (self.recording, *self.further)
+        for path in (*inputs, self.product) if self.job.product else inputs:
             with path.open("rb") as file:
                 found.update(hashlib.file_digest(file, "sha256").digest())
         return found.hexdigest()
@@ -88,35 +87,27 @@ def write_page(item: Item) -> tuple[str, str]:
     """Write the page of a finished recording; return its name and the path of the page, "" if the job has none."""
     from bench.report import recording_page  # plots take a second to import, and most workers draw none
 
-    with item.inputs() as (recording, *further), file_here(f"{item.out}/{item.product}") as product:
-        review = item.job.reviewed(recording, further, product)
-        if review is None:
-            return item.name, ""
-        with folder_here(f"{item.out}/pages") as folder:
-            recording_page.write(folder / f"{item.name}.html", recording.name, review)
+    review = item.job.reviewed(item.recording, item.further, item.product)
+    if review is None:
+        return item.name, ""
+    (item.out / "pages").mkdir(exist_ok=True)
+    recording_page.write(item.out / "pages" / f"{item.name}.html", item.recording.name, review)
     return item.name, f"pages/{item.name}.html"
 
 
 def row_of(item: Item) -> Row:
     """The row of a recording, from disk if it is finished; any error becomes its refusal, so that the others go on."""
-    row: Row = {"recording": item.recording, "name": item.name, "refused": ""}
-    recording: Path | None = None
+    row: Row = {"recording": str(item.recording), "name": item.name, "refused": ""}
     try:
-        with item.inputs() as inputs:
-            recording, *further = inputs
-            figures = _stored(item, inputs)
-            if figures is None:
-                with folder_here(item.out) as folder:
-                    product = folder / item.product
-                    figures = item.job.do(recording, further, product)
-                    digest = item.digest(inputs, product)
-                with folder_here(f"{item.out}/rows") as folder:
-                    stored = json.dumps({"digest": digest, "figures": json_file.packed(figures)})
-                    atomic_file.write_text(folder / f"{item.name}.json", f"{stored}\n")
+        figures = _stored(item)
+        if figures is None:
+            item.row.parent.mkdir(parents=True, exist_ok=True)
+            figures = item.job.do(item.recording, item.further, item.product)
+            stored = json.dumps({"digest": item.digest(), "figures": json_file.packed(figures)})
+            atomic_file.write_text(item.row, f"{stored}\n")
         return {**row, **figures}
     except Exception as error:
-        sentence = _sentence(error)
-        return {**row, "refused": sentence.replace(str(recording), recording.name) if recording else sentence}
+        return {**row, "refused": _sentence(error).replace(str(item.recording), item.recording.name)}
 
 
 def _sentence(error: Exception) -> str:
@@ -126,34 +117,69 @@ def _sentence(error: Exception) -> str:
     return " ".join(f"{kind}{error}".split())
 
 
-def _stored(item: Item, inputs: Sequence[Path]) -> Row | None:
+def _stored(item: Item) -> Row | None:
     """The figures on disk, if the digest of inputs and product is still the same."""
     try:
-        with file_here(f"{item.out}/{item.row}") as path:
-            row = json_file.decoded(path.read_bytes(), dict[str, Any])
-        with file_here(f"{item.out}/{item.product}") as product:
-            return json_file.unpacked(row["figures"]) if row["digest"] == item.digest(inputs, product) else None
+        row = json_file.decoded(item.row.read_bytes(), dict[str, Any])
+        return json_file.unpacked(row["figures"]) if row["digest"] == item.digest() else None
     except (OSError, ValueError, KeyError):  # absent, damaged, or of an earlier version
         return None
 
 
-def products_of_others(job: Job, rows: Sequence[Row], out: str) -> list[str]:
+def products_of_others(job: Job, rows: Sequence[Row], out: Path) -> list[str]:
     """Names of the files in the folder that look like products of the job, but were not made of these recordings."""
-    fs, path = filesystem(out)
-    pattern, own = job.product.format("*"), {job.product.format(row["name"]) for row in rows if not row["refused"]}
-    files = [PurePosixPath(file) for file in fs.ls(path, detail=False)] if fs.isdir(path) else []
-    return sorted({file.name for file in files if job.product and file.match(pattern)} - own)
+    own = {job.product.format(row["name"]) for row in rows if not row["refused"]}
+    return sorted({path.name for path in out.glob(job.product.format("*"))} - own) if job.product else []
 
 
-def items_of(job: Job, recordings: Sequence[str], out: str) -> list[Item]:
-    """One item for each recording, with absolute places, which do not depend on a worker's current folder.
+def local(place: str) -> Path:
+    """Absolute path, which does not depend on a worker's current folder; RecordingError for a URL."""
+    if "://" in place:
+        raise RecordingError(f"{place}: is a URL; files and folders are read and written by their paths")
+    return Path(os.path.abspath(place))
+
+
+def matching(places: Sequence[str]) -> list[str]:
+    """Paths, with patterns such as ``'*.parquet'``, of more files than a shell can pass, replaced by their matches."""
+    found: list[str] = []
+    for place in places:
+        if "*" not in place or local(place).exists():
+            found.append(place)
+        elif matches := sorted(glob(place, recursive=True)):
+            found += matches
+        else:
+            raise RecordingError(f"{place}: no file matches")
+    return found
+
+
+def names_of(places: Sequence[str]) -> list[str]:
+    """Unique names for the products of files: their own without suffix, after as many parent folders as needed.
+
+    Examples
+    --------
+    >>> names_of(["a/left.csv", "a/right.csv"]), names_of(["1/stage.csv", "2/stage.csv"])
+    (['left', 'right'], ['1--stage', '2--stage'])
+    """
+    parts = [local(place).with_suffix("").parts[1:] for place in places]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["--".join(path[-depth:]) for path in parts]
+        if len(set(names)) == len(names):
+            return names
+    twice = next(i for i, path in enumerate(parts) if path in parts[:i])
+    raise RecordingError(
+        f"{places[twice]}: what is made of it would have the name of what is made of "
+        f"{places[parts.index(parts[twice])]}"
+    )
+
+
+def items_of(job: Job, recordings: Sequence[str], out: Path) -> list[Item]:
+    """One item for each recording, with absolute paths.
 
     RecordingError if a recording would be replaced by a file of the fleet.
     """
-    named = zip(recordings, names_of(recordings), strict=True)
-    items = [Item(job, absolute(recording), name, absolute(out)) for recording, name in named]
-    written = {filesystem(f"{absolute(out)}/{file}")[1] for file in (*TABLES, *(item.product for item in items))}
-    for recording in recordings:
-        if filesystem(recording)[1] in written:
-            raise RecordingError(f"{recording}: would be replaced by a file of that name; name another --out-dir")
+    items = [Item(job, local(place), name, out) for place, name in zip(recordings, names_of(recordings), strict=True)]
+    written = {*(out / file for file in TABLES), *(item.product for item in items)}
+    for place in recordings:
+        if local(place) in written:
+            raise RecordingError(f"{place}: would be replaced by a file of that name; name another --out-dir")
     return items

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.fleet.storage import model_of
 from bench.messages.task import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify, recordings
 from piezo_model.deployment import open_model
@@ -26,8 +25,8 @@ class Job(ABC):
     product = ""
     """Name of the file that is written, with {} for the recording's name, or ""."""
 
-    def reads(self, name: str) -> Sequence[str]:
-        """Places of the other files that are read for a recording of this name."""
+    def reads(self, name: str) -> Sequence[Path]:
+        """Paths of the other files that are read for a recording of this name."""
         return ()
 
     @abstractmethod
@@ -102,15 +101,16 @@ class Identifying(Job):
 
 @dataclass(frozen=True)
 class WithModel(Job):
-    """Job that needs a model: ``model`` is the place of one, or of a folder with NAME.json for each recording;
+    """Job that needs a model: ``model`` is the path of one, or of a folder with NAME.json for each recording;
     ``opening`` are keywords of ``Recording.open`` or ``read_reference``."""
 
     model: str
     opening: Mapping[str, Any] = field(default_factory=dict)
 
-    def reads(self, name: str) -> Sequence[str]:
-        """Place of the model."""
-        return (model_of(self.model, name),)
+    def reads(self, name: str) -> Sequence[Path]:
+        """Path of the model."""
+        path = Path(self.model)
+        return (path / f"{name}.json" if path.is_dir() else path,)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ fleet. Source: P. J. Rousseeuw and C. Croux, J. Amer. Statist. Assoc. 88 (1993) 
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
@@ -19,7 +20,6 @@ import pandas as pd
 from markupsafe import Markup
 
 from bench.fleet.fleet import TABLES, Row
-from bench.fleet.storage import folder_here
 from bench.report import words, writing
 from bench.report.report import PALETTE, ROW, Axis, Figure, Mark, Plot, Report, Table
 from piezo_model.atomic_file import replacing
@@ -133,13 +133,12 @@ def report(
     )
 
 
-def write(out: str, table: pd.DataFrame, found: Report) -> None:
+def write(out: Path, table: pd.DataFrame, found: Report) -> None:
     """Write ``fleet.csv``, ``fleet.parquet`` and the page ``fleet.html``."""
-    with folder_here(out) as folder:
-        for name, put in ((TABLES[0], table.to_csv), (TABLES[1], table.to_parquet)):
-            with replacing(folder / name) as temporary:
-                put(temporary, index=False)
-        writing.write_page(found, folder / "fleet.html", "fleet-figures")
+    for name, put in ((TABLES[0], table.to_csv), (TABLES[1], table.to_parquet)):
+        with replacing(out / name) as temporary:
+            put(temporary, index=False)
+    writing.write_page(found, out / "fleet.html", "fleet-figures")
 
 
 def figures(fine: pd.DataFrame) -> list[Figure]:

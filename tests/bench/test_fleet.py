@@ -1,4 +1,4 @@
-"""Many recordings at once: on several workers, killed and resumed, on a cluster, in a bucket."""
+"""Many recordings at once: on several workers, killed and resumed, on a cluster."""
 
 import json
 import os
@@ -6,7 +6,6 @@ import signal
 import time
 from pathlib import Path
 
-import fsspec
 import numpy as np
 import pandas as pd
 import pytest
@@ -94,7 +93,7 @@ def test_finished_work_is_kept_unless_settings_or_content_change(recordings: lis
     def written(work: Identifying) -> list[int]:
         """Indices of the models that were written."""
         before = [path.stat().st_ino if path.exists() else 0 for path in models]
-        rows = run_all(list(items_of(work, list(map(str, chosen)), str(tmp_path / "out"))), map, silent)
+        rows = run_all(list(items_of(work, list(map(str, chosen)), tmp_path / "out")), map, silent)
         assert [row["refused"] for row in rows] == ["", ""]
         return [i for i, path in enumerate(models) if path.stat().st_ino != before[i]]
 
@@ -121,7 +120,7 @@ def test_a_product_that_was_truncated_or_changed_is_made_again(recordings: list[
         (Compensating(str(model)), str(reference), out / "wanted-drive.csv"),
         (Validating(str(model)), recording, tmp_path / "judged" / "rows" / model.name),
     ):
-        parts = list(items_of(work, [given], str(tmp_path / "judged" if isinstance(work, Validating) else out)))
+        parts = list(items_of(work, [given], tmp_path / "judged" if isinstance(work, Validating) else out))
         (row,) = run_all(parts, map, silent)
         assert row["refused"] == ""
         whole = made.read_bytes()
@@ -305,31 +304,6 @@ def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(
 
 
 @pytest.mark.slow
-def test_recordings_and_models_may_be_given_by_url(recordings: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    memory = fsspec.filesystem("memory")
-    for path in recordings[:2]:
-        memory.pipe_file(f"/bucket/{path.name}", path.read_bytes())
-    for found, others in ((2, []), (2, []), (1, ["stage1.json"])):
-        if others:
-            memory.rm(f"/bucket/{recordings[1].name}")
-        process(
-            Identifying(n=2, m=0, creep_rates=()),
-            ["memory://bucket/*"],
-            "memory://models",
-            Workers(),
-            "Fleet",
-            "gave a model",
-            as_json=True,
-        )
-        shown = json.loads(capsys.readouterr().out)
-        assert shown["sentences"][0] == f"{found} of {found} recordings gave a model."
-        assert shown["not_of_this_run"] == others
-    assert {"stage0.json", "stage1.json", "fleet.csv", "fleet.parquet", "fleet.html", "rows"} <= {
-        Path(path).name for path in memory.ls("/models", detail=False)
-    }
-
-
-@pytest.mark.slow
 def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fail(
     recordings: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -362,7 +336,9 @@ def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fai
             ["a.csv", "a.mat", "--out-dir", "models"],
             "a.mat: what is made of it would have the name of what is made of a.csv",
         ),
-        (["nowhere://a.csv", "--out-dir", "models"], "nowhere"),
+        (["s3://bucket/a.csv", "--out-dir", "models"], "s3://bucket/a.csv: is a URL"),
+        (["s3://bucket/*.csv", "--out-dir", "models"], "s3://bucket/*.csv: is a URL"),
+        (["a.csv", "--out-dir", "s3://bucket/models"], "s3://bucket/models: is a URL"),
         (["*.xyz", "--out-dir", "models"], "*.xyz: no file matches"),
         (["a.csv", "--out-dir", "models", "--backend", "dask"], "--scheduler"),
     ],
