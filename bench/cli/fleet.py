@@ -25,8 +25,6 @@ OutDir = Annotated[
     ),
 ]
 AGAIN = "finished recordings are kept; run the same command to continue"
-PAGES = 100
-"""Most outliers with pages of their own; a page takes a second and a megabyte."""
 MOST_REFUSED = 12
 """Most lines about refused recordings on the first screen."""
 
@@ -52,7 +50,7 @@ def process(
         raise typer.TyperException(
             "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for many recordings"
         )
-    require(page is None, "--page", "is for one recording; --out-dir has pages of its own")
+    require(page is None, "--page", "is for one recording")
     workers.check()
     out = fleet.local(out_dir)
     items = fleet.items_of(job, fleet.matching(recordings), out)
@@ -65,13 +63,11 @@ def process(
                 for row in fleet.run_all(items, map_unordered, progress)
             ]
             table, others = report.table_of(rows), fleet.products_of_others(job, rows, out)
-            outliers = set(table.name[table.distance > report.DISTANT][:PAGES])
-            pages = dict(fleet.write_pages([item for item in items if item.name in outliers], map_unordered, progress))
             found = report.report(
                 title,
                 table,
                 what,
-                {name: {"file": job.product.format(name), "page": pages.get(name, "")} for name in table.name},
+                {name: job.product.format(name) for name in table.name},
                 others,
             )
             report.write(out, table, found)

@@ -12,7 +12,7 @@ runs, of recordings that are refused now or were not given, stay in the folder, 
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from glob import glob
 from importlib.metadata import version
@@ -74,25 +74,6 @@ def run_all(items: Sequence[Item], map_unordered: MapUnordered, progress: Progre
         rows[row["name"]] = row
         progress(row["name"], len(rows), len(items))
     return [rows[item.name] for item in items]
-
-
-def write_pages(items: Sequence[Item], map_unordered: MapUnordered, progress: Progress) -> Iterator[tuple[str, str]]:
-    """Write the pages of finished recordings; yield the name of each and the path of its page."""
-    for count, page in enumerate(map_unordered(write_page, items), 1):
-        progress("drawing pages", count, len(items))
-        yield page
-
-
-def write_page(item: Item) -> tuple[str, str]:
-    """Write the page of a finished recording; return its name and the path of the page, "" if the job has none."""
-    from bench.report import recording_page  # plots take a second to import, and most workers draw none
-
-    review = item.job.reviewed(item.recording, item.further, item.product)
-    if review is None:
-        return item.name, ""
-    (item.out / "pages").mkdir(exist_ok=True)
-    recording_page.write(item.out / "pages" / f"{item.name}.html", item.recording.name, review)
-    return item.name, f"pages/{item.name}.html"
 
 
 def row_of(item: Item) -> Row:

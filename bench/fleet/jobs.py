@@ -12,7 +12,7 @@ import numpy as np
 from bench.messages.task import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify, recordings
 from piezo_model.deployment import open_model
-from piezo_model.identification import direction, fit_review
+from piezo_model.identification import direction
 from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.identification.validation import Validation
@@ -32,10 +32,6 @@ class Job(ABC):
     @abstractmethod
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Process a recording, write the product to the target, and return figures."""
-
-    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> fit_review.Review | None:
-        """Content of the page of a recording; None if it has no page."""
-        return None
 
 
 @dataclass(frozen=True)
@@ -72,10 +68,6 @@ class Identifying(Job):
             "m": s.dead_zones // 2,
             **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
         }
-
-    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> fit_review.Review:
-        """Fit of the model that was written."""
-        return fit_review.review(self.opened(recording), HysteresisCreepModel.load(product))
 
     def opened(self, recording: Path | None) -> Recording:
         """Open the recording, without a path that in two files; a fit decides which column is the input if the names do
@@ -130,10 +122,6 @@ class Validating(WithModel):
             "own": found.own,
             "output_unit": model.structure.output_unit,
         }
-
-    def reviewed(self, recording: Path, further: Sequence[Path], product: Path) -> fit_review.Review:
-        """Fit of the model."""
-        return fit_review.review(*self.judged(recording, further[0]))
 
     def judged(self, recording: Path | None, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and its validation."""

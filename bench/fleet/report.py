@@ -89,27 +89,21 @@ def report(
     title: str,
     table: pd.DataFrame,
     what: str,
-    links: Mapping[str, Mapping[str, str]] | None = None,
+    links: Mapping[str, str] | None = None,
     others: Sequence[str] = (),
 ) -> Report:
-    """The fleet's report; ``links`` maps each name to its files by kind, "" for none, and ``others`` are files in the
-    folder that are not of this run."""
+    """The fleet's report; ``links`` maps each name to its product, "" for none, and ``others`` are files in the folder
+    that are not of this run."""
     fine, refused = table[table.refused == ""], table[table.refused != ""]
     errors, links = [name for name in FIGURES if name in fine], links or {}
-    pages, outliers = sum(bool(each["page"]) for each in links.values()), int((fine.distance > DISTANT).sum())
-    kinds = [kind for kind in next(iter(links.values()), ()) if any(each[kind] for each in links.values())]
+    kinds = ["file"] if any(links.values()) else []
     rows = [
         [
             row["name"],
             *(words.number(row[name]) for name in errors),
             row["unlike"],
             words.number(row["distance"]),
-            *(
-                Markup('<a href="{}">{}</a>').format(quote(links[row["name"]][kind]), kind)
-                if links[row["name"]][kind]
-                else ""
-                for kind in kinds
-            ),
+            *(Markup('<a href="{}">file</a>').format(quote(links[row["name"]])) for _ in kinds),
         ]
         for row in fine.to_dict("records")
     ]
@@ -121,8 +115,7 @@ def report(
             headings,
             rows,
             1,
-            note="Errors of the output as a share of its range."
-            + (f" The {pages} most unlike have pages." if 0 < pages < outliers else ""),
+            note="Errors of the output as a share of its range.",
         ),
         tables=[
             Table("Refused", ("recording", "why"), refused[["recording", "refused"]].values.tolist(), 2),

@@ -16,7 +16,7 @@ from small_races import TWO_CORES
 from bench.cli.fleet import process
 from bench.fleet.fleet import items_of, run_all
 from bench.fleet.jobs import Compensating, Identifying, Validating
-from bench.fleet.report import DISTANT, report, table_of
+from bench.fleet.report import DISTANT, table_of
 from bench.messages.task import silent
 from bench.processes.engine import Workers
 from piezo_model import HysteresisCreepModel, plants
@@ -289,18 +289,13 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     assert "--x-start must be within the limits of the drive" in " ".join(call.stdout.split())
 
 
-def test_the_page_shows_the_fleet_and_its_links_lead_to_models_and_pages(
-    browser: Browser, serial: tuple[Path, Finished]
-) -> None:
+def test_the_page_shows_the_fleet_and_its_links_lead_to_models(browser: Browser, serial: tuple[Path, Finished]) -> None:
     out, _ = serial
     assert {"fit", "weights"} <= {*browser.sections(out / "fleet.html")}
     links = browser.run("return [...document.querySelectorAll('.grid a, .note a')].map(a => a.getAttribute('href'))")
-    # models, the data of two figures, and pages of outliers
-    assert len(links) == COUNT + 2 + sum(table_in(out).distance > DISTANT)
+    assert len(links) == COUNT + 2  # models, and the data of two figures
     assert all((out / link).is_file() for link in links)
     assert browser.run("return document.querySelectorAll('main i, main u').length") == 0
-    browser.run("document.querySelector(\"a[href^='pages/']\").click()")
-    browser.wait_until(lambda: browser.run("return document.title") == f"Recording {NOISY}.parquet")
 
 
 @pytest.mark.slow
@@ -350,7 +345,7 @@ def test_contradictory_options_are_refused_before_the_work(
     assert not list(tmp_path.iterdir())
 
 
-def test_stages_that_all_differ_a_little_are_no_outliers_and_missing_pages_of_outliers_are_reported() -> None:
+def test_stages_that_all_differ_a_little_are_no_outliers() -> None:
     """Twenty weights per model; some are at their bound in most models and vary in the others."""
     chance = np.random.default_rng(1)
     rows = [
@@ -367,8 +362,3 @@ def test_stages_that_all_differ_a_little_are_no_outliers_and_missing_pages_of_ou
     table = table_of(rows)
     assert set(table.name[table.distance > DISTANT]) == {"4", "9"}
     assert dict(zip(table.name[:2], table.unlike[:2], strict=True)) == {"9": "error", "4": "weights"}
-    links = {name: {"page": "pages/9.html" if name == "9" else ""} for name in table.name}
-    shown = report("Fleet", table, "gave a model", links).table
-    assert shown is not None
-    assert shown.note.endswith("The 1 most unlike have pages.")
-    assert [row[-1] for row in shown.rows[:2]] == ['<a href="pages/9.html">page</a>', ""]
