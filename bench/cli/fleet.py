@@ -1,4 +1,4 @@
-"""The verbs of one recording applied to many: the job on each, the table and page of all, and the first screen."""
+"""The verbs of one recording applied to many: the job on each, the table of all, and the first screen."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from bench.cli.options import WORKERS, refuse, require
 from bench.fleet import fleet, report
 from bench.fleet.jobs import Job
 from bench.processes.engine import Workers, started
-from bench.report.console import errors, lines_of, print_report, progress_bar
+from bench.report.console import errors, lines_of, print_result, progress_bar
 from piezo_model.recordings import RecordingError
 
 OutDir = Annotated[
@@ -19,7 +19,7 @@ OutDir = Annotated[
     typer.Option(
         "--out-dir",
         metavar="FOLDER",
-        help="For many recordings: folder for the result of each and for a table and a page of all. Results "
+        help="For many recordings: folder for the result of each and for a table of all. Results "
         "that already exist, of the same content and settings, are kept; others of the same name are replaced, and "
         "nothing is deleted.",
     ),
@@ -40,12 +40,11 @@ def process(
     recordings: Sequence[str],
     out_dir: str | None,
     workers: Workers,
-    title: str,
     what: str,
     as_json: bool,
     page: Path | None = None,
 ) -> None:
-    """Do the job on all recordings, write table and page, and show them; then RecordingError if any was refused."""
+    """Do the job on all recordings, write the table, and show what it says; then RecordingError if any was refused."""
     if out_dir is None:
         raise typer.TyperException(
             "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for many recordings"
@@ -63,14 +62,7 @@ def process(
                 for row in fleet.run_all(items, map_unordered, progress)
             ]
             table, others = report.table_of(rows), fleet.products_of_others(job, rows, out)
-            found = report.report(
-                title,
-                table,
-                what,
-                {name: job.product.format(name) for name in table.name},
-                others,
-            )
-            report.write(out, table, found)
+            report.write(out, table)
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {AGAIN}.", soft_wrap=True)
         raise
@@ -80,14 +72,15 @@ def process(
     reasons = lines_of(refused.refused)
     if len(reasons) > MOST_REFUSED:
         reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
-    below = [*(["Refused:", *reasons] if reasons else []), f"Table: {out_dir}/fleet.csv", f"Page: {out_dir}/fleet.html"]
+    sentences = report.sentences(table, what, others)
+    lines = [*lines_of(sentences), *(["Refused:", *reasons] if reasons else []), f"Table: {out_dir}/fleet.csv"]
     document = {
         "out_dir": out_dir,
-        "sentences": found.verdict,
+        "sentences": sentences,
         "rows": table.to_dict("records"),
         "not_of_this_run": others,
     }
-    print_report(report.report(title, table, what, others=others), document, as_json, below)
+    print_result(document, lines, as_json)
     if len(refused):
         raise RecordingError(
             f"{len(refused)} of {len(table)} recordings {'is' if len(refused) == 1 else 'are'} refused; the table "

@@ -109,7 +109,7 @@ def identify_verb(
     file = recording_of(recording, reading)
     job = jobs.Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
     if out is None:
-        process(job, recording or (), out_dir, workers, "Identification of a fleet", "gave a model", as_json, page)
+        process(job, recording or (), out_dir, workers, "gave a model", as_json, page)
         return
     only(context, recording or (), out_dir)
     files = files_of(file, reading)
@@ -193,7 +193,7 @@ def validate_verb(
     file = recording_of(recording, reading)
     job = jobs.Validating(str(local(model)), reading)
     if out_dir is not None or len(recording or ()) > 1:
-        process(job, recording or (), out_dir, workers, "Validation of a fleet", "were judged", as_json, page)
+        process(job, recording or (), out_dir, workers, "were judged", as_json, page)
         return
     only(context, recording or (), out_dir)
     check_writable(page, "--page", [*files_of(file, reading), model])
@@ -309,7 +309,7 @@ def compensate_verb(
     require(dynamics or not preview, "--preview", "inverts the dynamics, which --no-dynamics leaves out")
     job = jobs.Compensating(str(local(model)), reading, low, high, rate_limit, start, x_start, dynamics, preview)
     if out is None:
-        process(job, reference, out_dir, workers, "Compensation of a fleet", "gave a drive", as_json)
+        process(job, reference, out_dir, workers, "gave a drive", as_json)
         return
     only(context, reference, out_dir)
     file = Path(reference[0])

@@ -1,2 +1,1 @@
-"""Batch processing of many recordings: the same work on each, on several workers, resumable, with one table and one
-page."""
+"""Batch processing of many recordings: the same work on each, on several workers, resumable, with one table."""

@@ -25,8 +25,8 @@ from bench.processes.engine import MapUnordered
 from piezo_model import atomic_file, json_file
 from piezo_model.recordings import RecordingError
 
-TABLES = ("fleet.csv", "fleet.parquet")
-"""Files of the table of all recordings."""
+TABLE = "fleet.csv"
+"""File of the table of all recordings."""
 Row = dict[str, Any]
 """``recording``, ``name`` and ``refused``, a sentence or ""; without a refusal, the figures of the job."""
 
@@ -159,7 +159,7 @@ def items_of(job: Job, recordings: Sequence[str], out: Path) -> list[Item]:
     RecordingError if a recording would be replaced by a file of the fleet.
     """
     items = [Item(job, local(place), name, out) for place, name in zip(recordings, names_of(recordings), strict=True)]
-    written = {*(out / file for file in TABLES), *(item.product for item in items)}
+    written = {out / TABLE, *(item.product for item in items)}
     for place in recordings:
         if local(place) in written:
             raise RecordingError(f"{place}: would be replaced by a file of that name; name another --out-dir")

@@ -1,4 +1,4 @@
-"""Report of a fleet: one table with outliers first, and one page.
+"""Table of a fleet, outliers first, and what it says in sentences.
 
 Let v be a measure of a recording (the logarithm of its error, or a weight of its model), and med and MAD its median and
 median absolute deviation over the fleet. The distance of the measure is
@@ -11,17 +11,14 @@ fleet. Source: P. J. Rousseeuw and C. Croux, J. Amer. Statist. Assoc. 88 (1993) 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
-from bench.fleet.fleet import TABLES, Row
-from bench.report import words, writing
-from bench.report.report import PALETTE, ROW, Axis, Figure, Mark, Plot, Report, Table
+from bench.fleet.fleet import TABLE, Row
+from bench.report import words
 from piezo_model.atomic_file import replacing
 
 LEAST = {"log10 error": 0.02, "weight": 1e-3}
@@ -30,13 +27,8 @@ DISTANT = 5.0
 """Distance beyond which a recording is an outlier."""
 LEAST_PERCENT = 1e-9
 """Smaller errors are replaced by this one."""
-FIGURES = {"rms_percent": "RMS error, %", "max_percent": "largest, %", "line_percent": "with a line, %"}
-"""Columns of the short table, if the job has them."""
 NAMED = 4
 """Most files that a sentence names."""
-BINS = 24
-BLUE, RED = PALETTE[:2]
-SHARES = {"lowest": 0.0, "low": 0.05, "median": 0.5, "high": 0.95, "highest": 1.0}
 
 
 def table_of(rows: Sequence[Row]) -> pd.DataFrame:
@@ -85,99 +77,7 @@ def sentences(table: pd.DataFrame, what: str, others: Sequence[str] = ()) -> lis
     return found
 
 
-def report(
-    title: str,
-    table: pd.DataFrame,
-    what: str,
-    links: Mapping[str, str] | None = None,
-    others: Sequence[str] = (),
-) -> Report:
-    """The fleet's report; ``links`` maps each name to its product, "" for none, and ``others`` are files in the folder
-    that are not of this run."""
-    fine, refused = table[table.refused == ""], table[table.refused != ""]
-    errors, links = [name for name in FIGURES if name in fine], links or {}
-    kinds = ["file"] if any(links.values()) else []
-    rows = [
-        [
-            row["name"],
-            *(words.number(row[name]) for name in errors),
-            row["unlike"],
-            words.number(row["distance"]),
-            *(Markup('<a href="{}">file</a>').format(quote(links[row["name"]])) for _ in kinds),
-        ]
-        for row in fine.to_dict("records")
-    ]
-    headings = ("recording", *(FIGURES[name] for name in errors), "most unlike in", "standard deviations", *kinds)
-    return Report(
-        sentences(table, what, others),
-        Table(
-            "Those most unlike the others first",
-            headings,
-            rows,
-            1,
-            note="Errors of the output as a share of its range.",
-        ),
-        tables=[
-            Table("Refused", ("recording", "why"), refused[["recording", "refused"]].values.tolist(), 2),
-            Table("In the folder, but not of this run", ("file",), [[name] for name in others], 1),
-        ],
-        figures=figures(fine),
-        title=title,
-    )
-
-
-def write(out: Path, table: pd.DataFrame, found: Report) -> None:
-    """Write ``fleet.csv``, ``fleet.parquet`` and the page ``fleet.html``."""
-    for name, put in ((TABLES[0], table.to_csv), (TABLES[1], table.to_parquet)):
-        with replacing(out / name) as temporary:
-            put(temporary, index=False)
-    writing.write_page(found, out / "fleet.html", "fleet-figures")
-
-
-def figures(fine: pd.DataFrame) -> list[Figure]:
-    """Distributions of error and weights."""
-    if fine.empty:
-        return []
-    errors, names = fine.rms_percent.clip(lower=LEAST_PERCENT), weights_in(fine)
-    edges = np.logspace(np.log10(errors.min()) - 0.01, np.log10(errors.max()) + 0.01, BINS + 1)
-    fit = pd.DataFrame(
-        {"from_percent": edges[:-1], "to_percent": edges[1:], "recordings": np.histogram(errors, edges)[0], "zero": 0}
-    )
-    weights = fine[names].quantile(list(SHARES.values())).set_axis(list(SHARES)).T.rename_axis("weight").reset_index()
-    ranges = [
-        Mark("range", x=low, x2=high, colour=BLUE, size=width, opacity=0.5)
-        for width, low, high in ((1.5, "lowest", "highest"), (7.0, "low", "high"))
-    ]
-    return [
-        Figure(
-            "fit",
-            "Fit",
-            "Recordings by the RMS error of the output, as a share of its range.",
-            fit,
-            [
-                Plot(
-                    Axis("from_percent", "RMS error, % of the range", log=True),
-                    Axis("recordings", "recordings"),
-                    (Mark("bar", x2="to_percent", y2="zero", colour=BLUE),),
-                    ("recordings", "from_percent", "to_percent"),
-                    height=260,
-                )
-            ],
-        ),
-        Figure(
-            "weights",
-            "Weights",
-            "In normalised units with w_H0 = 1. Thin: from the lowest to the highest; thick: nine of ten; point: "
-            "median.",
-            weights,
-            [
-                Plot(
-                    Axis("median", "weight, normalised units"),
-                    Axis("weight"),
-                    (*ranges, Mark("point", colour=RED, size=70.0)),
-                    ("weight", *SHARES),
-                    height=30 + ROW * len(names),
-                )
-            ],
-        ),
-    ]
+def write(out: Path, table: pd.DataFrame) -> None:
+    """Write ``fleet.csv``."""
+    with replacing(out / TABLE) as temporary:
+        table.to_csv(temporary, index=False)

@@ -1,4 +1,4 @@
-"""Reports as data: sentences, tables, and figures with their plots, of a run, a comparison, a fleet or a recording.
+"""Reports as data: sentences, tables, and figures with their plots, of a run, a comparison or a recording.
 
 There are three renderings: the terminal (`bench.report.console`), Markdown and an HTML page (`bench.report.writing`);
 `bench.report.vega` draws the plots. The rows of a plot or a mark are selected by values of columns and not by an
