@@ -1,18 +1,16 @@
 """Memory that the processes of a live run share, without locks.
 
 The loop writes samples into a ring buffer and counts them; readers copy the newest ones and never delay the loop. The
-set point and the requests to learn and to stop go the other way. Every number has one writer at a time.
+set point and the request to stop go the other way. Every number has one writer at a time.
 """
 
 import math
-from dataclasses import replace
 from enum import IntEnum
 from multiprocessing.sharedctypes import RawArray
 from typing import Any, Self
 
 import numpy as np
 
-from piezo_model import HysteresisCreepModel
 from solvers.arrays import Matrix, Vector
 
 COLUMNS = ("time_s", "reference", "drive", "measured")
@@ -23,8 +21,6 @@ BINS, BINS_PER_DECADE, FIRST_NS = 160, 20, 100
 """Histogram of service times: number and width of its bins, upper edge of the first."""
 FOLLOW = math.inf
 """Set point that selects the reference."""
-FRAME = ("x_centre", "x_scale", "y_centre", "y_scale", "offset")
-"""Fields of a model's structure that learning may change."""
 
 
 class State(IntEnum):
@@ -44,7 +40,6 @@ INTEGERS = (
     "null_samples",
     "events",
     "hand_overs",
-    "learning",  # 1 to learn, 0 to pause
     "stop",  # 1 to stop
     "followed",  # samples before the ramp to rest
     "failed",  # 1 if the stage failed
@@ -61,14 +56,12 @@ class Board:
     one number, ``service`` counts service times by bin.
     """
 
-    def __init__(self, rate: float, first: HysteresisCreepModel, memory: Any = None) -> None:
-        self._rate, self._first, self.capacity = rate, first, max(1024, round(RING_S * rate))
+    def __init__(self, rate: float, memory: Any = None) -> None:
+        self._rate, self.capacity = rate, max(1024, round(RING_S * rate))
         layout = np.dtype(
             [
                 ("integers", np.int64, (len(INTEGERS),)),
                 ("ring", np.float64, (self.capacity, len(COLUMNS))),
-                ("weights", np.float64, (first.all_weights.size,)),
-                ("frame", np.float64, (len(FRAME),)),
                 ("log", f"S{TEXT_BYTES}", (EVENTS,)),
                 ("reason", f"S{TEXT_BYTES}", (1,)),
                 ("service", np.int64, (BINS,)),
@@ -83,11 +76,10 @@ class Board:
         self._integers, self._ring = self._fields["integers"], self._fields["ring"]
         self.service, self.drive, self.set_point = (self._fields[name] for name in ("service", "drive", "set_point"))
         if memory is None:
-            self.show_model(first)
             self.set_point[0] = FOLLOW
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
-        return type(self), (self._rate, self._first, self.memory)
+        return type(self), (self._rate, self.memory)
 
     def __getattr__(self, name: str) -> int:
         if name not in INTEGERS:
@@ -144,17 +136,6 @@ class Board:
     @reason.setter
     def reason(self, text: str) -> None:
         self._fields["reason"][0] = text.encode()[:TEXT_BYTES]
-
-    def show_model(self, model: HysteresisCreepModel) -> None:
-        """Write the weights and the frame of the model in use."""
-        self._fields["weights"][:] = model.all_weights
-        self._fields["frame"][:] = [getattr(model.structure, name) for name in FRAME]
-
-    def shown_model(self) -> HysteresisCreepModel:
-        """The model in use."""
-        frame = dict(zip(FRAME, self._fields["frame"].tolist(), strict=True))
-        structure = replace(self._first.structure, **{**frame, "offset": bool(frame["offset"])})
-        return HysteresisCreepModel.from_all_weights(structure, self._fields["weights"].copy())
 
 
 def bin_of(nanoseconds: int) -> int:

@@ -4,7 +4,6 @@ Learning runs in the thread of the loop: a block takes microseconds of compiled 
 while a second Python thread would share the interpreter with the loop.
 """
 
-import math
 from typing import Any
 
 from bench.live.board import Board
@@ -16,7 +15,7 @@ class Controller:
     """The compensator of a run, with its actuator at rest."""
 
     def __init__(self, settings: LiveSettings) -> None:
-        stage, self.learning, self._next_logged = settings.declared, settings.learn != "off", 0
+        stage, self._next_logged = settings.declared, 0
         drive: dict[str, Any] = {
             "x_limits": stage.x_limits,
             "rate_limit": stage.rate_limit,
@@ -36,18 +35,14 @@ class Controller:
         )
 
     def step(self, y_ref: float, y: float) -> float:
-        """Return the drive for a reference, given the output that the last drive produced.
-
-        While learning is paused, the learner takes the output as not measured.
-        """
+        """Return the drive for a reference, given the output that the last drive produced."""
         if isinstance(self._compensator, SelfLearningCompensator):
-            return self._compensator.step(y_ref, y if self.learning else math.nan)
+            return self._compensator.step(y_ref, y)
         self._compensator.correct(y)
         return self._compensator.step(y_ref)
 
     def show(self, board: Board) -> None:
-        """Write the model and new events to the board."""
-        board.show_model(self._compensator.model)
+        """Write new events to the board."""
         if isinstance(self._compensator, SelfLearningCompensator):
             board.set(hand_overs=self._compensator.counts["hand_overs"])
             for event in [event for event in self._compensator.log if event.sample >= self._next_logged]:

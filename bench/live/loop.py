@@ -42,7 +42,7 @@ OPENING_S, CLOSING_S = 60.0, 10.0
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a run; they are blocked while a process of the run starts."""
 SHOW_S = 0.5
-"""Interval at which the model is shown."""
+"""Interval at which events of learning are shown."""
 
 
 def schedule(rate: float, spin_ns: int) -> Iterator[tuple[int, int, int]]:
@@ -122,9 +122,6 @@ class Loop:
                 if set_point == FOLLOW
                 else f"holds {quantity(set_point, self._settings.declared.output_unit, 6)}"
             )
-        if board.learning != self._controller.learning:
-            self._controller.learning = bool(board.learning)
-            board.log("learning" if board.learning else "learning paused")
 
     def run(self) -> None:
         """Follow the reference until the end, then ramp to rest; the board's state is ENDED unless the stage takes no
@@ -226,7 +223,7 @@ def _drive(settings: LiveSettings, board: Board, spin_ns: int) -> None:
         gc.collect()
         gc.disable()
         if board.state == State.STARTING:
-            board.set(state=State.FOLLOWING, learning=int(settings.learn != "off"))
+            board.set(state=State.FOLLOWING)
         else:
             device.exchange(float(board.drive[0]))  # the stage may have taken it or not
         try:

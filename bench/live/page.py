@@ -30,20 +30,16 @@ from piezo_model.units import quantity, shown
 from solvers.arrays import Vector
 
 WINDOW_S, MOST_POINTS = 5.0, 400
-STRAIGHT = 1e-9
-"""Smallest error along a straight line, as a share of the output's range, that is shown: the model in use is one."""
-BLUE, RED, GREEN = PALETTE[:3]
+BLUE = PALETTE[0]
 STATES = {
     State.STARTING: "starting",
     State.FOLLOWING: "following",
     State.RAMPING: "ramping to rest",
     State.ENDED: "at rest; the run is over",
 }
-LINE, REFERENCE, MEASURED = "straight line, by the model in use", "reference", "measured"
-LOOKS = {LINE: (RED, 1.6), REFERENCE: (GREY, 5.0), MEASURED: (BLUE, 1.6)}
+REFERENCE, MEASURED = "reference", "measured"
+LOOKS = {REFERENCE: (GREY, 5.0), MEASURED: (BLUE, 1.6)}
 """Colour and width of each line; a measurement that follows the reference would hide a narrow one."""
-REQUESTS = {"stop": {"stop": 1}, "learn": {"learning": 1}, "pause": {"learning": 0}}
-"""Integers of the board that a request sets, by name; the others are set points."""
 LONGEST = 100
 """Longest text of a set point that is read."""
 
@@ -52,22 +48,18 @@ def plots(settings: LiveSettings) -> dict[str, Plot]:
     """The plots by their titles."""
     unit, time = shown(settings.declared.output_unit), Axis("x", "time, s")
 
-    def lines(x: Axis, y: str, *names: str) -> Plot:
+    def lines(*names: str) -> Plot:
         return Plot(
-            x,
-            Axis("y", y),
+            time,
+            Axis("y", unit),
             [Mark("line", "name", where={"name": [name]}, size=LOOKS[name][1], along="k") for name in names],
             colours={name: LOOKS[name][0] for name in names},
             height=200,
         )
 
     return {
-        "Reference and measurement": lines(time, unit, REFERENCE, MEASURED),
-        "Tracking error": lines(time, unit, LINE, MEASURED),
-        "Hysteresis, before and after": lines(Axis("x", f"reference, {unit}"), unit, LINE, MEASURED),
-        "Weights in use": Plot(
-            Axis("weight"), Axis("value", "normalised units"), (Mark("bar", colour=GREEN),), height=200
-        ),
+        "Reference and measurement": lines(REFERENCE, MEASURED),
+        "Tracking error": lines(MEASURED),
         "Service time, and the deadline": Plot(
             Axis("from_us", "µs", log=True, values=[10.0**k for k in range(-1, 8)]),
             Axis("samples", "samples"),
@@ -78,22 +70,18 @@ def plots(settings: LiveSettings) -> dict[str, Plot]:
     }
 
 
-def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], tuple[float, float]]:
-    """Columns of the table of each plot, and the RMS errors: measured, and of a straight line by the model in use.
+def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], float]:
+    """Columns of the table of each plot, and the RMS of the tracking error; the reference that counts, late by the lag,
+    begins a window earlier than what is shown."""
+    window = round(WINDOW_S * settings.rate)
+    samples = board.read(max(0, board.head - 2 * window))[1]
+    late = settings.late(samples[:, 1])
+    t, reference, _, measured, late = np.column_stack([samples, late])[-window:].T
+    error, thin = measured - late, max(1, t.size // MOST_POINTS)
 
-    The straight line is a drive proportional to the reference, over the ranges of the model, which begins a window
-    earlier than what is shown.
-    """
-    model, window = board.shown_model(), round(WINDOW_S * settings.rate)
-    s, samples = model.structure, board.read(max(0, board.head - 2 * window))[1]
-    drive = s.x_centre + s.x_scale * np.clip((samples[:, 1] - s.y_centre) / s.y_scale, -1.0, 1.0)
-    late, line = settings.late(samples[:, 1]), settings.late(model.simulate(drive))
-    t, reference, _, measured, late, line = np.column_stack([samples, late, line])[-window:].T
-    errors, thin = {LINE: line - late, MEASURED: measured - late}, max(1, t.size // MOST_POINTS)
-
-    def lines(x: Vector, series: Mapping[str, Vector]) -> dict[str, Any]:
+    def lines(series: Mapping[str, Vector]) -> dict[str, Any]:
         """The lines one after the other, so that the last one is drawn on top."""
-        thinned = x[::thin]
+        thinned = t[::thin]
         return {
             "name": np.repeat([*series], thinned.size),
             "k": np.tile(np.arange(thinned.size), len(series)),
@@ -104,35 +92,31 @@ def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], 
     edges, counts = edges_us(), board.service.copy()
     bins = np.flatnonzero(counts)
     columns = [
-        lines(t, {REFERENCE: reference, MEASURED: measured}),
-        lines(t, errors),
-        lines(late, {LINE: line, MEASURED: measured}),
-        {"weight": np.array(s.weight_names), "value": model.weights},
+        lines({REFERENCE: reference, MEASURED: measured}),
+        lines({MEASURED: error}),
         {"from_us": edges[bins], "to_us": edges[bins + 1], "samples": counts[bins], "zero": np.zeros(bins.size)},
     ]
-    return columns, (rms(errors[MEASURED]), rms(errors[LINE]))
+    return columns, rms(error)
 
 
-def status(settings: LiveSettings, board: Board, errors: tuple[float, float]) -> list[str]:
+def status(settings: LiveSettings, board: Board, error: float) -> list[str]:
     """State and performance of the loop in sentences."""
-    measured, line = (quantity(value, settings.declared.output_unit, 3) for value in errors)
-    is_line = errors[1] <= STRAIGHT * np.ptp(settings.declared.y_range)
-    beside = "" if is_line else f"; along a straight line it would be {line} by the model in use"
-    learning = f", learning{'' if board.learning else ' paused'}, {board.hand_overs} hand-overs"
+    measured = quantity(error, settings.declared.output_unit, 3)
+    learning = f", learning, {board.hand_overs} hand-overs"
     return [
         f"{settings.device}, {settings.reference.words}: {STATES[State(board.state)]}"
         f"{'' if settings.learn == 'off' else learning}.",
-        f"Tracking error{settings.after_lag} over the last {WINDOW_S:g} s: {measured} RMS{beside}.",
+        f"Tracking error{settings.after_lag} over the last {WINDOW_S:g} s: {measured} RMS.",
         board.timing(),
     ]
 
 
 def state(settings: LiveSettings, board: Board) -> bytes:
     """What the page shows now, as JSON; null is a number that is not finite."""
-    columns, errors = tables(settings, board)
+    columns, error = tables(settings, board)
     return msgspec.json.encode(
         {
-            "status": status(settings, board, errors),
+            "status": status(settings, board, error),
             "events": board.last_events()[::-1],
             "tables": [{name: values.tolist() for name, values in table.items()} for table in columns],
         }
@@ -142,8 +126,8 @@ def state(settings: LiveSettings, board: Board) -> bytes:
 def ask(settings: LiveSettings, board: Board, request: str, text: str) -> str:
     """Write a request of the page on the board, a set point from text; returns what is wrong with it, or ""."""
     low, high = sorted(settings.declared.y_range)
-    if request in REQUESTS:
-        board.set(**REQUESTS[request])
+    if request == "stop":
+        board.set(stop=1)
         return ""
     hold = {"follow": FOLLOW, "hold": min(max(float(board.last[1]), low), high)}
     try:
@@ -210,8 +194,7 @@ def html(settings: LiveSettings, board: Board) -> bytes:
         for (title, plot), table in zip(plots(settings).items(), tables(settings, board)[0], strict=True)
     }
     page = markup_templates("bench.live").get_template("page.html.jinja")
-    centre, learns = f"{0.5 * (low + high):g}", settings.learn != "off"
-    return page.render(plots=drawn, library=vega.library(), learns=learns, centre=centre, unit=unit).encode()
+    return page.render(plots=drawn, library=vega.library(), centre=f"{0.5 * (low + high):g}", unit=unit).encode()
 
 
 def listen(settings: LiveSettings, board: Board, address: tuple[str, int]) -> Callable[[], None]:

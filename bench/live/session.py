@@ -50,7 +50,7 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
     the signal that ended the run. DeviceError if the page cannot be at its address, or the stage cannot be opened. Once
     it is open, signals are only noted.
     """
-    board, stage, received, serve = Board(settings.rate, settings.model), settings.declared, list[int](), None
+    board, stage, received, serve = Board(settings.rate), settings.declared, list[int](), None
     if page is not None:
         from bench.live.page import listen  # which imports the plots
 

@@ -250,9 +250,8 @@ def test_a_loop_slower_than_the_timeout_of_its_stage_is_not_taken_for_one_that_h
 
 
 def test_the_board_hands_over_samples_and_events_in_their_order() -> None:
-    model = a_model()
-    one = Board(10.0, model)
-    other = Board(10.0, model, one.memory)
+    one = Board(10.0)
+    other = Board(10.0, one.memory)
     for k in range(3000):
         one.write((0.1 * k, 1.0, 2.0, float(k)))
     start, samples = other.read(0)
@@ -381,8 +380,6 @@ def test_each_button_has_its_effect(watched: str, browser: Browser) -> None:
     browser.open(watched)
     browser.wait_until(lambda: "samples at" in text_of(browser))
     for label, message in (
-        ("Do not learn", "learning paused"),
-        ("Learn", "s: learning"),
         ("Hold", "s: holds"),
         ("Go to set point, µm", "s: holds 0"),
         ("Follow the reference", "s: follows sine 1Hz:10um"),
@@ -449,7 +446,7 @@ def test_a_page_is_live_under_every_name_of_its_machine_and_other_sites_are_refu
         first = re.search(r"(\d+) samples", text_of(browser)).group(1)
         browser.wait_until(lambda first=first: re.search(r"(\d+) samples", text_of(browser)).group(1) != first)
     if host == "0.0.0.0":
-        path = f"/{token}/learn"
+        path = f"/{token}/follow"
         assert status_of(port, f"stage.lab:{port}", f"http://stage.lab:{port}", path) == 200
         assert status_of(port, f"stage.lab:{port}", None, path) == 200  # no browser
         for origin in ("http://evil.example", f"http://stage.lab:{port + 1}", f"http://evil.example:{port}", "null"):
