@@ -33,7 +33,7 @@ core: $(VENV)/$(if $(ALL)$(wildcard $(VENV)/.dev),.dev,.test) ## compile the C c
 	$(BIN)/python solvers/core/compile_core.py
 
 # Tests of the cores; not those of other libraries, in which the sanitizers find errors, too.
-CORE_TESTS := $(wildcard $(patsubst %,tests/solvers/test_%.py,core batch box_* contract accelerated_projection) \
+CORE_TESTS := $(wildcard $(patsubst %,tests/solvers/test_%.py,core box_* contract accelerated_projection) \
   $(patsubst %,tests/paper/test_%.py,equation_7* figure_1*) \
   $(patsubst %,tests/piezo_model/test_%.py,bank model_core sensor self_learning continuous_learning data_basis))
 debug: $(VENV)/.dev   ## compile the C cores with sanitizers, and run their tests

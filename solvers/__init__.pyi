@@ -1,9 +1,7 @@
-from .batch import BoxBatch
 from .protocol import Lane, Problem, Solver, Unsupported
 from .registry import Described, Entry, add_file, available, describe, entries, find, from_file, get
 
 __all__ = [
-    "BoxBatch",
     "Described",
     "Entry",
     "Lane",

@@ -25,7 +25,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any
 
 from solvers.protocol import Lane, Solver
 
@@ -36,12 +36,11 @@ OURS = frozenset(
     {
         "accelerated_projection",
         "box_active_set",
-        "box_batch",
         "projected_difference",
         "recursive_active_set",
     }
 )
-"""Solvers that were written for this project, those of batches and of older runs (recursive_active_set) included."""
+"""Solvers that were written for this project, those of older runs (recursive_active_set) included."""
 _added: list[Entry] = []
 
 
@@ -53,8 +52,6 @@ class RegistrationError(ValueError):
 class Entry:
     """One solver in one lane, known by its file and not yet imported."""
 
-    base: ClassVar[type[Any]] = Solver
-    """Base class of the class in the file."""
     name: str
     lane: Lane
     module: str
@@ -78,9 +75,9 @@ class Entry:
         if self.of_package:
             return _class_of_package(self)
         if self.path:
-            return only_class(import_file(self.path), self.base)
+            return only_class(import_file(self.path), Solver)
         module = importlib.import_module(self.module)
-        return module.make(self.name) if hasattr(module, "make") else only_class(module, self.base)
+        return module.make(self.name) if hasattr(module, "make") else only_class(module, Solver)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
 from piezo_model.atomic_file import write_text
-from solvers import certificate, certificate_document, find, registry
+from solvers import certificate, certificate_document, find
 from solvers.arrays import Vector
 from solvers.exact.linear_algebra import WORK, OutOfWork
 
@@ -216,9 +216,7 @@ def certify_verb(
 def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_json: bool) -> int:
     """Print how near the answers of each solver come, and the worst of each; returns the exit status."""
     require(bool(names), "--solver", "name a solver, or your own Python file")
-    entries = [
-        entry_of_file(name, registry.from_file) if name.endswith(".py") else find(installed(name)) for name in names
-    ]
+    entries = [entry_of_file(name) if name.endswith(".py") else find(installed(name)) for name in names]
     problems = list(make(problem_set).problems())
     rows, lines, results = [], [], []
     for entry in entries:

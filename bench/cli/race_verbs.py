@@ -85,8 +85,7 @@ def race_verb(
             "--set",
             metavar="SET",
             help="Problem set, repeatable; by default paper and measured, or those of a given "
-            "--recording, --folder or --test-set. A stream, a loop and a batch have their own "
-            "problems.",
+            "--recording, --folder or --test-set. A stream and a loop have their own problems.",
         ),
     ] = None,
     problems: Annotated[
@@ -162,8 +161,7 @@ def race_verb(
         typer.Option(
             metavar="N",
             min=1,
-            help="Number of times that each solver is measured, each in a fresh process; 1 by default, and 3 for a "
-            "batch, in one process.",
+            help="Number of times that each solver is measured, each in a fresh process; 1 by default.",
         ),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder that holds the runs.")] = RESULTS,

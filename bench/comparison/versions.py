@@ -26,7 +26,7 @@ from bench.races.metrics import relative_gap
 from bench.races.oneshot.measuring import interleave
 from bench.timing import cores
 from bench.timing.clock import answers_us
-from solvers import Lane, from_file
+from solvers import Lane
 
 PAIRS = 5
 """Number of pairs of processes."""
@@ -60,7 +60,7 @@ def compare_versions(
     RaceError
         A file is not a solver, or a solver fails at a problem.
     """
-    entries = [replace(entry_of_file(file, from_file), name=name) for file, name in zip(files, NAMES, strict=True)]
+    entries = [replace(entry_of_file(file), name=name) for file, name in zip(files, NAMES, strict=True)]
     times, gaps = [], []
     with cores.claim() as core:
         for pair in range(PAIRS):

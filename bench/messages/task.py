@@ -113,7 +113,7 @@ class Setting:
 
 
 NO_SETTING = Setting(setting_text({}))
-"""Setting of a task without solver settings: of the null solver, and of a batch."""
+"""Setting of a task without solver settings: of the null solver."""
 
 
 @dataclass(frozen=True)

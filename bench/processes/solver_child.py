@@ -4,7 +4,7 @@ A solver that crashes, hangs or exhausts its memory affects only this process; t
 processes of a race on one core form a pool: one for each solver lane, and the sentinel.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -18,11 +18,11 @@ from solvers import Described, Entry, Lane
 STANDARD = ChildSettings()
 
 
-def entry_of_file(path: str | Path, of_file: Callable[[str], Entry]) -> Entry:
+def entry_of_file(path: str | Path) -> Entry:
     """The entry of a user's file, whose code runs in a separate process; RaceError if it cannot be loaded."""
     with ForkedChild() as child:
         try:
-            entry = child.call(START_LIMIT_S, worker.introduce, str(path), of_file)
+            entry = child.call(START_LIMIT_S, worker.introduce, str(path))
         except LateError:
             entry = f"did not load within {START_LIMIT_S:g} s"
         except LostError as error:

@@ -16,7 +16,7 @@ from importlib import import_module
 
 from bench.messages.task import ChildSettings, Outcome, Request, attempt
 from piezo_model.child_process import limit_memory
-from solvers import Described, Entry, Solver, describe
+from solvers import Described, Entry, Solver, describe, from_file
 
 FILE_EVENTS = ("open", "os.listdir", "os.scandir")
 MOST = 3
@@ -85,10 +85,10 @@ def forbidden_actions() -> tuple[str, ...]:
     return _guards[0]()
 
 
-def introduce(path: str, of_file: Callable[[str], Entry]) -> Entry | str:
+def introduce(path: str) -> Entry | str:
     """The entry of a user's file, or a sentence about its fault."""
     try:
-        return of_file(path)
+        return from_file(path)
     except ImportError as error:
         return str(error).removeprefix(f"{path} ")
     except Exception as error:  # a user's code may raise anything

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from bench.messages.task import RaceError
 from bench.problems import ProblemSetError, check_options, make
@@ -12,24 +12,18 @@ from bench.races import null_solver
 from bench.races.chosen_settings import table_of
 from bench.races.settings import RaceSettings, TierSettings
 from bench.store import Run
-from solvers import Described, Entry, entries, from_file
+from solvers import Described, Entry, entries
 
 
-def chosen(
-    settings: RaceSettings,
-    there: Iterable[Entry],
-    of_file: Callable[[str], Entry],
-    what: str,
-    preload: Iterable[str] = (),
-) -> list[Entry]:
+def chosen(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
     """The entries selected by name and lane, and those of the user's files, each of which is loaded in a separate
     process; ``preload`` are modules that the processes of solvers need.
     """
-    known = list(there)
+    known = list(entries())
     names = {entry.name for entry in known}
     unknown = sorted(set(settings.solvers) - names)
     if unknown:
-        raise RaceError(f"there is no {what} {unknown[0]!r}; known are {', '.join(sorted(names))}")
+        raise RaceError(f"there is no solver {unknown[0]!r}; known are {', '.join(sorted(names))}")
     selected = [
         entry
         for entry in known
@@ -38,18 +32,18 @@ def chosen(
     ]
     warm_up(selected, preload)
     for path in settings.solver_files:
-        entry = entry_of_file(path, of_file)
+        entry = entry_of_file(path)
         if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
             raise RaceError(
-                f"{path}: a {what} is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}"
+                f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}"
             )
         if any((other.name, other.lane) == (entry.name, entry.lane) for other in [*known, *selected]):
             raise RaceError(
-                f"{path}: there is a {what} {entry.name} in the lane {entry.lane} already; name it otherwise"
+                f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise"
             )
         selected.append(entry)
     if not selected:
-        raise RaceError(f"no selected {what} is in the lane {' or '.join(settings.lanes)}")
+        raise RaceError(f"no selected solver is in the lane {' or '.join(settings.lanes)}")
     return selected
 
 
@@ -65,7 +59,7 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
             raise ProblemSetError(f"there is no problem {missing[0]!r} in these sets; {listed}")
     if isinstance(settings, TierSettings):
         table_of(settings.settings_run)
-    return chosen(settings, entries(), from_file, "solver", preload)
+    return chosen(settings, preload)
 
 
 def described_by(run: Run, pool: SolverPool) -> list[Described]:

@@ -130,7 +130,11 @@ def kind_of(run: Run) -> Kind:
     """The kind of a run; RunError if it is unknown."""
     if run.race not in kinds():
         known = ", ".join(kinds())
-        raise RunError(f"{run.path / 'run.json'}: there is no race {run.race[:60]!r}; known are {known}")
+        version = run.settings.get("version", 1)
+        raise RunError(
+            f"{run.path / 'run.json'}: there is no race {run.race[:60]!r}, which made this run of version {version}; "
+            f"known are {known}"
+        )
     return kinds()[run.race]
 
 

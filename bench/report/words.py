@@ -77,11 +77,6 @@ def share(value: float) -> str:
     return "–" if math.isnan(value) else f"{100.0 * value:.3g} %"
 
 
-def thousand(value: float) -> str:
-    """A number in thousands, in a table."""
-    return number(value / 1e3)
-
-
 def duration(us: float) -> str:
     """Microseconds for a reader.
 

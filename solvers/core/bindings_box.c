@@ -35,30 +35,6 @@ static int solve_from(Box *s, const double *start, double *x, int warm)
 static int solve_cold(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 0); }
 static int solve_warm(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 1); }
 
-/* B programs of d variables, their minimisers and statuses. */
-typedef struct {
-    int d;
-    int64_t matrices; /* one for each program, or one for all */
-    const double *P, *q, *lb, *ub;
-    double *x;
-    int *statuses;
-} Batch;
-
-/* The programs from `first` up to `last`, one after the other; a P that all share is inverted once. */
-static void solve_batch(const Batch *batch, void *memory, int first, int last)
-{
-    const size_t d = (size_t)batch->d, stride = batch->matrices == 1 ? 0 : d, begin = (size_t)first * d;
-    if (first < last) {
-        box_setup(memory, batch->d, batch->lb + begin, batch->ub + begin);
-        Box s = box_at(memory);
-        for (size_t at = begin; at < (size_t)last * d; at += d) {
-            const double *const P = at == begin || stride > 0 ? batch->P + at * stride : NULL;
-            batch->statuses[at / d] = box_set_and_solve(&s, P, batch->q + at, batch->lb + at, batch->ub + at);
-            memcpy(batch->x + at, s.answer, d * sizeof(double));
-        }
-    }
-}
-
 static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, const double *rows, double forgetting)
 {
     for (int64_t k = 0; k < count; ++k) {
@@ -76,11 +52,6 @@ static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, c
     F(box_start, "state@BOX1, x[d]", "begin a warm solve at x; a status.", 0, WHOLE_RESULT = box_start(BOX, REALS(1))) \
     F(box_solve, "state@BOX1, warm#0:1", "solve; a status.", SIZE(d) >= LONG_FROM,                                     \
       WHOLE_RESULT = box_solve(BOX, INT(1)))                                                                           \
-    F(box_batch, "q[n,d], P[m,dd], lb[n,d], ub[n,d], x[n,d]=, statuses[n]i=, workspace@, first#0:n, last#0:n",         \
-      "minimisers x of programs from first up to last, one after the other; one P for all if m = 1.",                  \
-      NEED_BYTES(6, box_bytes(SIZE(d))) + (LENGTH(m) == 1 || !NEED_SIZE(n, LENGTH(m))),                                \
-      solve_batch(&(Batch){SIZE(d), LENGTH(m), REALS(1), REALS(0), REALS(2), REALS(3), REALS(4), (int *)MEMORY(5)},    \
-                  MEMORY(6), INT(7), INT(8)))                                                                          \
     F(time_box, "state@BOX1, warm#0:1, " TIMED, "time updates and solves; a status.", 1,                               \
       WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))          \
     F(absorb, "P[d,d]=, q[d]=, c[1]=, rows[n,d+1], forgetting", "take rows into P, q and c.", LENGTH(n) > 10,          \

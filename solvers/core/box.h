@@ -68,8 +68,6 @@ CORE_API int box_solve(Box *s, int warm);
 /* Initialise a block and solve one program, warm from x (d). */
 CORE_API int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub,
                             const real *x);
-/* Solve another program cold, with the P before if P is NULL; the answer depends on the present data alone. */
-CORE_API int box_set_and_solve(Box *s, const real *P, const real *q, const real *lb, const real *ub);
 
 /* Entry j of the gradient q + P x at the answer, in the caller's units. */
 CORE_API real box_gradient(const Box *s, int j);

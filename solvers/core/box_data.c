@@ -280,10 +280,3 @@ int box_solve_from(void *memory, int d, const real *P, const real *q, const real
     const int status = box_start(&s, x);
     return status == OK ? box_solve(&s, 1) : status;
 }
-
-int box_set_and_solve(Box *s, const real *P, const real *q, const real *lb, const real *ub)
-{
-    s->head->of_bounds = set_bounds(s, lb, ub);
-    box_set_data(s, P, q);
-    return box_solve(s, 0);
-}

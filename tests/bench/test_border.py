@@ -203,8 +203,8 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
         ("run.json", with_field(("race",), "[]"), "the field 'race' is wrong: expected `str`, got `array`"),
         (
             "run.json",
-            with_field(("race",), '"marathon"'),
-            "there is no race 'marathon'; known are oneshot, anytime, batch, stream",
+            with_field(("race",), '"batch"'),
+            "there is no race 'batch', which made this run of version 4; known are oneshot, anytime, stream",
         ),
         ("run.json", with_field(("settings",), '"x"'), "the field 'settings' is wrong: expected `object`, got `str`"),
         ("run.json", with_field(("machine",), '"me"'), "the field 'machine' is wrong: expected `object`, got `str`"),

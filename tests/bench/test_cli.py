@@ -187,7 +187,6 @@ READS = {
     "oneshot": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
     "anytime": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
     "stream": {"tier", "settings", "repeats", "samples"},
-    "batch": {"limit", "budget", "largest", "repeats"},
 }
 """Options of each kind of race, besides those of every kind."""
 VALUES = {
@@ -207,7 +206,6 @@ VALUES = {
     "rounds": 0,
     "keep-misses": 0,
     "samples": 100,
-    "largest": 4,
     "solver": "nobody",
     "lane": "direct",
     "seed": 1,

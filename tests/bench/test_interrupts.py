@@ -84,7 +84,6 @@ KINDS = {
     "problems": ("race", "--set", "paper", *FEW),
     "race": ("race", "--set", "paper", "--repeats", 9, *FEW),
     "workers": ("race", "--set", "paper", "--repeats", 9, *FEW, "--workers", 2),
-    "batch": ("race", "--race", "batch", "--limit", 2, *FEW),
     "realtime": ("realtime", "model.json", "--rate", 1000, "--seconds", 1000),
 }
 RESUMES = "Interrupted; finished tasks are kept; run 'piezobench resume results/run' to continue."
@@ -111,7 +110,6 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
         ("race", signal.SIGINT),
         ("race", signal.SIGTERM),
         pytest.param("workers", signal.SIGHUP, marks=TWO_CORES),
-        pytest.param("batch", signal.SIGTERM, marks=TWO_CORES),
         pytest.param("realtime", signal.SIGTERM, marks=pytest.mark.needs("cc")),
         pytest.param("realtime", signal.SIGHUP, marks=pytest.mark.needs("cc")),
     ],

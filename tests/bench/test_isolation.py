@@ -17,7 +17,6 @@ from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import checked
 from bench.races.oneshot.worker import OneShot
 from bench.races.settings import RaceSettings
-from solvers.registry import from_file
 
 STATUS = {
     "segfaults": Status.CRASHED,
@@ -202,7 +201,7 @@ def test_a_file_that_cannot_be_raced_is_refused_by_name(tmp_path: Path, text: st
 
 
 def test_a_crashed_child_has_the_same_description(tmp_path: Path) -> None:
-    entry = entry_of_file(faulty_solvers.written(tmp_path, "exits", *faulty_solvers.FAULTS["exits"]), from_file)
+    entry = entry_of_file(faulty_solvers.written(tmp_path, "exits", *faulty_solvers.FAULTS["exits"]))
     with SolverChild(entry) as child:
         before = child.describe()
         assert before.absent == ""

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 from learning_loops import T, learner_for, structure_for
 
-import solvers
 from piezo_model import (
     Compensator,
     CompensatorBank,
@@ -48,11 +47,6 @@ def basis_of(x: Vector, y: Vector, state: OperatorState) -> DataBasis:
     return basis
 
 
-def solved(P: Vector, q: Vector) -> Vector:
-    batch = solvers.BoxBatch(2)
-    return batch.solve(P[None], q[None], -np.ones((1, 2)), np.ones((1, 2)))[0]
-
-
 TWO = np.column_stack([DRIVE, np.roll(DRIVE, 700)])
 CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "simulate": (MODEL.simulate, (DRIVE, states())),
@@ -76,7 +70,6 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "play": (play, (DRIVE, np.array([5.0, 9.0]), np.array([3.0, 4.0]))),
     "creep": (lambda x, r, a, z: creep(x, r, a, T, z), (DRIVE, np.zeros(2), np.array([5.0, 9.0]), np.zeros(2))),
     "dead zone": (dead_zone, (DRIVE, np.array([-1.0, 0.0, 2.0]))),
-    "solve a batch": (solved, (np.eye(2), np.array([-3.0, 0.5]))),
 }
 
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from learning_loops import MODES, T, learner_for, sensor, structure_for
 
-import solvers
 from piezo_model import (
     Compensator,
     CompensatorBank,
@@ -89,13 +88,6 @@ def run_bank(bank: CompensatorBank, seed: int) -> Any:
     return bank.run(y_ref, y_ref + 0.1 * signal(seed + 1, 600, len(bank))), bank.weights, bank.counts, bank.learning
 
 
-def solve_batch(batch: solvers.BoxBatch, seed: int) -> Any:
-    q = signal(seed, 300, 4)
-    P, bounds = np.tile(np.eye(4), (300, 1, 1)), np.ones((300, 4))
-    P[seed % 300] = np.nan
-    return *batch.solve(P, q, -bounds, 0.5 * bounds), batch.statuses
-
-
 def move_states(state: OperatorState, seed: int) -> Any:
     before = state.play.copy(), state.creep.copy()
     state.play[:], state.creep[:] = signal(seed, state.play.size), signal(seed, state.creep.size)
@@ -125,7 +117,6 @@ CASES = {
         lambda plant, seed: plant.run(volts(signal(seed, 200))),
     ),
     "states of operators": used(partial(OperatorState.settled_at, STRUCTURE, 40.0, "above"), move_states),
-    "a batch of programs": used(partial(solvers.BoxBatch, 4, threads=2), solve_batch),
     "a recording": Case(
         lambda: Recording.from_arrays(volts(signal(0, 200)), micrometres(signal(0, 200)), T, name="here"),
         lambda recording, seed: (recording.digest(), recording.describe()),

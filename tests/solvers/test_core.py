@@ -298,9 +298,8 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(req
         (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 2))), ValueError, "argument 4 has not the shape"),
         (lambda: absorbed(np.zeros((2, 2)), np.zeros((1, 3)), frozen(1)), ValueError, "read-only|not writable"),
         (lambda: timed(np.zeros(1)), TypeError, "argument 10 holds numbers of type d, not lq"),
-        (lambda: many(P=5, last=1), ValueError, "argument 2 has not the shape"),
-        (lambda: many(P=4, last=2), ValueError, "argument 9 must be from 0 to 1, not 2"),
-        (lambda: many(P=4, last=1, room=8), ValueError, "not the state|has room for"),
+        (lambda: timed(np.zeros(1, np.int64), P=8), ValueError, "argument 7 has not the shape"),
+        (lambda: prepared(tile=1), ValueError, "argument 2 must be from 0 to 0, not 1"),
     ],
 )
 def test_arguments_that_do_not_fit_their_marks_are_refused_and_nothing_is_read(call, error, message):
@@ -308,8 +307,8 @@ def test_arguments_that_do_not_fit_their_marks_are_refused_and_nothing_is_read(c
         call()
 
 
-def timed(updates):
-    q, P, solves, answers = np.zeros((1, 3)), np.eye(3).reshape(1, 9), np.zeros(1, np.int64), np.zeros((1, 3))
+def timed(updates, P=9):
+    q, P, solves, answers = np.zeros((1, 3)), np.zeros((1, P)), np.zeros(1, np.int64), np.zeros((1, 3))
     return bindings.time_projected(a_state(), 0.5, 0, 1, -1.0, q, P, None, 1, updates, solves, answers, solves.copy())
 
 
@@ -329,9 +328,11 @@ def absorbed(P, rows, c=None):
     bindings.absorb(P, np.zeros(2), np.zeros(1) if c is None else c, rows, 0.9)
 
 
-def many(P, last, room=100_000):
-    vector = np.zeros((1, 2))
-    bindings.box_batch(vector, np.zeros((1, P)), vector, vector, vector, np.zeros(1, np.int32), block(room), 0, last)
+def prepared(tile):
+    structure = 2, 1, 1, 0, 0, 0
+    bank = block(piezo_model.core.bindings.bank_bytes(*structure, 1, 8))
+    piezo_model.core.bindings.bank_setup(bank, *structure, 1, 8)
+    piezo_model.core.bindings.bank_prepare(bank, tile, 0)
 
 
 @pytest.mark.parametrize("module", [bindings, piezo_model.core.bindings], ids=["solvers", "piezo_model"])

@@ -56,7 +56,8 @@ static int solve(int d)
 {
     box_setup(memory, d, lb, ub);
     Box s = box_at(memory);
-    const int status = box_set_and_solve(&s, P, q, lb, ub);
+    box_set_data(&s, P, q);
+    const int status = box_solve(&s, 0);
     memcpy(x, s.answer, (size_t)d * sizeof(real));
     return status;
 }
