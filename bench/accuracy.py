@@ -123,7 +123,7 @@ class Verified:
 
 
 def verify_run(run: Run, progress: Progress = silent) -> Verified:
-    """Judge every stored answer of a one-shot or anytime race again; RunError for another run or a missing problem."""
+    """Judge every stored answer of a one-shot race again; RunError for another run or a missing problem."""
     rows = rows_of(run)
     by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
     for done, ((problem_set, name), part) in enumerate(by_problem):

@@ -44,7 +44,7 @@ from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName, decoded, packed, unpacked
 
-VERSION = 4
+VERSION = 5
 """Version of the run folder; raise it when the settings, the columns or their meaning change."""
 TIMES = columns.schema(named("task", "timed", "session", "repeat", "what", "ns"))
 SENTINEL = columns.schema(named("host", "core", "at_s", "ns", "level_ns", "ratio"))

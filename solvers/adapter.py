@@ -64,8 +64,6 @@ class LibrarySolver(Solver):
     """Whether it refuses crossing bounds instead of reporting infeasibility."""
     refuses_fixed: ClassVar[bool] = False
     """Whether it cannot take a variable fixed by lb = ub."""
-    at_limit: ClassVar[tuple[str, ...]] = ()
-    """Beginnings of the status after a solve that the iteration limit ended."""
     why_refused: ClassVar[str] = ""
     """Possible reasons of a refusal by ``refuse``, beginning with a colon."""
     reads_given_arrays: ClassVar[bool] = False
@@ -149,13 +147,6 @@ class LibrarySolver(Solver):
     @abstractmethod
     def report(self) -> Report:
         """Read the library's report on its last solve; x and w are used only if it found an answer."""
-
-    def iterate(self) -> Vector | None:
-        """Return x if the status is that of a solve ended by the iteration limit."""
-        if self.found is None:
-            return None
-        x, _, status, *_ = self.report()
-        return np.array(x) if status.startswith(self.at_limit) else None
 
     def solution(self) -> Solution:
         """Return the answer with the multipliers of the problem's own rows; before a solve of the present data, none is

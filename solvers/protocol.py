@@ -128,8 +128,6 @@ class Solver(Entrant):
 
     name: ClassVar[str]
     lane: ClassVar[Lane]
-    iteration_setting: ClassVar[str | None] = None
-    """Name of the setting that limits the iterations of one solve, if ``iterate`` returns the iterate at the limit."""
 
     def __init__(self, **settings: Any) -> None:
         self.settings: dict[str, Any] = {**self.fixed_settings, **settings}
@@ -153,13 +151,6 @@ class Solver(Entrant):
     @abstractmethod
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), valid until the next call."""
-
-    def iterate(self) -> Vector | None:
-        """Return the last iterate, shape (d,), if the iteration limit ended the last solve; None after any other end.
-
-        A library may call such an answer almost solved; it counts as its iterate.
-        """
-        return None
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), all of them new data.

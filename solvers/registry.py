@@ -98,8 +98,6 @@ class Described:
     """Exponents of the rungs, see :class:`solvers.protocol.Entrant`."""
     absent: str = ""
     """Why the solver is absent, or empty."""
-    iteration_setting: str = ""
-    """Name of the setting that limits the iterations of one solve, if the iterate at the limit is available."""
 
 
 def import_file(path: Path) -> ModuleType:
@@ -283,7 +281,6 @@ def describe(entry: Entry) -> Described:
         ladder,
         dict(cls.fixed_settings),
         cls.exponents,
-        iteration_setting=getattr(cls, "iteration_setting", None) or "",
     )
 
 

@@ -190,7 +190,7 @@ def race_verb(
         "lanes": lanes,
         "tiers": tiers,
         "scalings": [scale.value for scale in scalings or ()],
-        "limit": FEW if limit is None and race.schema is kinds()[DEFAULT].schema and not sets else limit,
+        "limit": FEW if limit is None and kind == DEFAULT and not sets else limit,
         "seed": seed,
         "effort": replace(race.settings().effort, budget_s=budget),
         "time_limit_s": time_limit_s,

@@ -112,8 +112,8 @@ are those of the large table, solver, accuracy and times first, since a screen m
 
 
 def rows_of(run: Run) -> pd.DataFrame:
-    """The rows of a one-shot or anytime race; RunError for a run of another kind."""
-    if run.race not in ("oneshot", "anytime"):
+    """The rows of a one-shot race; RunError for a run of another kind."""
+    if run.race != "oneshot":
         raise RunError(f"{run.path} is a {run.race} race, and this needs the rows of a one-shot race")
     return run.rows(ONESHOT)
 
@@ -174,8 +174,8 @@ class Measurements:
 
     @cached_property
     def field(self) -> pd.DataFrame:
-        """The rows of ladder settings and defaults, without the floor and the limits of iterations."""
-        return self.rows[(self.rows.solver != FLOOR) & ((self.rows.rung >= 0) | self.rows.is_default)]
+        """The rows without those of the floor."""
+        return self.rows[self.rows.solver != FLOOR]
 
     @cached_property
     def settings(self) -> pd.DataFrame:

@@ -108,8 +108,6 @@ class Setting:
     """Whether these are the solver's defaults."""
     given: str = ""
     """Settings that the user gave for a solver, as JSON; they are taken as they are, for every problem."""
-    rung_text: str = ""
-    """The setting to which an iteration limit is added; the limit itself is in `Task.more`."""
 
 
 NO_SETTING = Setting(setting_text({}))
@@ -181,7 +179,7 @@ class Task:
         """The solver's settings for a problem whose constant is c."""
         if self.setting.given:
             return {**decoded(self.setting.given, dict[str, Any]), **self.more}
-        return {**cls.at(self.setting.rung_text or self.setting.text, c), **self.more}
+        return {**cls.at(self.setting.text, c), **self.more}
 
 
 def settings_ladder(solver: Described) -> Sequence[Setting]:
@@ -190,14 +188,6 @@ def settings_ladder(solver: Described) -> Sequence[Setting]:
     default = setting_text(solver.defaults)
     rungs = [Setting(setting_text(rung), i, setting_text(rung) == default) for i, rung in enumerate(solver.ladder)]
     return rungs if any(rung.is_default for rung in rungs) else [Setting(default), *rungs]
-
-
-def limited(solver: Described, limit: int) -> Setting:
-    """The tightest setting with an iteration limit, so that the limit ends a solve."""
-    rung = tightest(solver)
-    return Setting(
-        setting_text({**solver.ladder[-1], solver.iteration_setting: limit}), is_default=False, rung_text=rung.text
-    )
 
 
 def default_setting(solver: Described) -> Setting:

@@ -1,7 +1,6 @@
 """The kinds of race: how each is started, resumed and reported.
 
-The folder is the registry: each ``report.py`` in a folder beside this file defines a kind, or several that differ in
-settings and report.
+The folder is the registry: each ``report.py`` in a folder beside this file defines a kind.
 """
 
 from collections.abc import Callable, Sequence
@@ -122,8 +121,7 @@ def kinds() -> dict[str, Kind]:
         (path.parent.name for path in Path(__file__).parent.glob("*/report.py")),
         key=lambda name: (name != DEFAULT, name),
     )
-    modules = [import_module(f"{__package__}.{name}.report") for name in names]
-    return {kind.name: kind for module in modules for kind in vars(module).values() if isinstance(kind, Kind)}
+    return {name: import_module(f"{__package__}.{name}.report").KIND for name in names}
 
 
 def kind_of(run: Run) -> Kind:

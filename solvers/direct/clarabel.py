@@ -25,8 +25,6 @@ class Clarabel(LibrarySolver):
     library = CLARABEL
     reads_given_arrays = True
     form = Cones
-    iteration_setting = "max_iter"
-    at_limit = ("MaxIterations", "AlmostSolved")
 
     def build(self, p: Program, rows: Cones) -> None:
         settings = clarabel.DefaultSettings()

@@ -30,8 +30,6 @@ class Osqp(LibrarySolver):
     form = Intervals
     refuses_crossing = True
     warm_startable = True
-    iteration_setting = "max_iter"
-    at_limit = ("maximum iterations reached", "solved inaccurate")
 
     def build(self, p: Program, rows: Intervals) -> None:
         self._zero = np.zeros(p.d), np.zeros(rows.l.size)

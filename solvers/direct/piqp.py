@@ -21,8 +21,6 @@ class Piqp(LibrarySolver):
 
     library = PIQP
     reads_given_arrays = True
-    iteration_setting = "max_iter"
-    at_limit = ("PIQP_MAX_ITER_REACHED",)
 
     def build(self, p: Program, rows: Stack) -> None:
         self._solver = piqp.DenseSolver()

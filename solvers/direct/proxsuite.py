@@ -29,8 +29,6 @@ class Proxsuite(LibrarySolver):
     library = PROXQP
     form = Intervals
     warm_startable = True
-    iteration_setting = "max_iter"
-    at_limit = ("PROXQP_MAX_ITER_REACHED",)
 
     def build(self, p: Program, rows: Intervals) -> None:
         self._equal = equal = rows.l == rows.u

@@ -42,8 +42,6 @@ class Qoco(LibrarySolver):
     )
     reads_given_arrays = True
     form = Cones
-    iteration_setting = "max_iters"
-    at_limit = ("QOCO_MAX_ITER", "QOCO_SOLVED_INACCURATE")
 
     def build(self, p: Program, rows: Cones) -> None:
         n, m = rows.equal, rows.unequal

@@ -25,8 +25,6 @@ class Qpalm(LibrarySolver):
     form = Intervals
     refuses_crossing = True
     warm_startable = True
-    iteration_setting = "max_iter"
-    at_limit = ("maximum iterations reached",)
 
     def build(self, p: Program, rows: Intervals) -> None:
         self._R = csc_matrix(rows.R)

@@ -25,8 +25,6 @@ class Scs(LibrarySolver):
     library = SCS
     form = Cones
     warm_startable = True
-    iteration_setting = "max_iters"
-    at_limit = ("solved (inaccurate",)
 
     def build(self, p: Program, rows: Cones) -> None:
         # The library needs a row: without constraints it gets 0ᵀx ≤ 1.

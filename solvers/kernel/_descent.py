@@ -15,7 +15,6 @@ class ProjectedGradient(BuiltInSolver):
     """A method for problems with bounds only, in the variables w = x/D; D is 1 or diag(P)^−½, with which a box stays a
     box."""
 
-    iteration_setting = "steps"
     core = "descent"
     take_steps: ClassVar[Callable[..., int]]
     """The compiled steps."""

@@ -185,7 +185,6 @@ OF_PROBLEMS = {
 }
 READS = {
     "oneshot": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
-    "anytime": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
     "stream": {"tier", "settings", "repeats", "samples"},
 }
 """Options of each kind of race, besides those of every kind."""
@@ -257,7 +256,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         (["race", "--tier", "best"], ["'default', "]),
         (["race", "--lane", "fast"], ["'kernel', 'direct'"]),
         (["race", "--race", "stream", "--samples", "0"], ["--samples"]),
-        (["race", "--race", "marathon"], ["'oneshot', 'anytime'"]),
+        (["race", "--race", "marathon"], ["'oneshot', "]),
         (["resume"], ["Missing argument 'run'"]),
         (["report"], ["Missing argument 'run'"]),
         (["identify"], ["Missing argument 'recording'"]),

@@ -83,7 +83,7 @@ def test_a_library_has_the_ladder_and_the_description_of_its_direct_lane(name: s
     compiled, direct = (type(solver) for solver in both(name))
     assert compiled.lane is Lane.KERNEL
     assert compiled.ladder(0.2) == direct.ladder(0.2)
-    for part in ("name", "algorithm", "licence", "warm_startable", "fixed_settings", "iteration_setting"):
+    for part in ("name", "algorithm", "licence", "warm_startable", "fixed_settings"):
         assert getattr(compiled, part) == getattr(direct, part)
     assert compiled.distribution == name
 

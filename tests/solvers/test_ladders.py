@@ -1,4 +1,4 @@
-"""The ladders of the libraries: their rungs, the accuracy that they reach, and the iterate that a limit ended."""
+"""The ladders of the libraries: their rungs, and the accuracy that they reach."""
 
 from functools import cache
 from itertools import pairwise
@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from answered_pairs import pair
-from programs import solver_class, that_load
+from programs import solver_class
 from qpsolvers import Problem
 
 import solvers
@@ -14,7 +14,7 @@ from bench.problems.protocol import CertifiedForm
 from bench.problems.simulation import Experiment
 from solvers import Lane, Solver, Unsupported, registry
 from solvers.adapter import LibrarySolver
-from solvers.certificate import certify, exact_cost_gap
+from solvers.certificate import exact_cost_gap
 from solvers.protocol import setting_text
 from solvers.registry import Entry
 
@@ -125,63 +125,3 @@ def test_a_problem_without_variables_is_refused_alike_by_all() -> None:
     for entry in solvers.available():
         with pytest.raises(Unsupported, match="without variables"):
             entry.load()().setup(Problem(np.zeros((0, 0)), nothing, lb=nothing, ub=nothing))
-
-
-LIMITED = [
-    entry
-    for entry in solvers.available()
-    if entry.lane is Lane.DIRECT and entry.load().iteration_setting not in (None, "steps")
-]
-
-
-@pytest.fixture(scope="module")
-def hard() -> Problem:
-    """A badly conditioned problem with some bounds active, which no iterative method solves in three steps."""
-    generator = np.random.default_rng(4)
-    A = generator.normal(size=(40, 12)) @ np.diag(10.0 ** -np.linspace(0.0, 2.5, 12))
-    P = A.T @ A
-    D = 1.0 / np.sqrt(np.diag(P))
-    P = P * D * D[:, None]
-    return Problem(0.5 * (P + P.T), generator.normal(size=12), lb=np.zeros(12), ub=np.full(12, np.inf))
-
-
-def test_the_libraries_that_have_a_limit_name_it() -> None:
-    assert {entry.name for entry in LIMITED} >= {
-        "osqp",
-        "scs",
-        *that_load("proxsuite"),
-        "piqp",
-        "clarabel",
-        "qpalm",
-        "qoco",
-    }
-
-
-@pytest.mark.parametrize("entry", LIMITED, ids=lambda entry: entry.name)
-def test_the_iterate_at_the_limit_can_be_had_is_no_answer_and_comes_closer_as_the_limit_grows(
-    entry: solvers.registry.Entry, hard: Problem
-) -> None:
-    cls, proof, gaps = entry.load(), certify(hard, np.zeros(12)), []
-    for limit in (2, 3, 20_000):
-        solver = cls(**{**cls.ladder(1.0)[-1], str(cls.iteration_setting): limit})
-        solver.setup(hard)
-        x = solver.solve().copy()
-        if np.isnan(x).all():
-            assert not solver.solution().found
-            iterate = solver.iterate()
-            assert iterate is not None
-            x = iterate
-        else:
-            assert limit > 3
-        gap = exact_cost_gap(hard, proof, x, c=-2.0 * proof.value_rounded)
-        gaps.append(gap.relative + gap.violation)
-    assert gaps[-1] < 1e-3 * gaps[0]
-
-
-@pytest.mark.parametrize("entry", LIMITED, ids=lambda entry: entry.name)
-def test_a_solve_that_finished_has_no_iterate_beside_its_answer(entry: solvers.registry.Entry, hard: Problem) -> None:
-    cls = entry.load()
-    solver = cls(**cls.ladder(1.0)[0])
-    solver.setup(hard)
-    assert np.isfinite(solver.solve()).all()
-    assert solver.iterate() is None

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from bench.derived import anytime, pictures
+from bench.derived import pictures
 from bench.derived.measurements import Measurements
 from bench.report.report import INK, LEAST_GAP, ROW, Axis, Figure, Mark, Plot, best_lines
 from solvers import Lane
@@ -94,21 +94,6 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
                 )
                 for lane in Lane
                 if lane in bars.index
-            ],
-        ),
-        Figure(
-            "anytime",
-            "Accuracy within sampling periods",
-            "The best cost gap of a solver's settings and limits of iterations within so many sampling periods, median "
-            "over the problems; lower and further left is better. In colour: the paper's method and those that are "
-            f"exact first. Gaps below {LEAST_GAP:g} are drawn at that.",
-            anytime.drawn(anytime.anytime(measurements)),
-            [
-                Plot(
-                    Axis("budget", "sampling periods", log=True),
-                    Axis("drawn", "relative cost gap within them, median over the problems", log=True, format=".0e"),
-                    best_lines("step"),
-                )
             ],
         ),
     ]

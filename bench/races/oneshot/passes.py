@@ -62,16 +62,6 @@ class OneshotSettings(RaceSettings):
     """Most solver lanes of which a missed answer is saved with its program."""
     given: dict[str, str] = field(default_factory=dict)
     """Settings of the user's for solvers by name, as JSON, which are measured in place of the ladder."""
-    iteration_limits: tuple[int, ...] = ()
-    """Ascending iteration limits at which solvers that have one are measured in addition."""
-
-
-@dataclass(frozen=True)
-class AnytimeSettings(OneshotSettings):
-    """Settings of a race that measures the accuracy within a time."""
-
-    scalings: tuple[Scaling, ...] = ("scaled",)
-    iteration_limits: tuple[int, ...] = (*(step * 10**power for power in range(6) for step in (1, 2, 5)), 10**6)
 
 
 @dataclass(frozen=True)
@@ -122,12 +112,10 @@ class Pass(Part):
         rows: list[Row] = []
         end = ""
         for task, fresh in tasks:
-            if rows and _is_last_limit(tasks[len(rows) - 1][0], rows[-1]):
-                break
             tell(task)
             if run.is_done(task):
                 rows += run.task(task)[0]
-            elif end and task.setting.rung >= 0:
+            elif end:
                 why = f"a looser setting {end} on this problem"
                 rows.append(self._save(run, task, Outcome(str(Status.NOT_RUN), why)))
             else:
@@ -161,12 +149,6 @@ def _end_of_ladder(row: Row) -> str:
     if row["status"] in (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY):
         return f"ended with {row['status']}"
     return "took longer than 0.1 s" if row["answer_us"] > LONGEST_US else ""
-
-
-def _is_last_limit(task: Task, row: Row) -> bool:
-    """Whether larger iteration limits than that of a task would change nothing, or take too long."""
-    limit = max(task.more.values(), default=math.inf)
-    return bool(task.setting.rung_text and (0 <= row["iterations"] < limit or row["answer_us"] > LONGEST_US))
 
 
 def second_pass(

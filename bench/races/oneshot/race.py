@@ -32,7 +32,6 @@ from bench.messages.task import (
     Task,
     Tier,
     default_setting,
-    limited,
     settings_ladder,
 )
 from bench.problems.protocol import RaceProblem
@@ -127,7 +126,7 @@ def tasks_of(
     again: Iterable[tuple[Entry, Setting]] = (),
 ) -> Iterator[Task]:
     """The tasks of a problem in one scaling: solver lanes that are timed ``again``, each at one setting, then all the
-    others, those of a lane from loose to tight and by iteration limit; the paper's method also begins at the straight
+    others, those of a lane from loose to tight; the paper's method also begins at the straight
     line, as its compensator does."""
     first = scaling == settings.scalings[0]
     task = partial(Task, problem.set_name, problem.name, scaling, repeat=repeat, session=session, d=problem.d)
@@ -137,14 +136,6 @@ def tasks_of(
         given = settings.given.get(solver.name, "")
         measured = first_pass_settings(solver, given) if first else [default_setting(solver)]
         yield from map(named, measured)
-        if solver.iteration_setting and first:
-            rungs = {setting.text for setting in settings_ladder(solver)}
-            limits = {limit: limited(solver, limit) for limit in settings.iteration_limits}
-            yield from (
-                named(setting, {solver.iteration_setting: limit})
-                for limit, setting in limits.items()
-                if setting.text not in rungs
-            )
         if solver.name == PAPER and "line" in problem.forms[scaling].starts:
             yield from (named(setting, start="line") for setting in measured)
 

@@ -1,19 +1,18 @@
-"""The report of a one-shot race, and of the anytime race."""
+"""The report of a one-shot race."""
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
-from bench.derived import anytime, ranking, summary, verdict
+from bench.derived import ranking, summary, verdict
 from bench.derived.measurements import ONESHOT, Measurements
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
 from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
-from bench.races.oneshot.passes import AnytimeSettings, OneshotSettings
+from bench.races.oneshot.passes import OneshotSettings
 from bench.races.oneshot.race import OneshotRace, anchors, drift
 from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
@@ -180,20 +179,6 @@ def report(run: Run, race: OneshotSettings) -> Report:
     )
 
 
-def anytime_report(run: Run, race: AnytimeSettings) -> Report:
-    """The same report, beginning with the accuracy within sampling periods."""
-    whole, gaps = report(run, race), anytime.anytime(Measurements.of(run))
-    *others, first = whole.figures
-    return replace(
-        whole,
-        verdict=[*anytime.sentences(gaps), *whole.verdict],
-        table=anytime.accuracy_table(gaps),
-        terminal=None,
-        figures=[first, *others],
-        tables=[*([whole.table] if whole.table else []), *whole.tables],
-    )
-
-
 def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) -> Iterator[str]:
     """Sentences on solvers that do not repeat their answers, sessions, hosts and models of recordings, and the lines of
     Python that solve the program of the first miss again."""
@@ -266,5 +251,3 @@ def _span(values: pd.Series) -> str:
 
 
 KIND = Kind("oneshot", "One-shot race", "full solves", OneshotSettings, OneshotRace, report, anchors)
-ANYTIME = Kind("anytime", "Anytime race", "accuracy within a time", AnytimeSettings, OneshotRace, anytime_report)
-"""A one-shot race with iteration limits, whose report begins with the accuracy within a time."""

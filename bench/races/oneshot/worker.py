@@ -95,10 +95,6 @@ class TimedSolver:
         self._setups.append(self.setup())
         self._first = x = real(self._solve())
         info = solver_info(self.solver.solution())
-        if self._request.task.setting.rung_text:  # the iterate at the limit is the answer, whatever the solver reports
-            if not np.isfinite(x).all() and (iterate := self.solver.iterate()) is not None:
-                x = real(iterate)
-            info["found"] |= bool(np.isfinite(x).all())
         return Outcome(x=x, settings=self.settings, **info)
 
     def setup(self) -> int:
