@@ -46,7 +46,7 @@ from piezo_model.json_file import FileName, decoded, packed, unpacked
 
 VERSION = 5
 """Version of the run folder; raise it when the settings, the columns or their meaning change."""
-TIMES = columns.schema(named("task", "timed", "session", "repeat", "what", "ns"))
+TIMES = columns.schema(named("task", "timed", "repeat", "what", "ns"))
 SENTINEL = columns.schema(named("host", "core", "at_s", "ns", "level_ns", "ratio"))
 
 
@@ -101,21 +101,6 @@ class Conditions(TypedDict):
     warnings: list[str]
 
 
-class Anchor(TypedDict):
-    """A solver lane that is timed again when others are added to a run, at one setting."""
-
-    solver: str
-    lane: str
-    setting: str
-
-
-class Session(TypedDict):
-    """Settings with which solvers were added to a finished run."""
-
-    settings: dict[str, Any]
-    anchors: list[Anchor]
-
-
 class ModelNote(TypedDict):
     """As of ``ProblemSet.model`` and ``digests``, and what the recording says of creep; or the reason
     why there is no model."""
@@ -142,7 +127,6 @@ class RunFile(TypedDict):
     field: NotRequired[dict[str, str]]
     absent: NotRequired[dict[str, str]]
     conditions: NotRequired[Conditions]
-    sessions: NotRequired[list[Session]]
 
 
 class Run:
@@ -193,38 +177,14 @@ class Run:
         return run
 
     def discard(self) -> None:
-        """Remove the folder of a race that was refused, or what was noted of solvers to be added, unless a task is
-        done."""
-        if self.session and not self._task_files():
-            self.note(sessions=self.sessions[:-1])
-            shutil.rmtree(self.path / "tasks")
-        elif (self.path / "tasks").is_dir() and not self._task_files():
+        """Remove the folder of a race that was refused, unless a task is done."""
+        if (self.path / "tasks").is_dir() and not self._task_files():
             shutil.rmtree(self.path)
 
     @property
     def race(self) -> str:
         """The kind of its race."""
         return self.settings.get("race", "oneshot")
-
-    @property
-    def sessions(self) -> list[Session]:
-        """What was added to the run after it was finished, in order."""
-        return self.settings.get("sessions", [])
-
-    @property
-    def session(self) -> int:
-        """Number of the session that is at work; 0 for the race that makes the run, and for a finished run."""
-        return len(self.sessions) if (self.path / "tasks").is_dir() else 0
-
-    @property
-    def settings_in_force(self) -> dict[str, Any]:
-        """Settings of the race, or of the session that is at work."""
-        return self.sessions[-1]["settings"] if self.session else self.settings["settings"]
-
-    def reopen(self, settings: Mapping[str, Any], anchors: Sequence[Anchor]) -> None:
-        """Begin a session, which adds rows to a finished run."""
-        self.note(sessions=[*self.sessions, {"settings": settings, "anchors": anchors}])
-        (self.path / "tasks").mkdir()
 
     @contextmanager
     def exclusive(self) -> Iterator[None]:
@@ -326,21 +286,14 @@ class Run:
         return (self.path / schema.file).is_file() and not (self.path / "tasks").exists()
 
     def finish(self, schema: Schema) -> None:
-        """Gather the tasks into tables, or add them to those of a finished run; their files are removed, all at once,
-        when the tables are complete."""
+        """Gather the tasks into tables; their files are removed, all at once, when the tables are complete."""
         rows, times = [], []
         for path in self._task_files():
             of_task, raw = _load(path)
             rows += of_task
-            key = {name: of_task[0].get(name) for name in TIMES.names[:4]}
+            key = {name: of_task[0].get(name) for name in TIMES.names[:3]}
             times += [{**key, "what": what, "ns": ns} for what, ns in raw.items()]
         table, raw_times = pa.Table.from_pylist(rows, schema.arrow), pa.Table.from_pylist(times, TIMES)
-        if self.session:
-            before, times_before = self.rows(schema), self.times()
-            earlier = before.session < self.session  # later ones are of an interrupted call of this
-            table = pa.concat_tables([pa.Table.from_pandas(before[earlier], schema.arrow, False), table])
-            earlier = times_before.session < self.session
-            raw_times = pa.concat_tables([pa.Table.from_pandas(times_before[earlier], TIMES, False), raw_times])
         table = table.sort_by([(name, "ascending") for name in schema.order])
         for file, content in (("times.parquet", raw_times), (schema.file, table)):
             with replacing(self.path / file) as temporary:

@@ -1,7 +1,7 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import pandas as pd
 import typer
 
-from bench.cli.options import SET_OPTIONS, WORKERS, AsJson, Seed, grouped, on_workers, refuse, require, set_options
+from bench.cli.options import SET_OPTIONS, AsJson, Seed, grouped, on_workers, refuse, require, set_options
 from bench.messages.task import RaceError, Tier
 from bench.problems import ProblemSetError
 from bench.processes import engine, forked_child, solver_child
@@ -166,13 +166,6 @@ def race_verb(
     ] = None,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder that holds the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the run; date and time by default.")] = None,
-    into: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="RUN",
-            help="Folder of a finished one-shot race, to which the solvers are added on the same problems.",
-        ),
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Race solvers and compare their accuracy and speed.
@@ -209,7 +202,7 @@ def race_verb(
         **{field.name: values[field.name] for field in fields(race.settings) if field.init and field.name in values}
     )
     race.check(workers)
-    run = race.start(out, made, name) if into is None else _reopened(context, into, values)
+    run = race.start(out, made, name)
     try:
         _finish(run, workers, as_json)
     except (RaceError, ProblemSetError):
@@ -230,26 +223,6 @@ def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
             why = f"{solver}: must be SOLVER={{...}} with settings in JSON: {error}"
             raise typer.BadParameter(why, param_hint="--settings") from None
     return {"given": given}
-
-
-def _reopened(context: typer.Context, path: Path, values: Mapping[str, Any]) -> Run:
-    """A finished run, to which the solvers of this call are added on the same problems."""
-    refuse(context, {*context.params} - ADDING, "is for a new race; --into adds solvers to one on the same problems")
-    require("solvers" in values or "solver_files" in values, "--into", "needs --solver: the solvers to add")
-    run = open_run(path)
-    kept = {name: value for name, value in values.items() if value and name in KEPT}
-    changed: Any = {"solvers": (), "solver_files": (), "limit": 0, "given": {}, "named_only": True, **kept}
-    kind_of(run).add(run, **changed)
-    return run
-
-
-ADDING = {
-    *("into", "solvers", "lanes", "problems", "settings", "budget", "time_limit_s", "repeats", "as_json"),
-    *WORKERS,
-}
-"""Options that go with --into."""
-KEPT = ("solvers", "solver_files", "lanes", "problems", "effort", "repeats", "time_limit_s", "given")
-"""Settings of the call that replace those of the race."""
 
 
 @on_workers

@@ -2,9 +2,9 @@
 and their rows at each tier.
 
 Accuracy does not depend on the machine, so a setting is judged by the rows of all hosts; times are those of the host
-with most rows. All rows of a solver at one setting on one problem become one: repeats in fresh processes, sessions, and
-hot, long and interleaved calls. It has the medians of the times, the largest maximum, the total number of samples, and
-the spread of the answer over the repeats,
+with most rows. All rows of a solver at one setting on one problem become one: repeats in fresh processes, and hot,
+long and interleaved calls. It has the medians of the times, the largest maximum, the total number of samples, and the
+spread of the answer over the repeats,
 
     (max − min) / median.
 
@@ -18,7 +18,7 @@ its calls on all the problems in question.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -43,7 +43,7 @@ from bench.messages.columns import (
 )
 from bench.messages.task import Status, Tier
 from bench.report.words import gap, marked, number, settings_label, share
-from bench.store import Run, RunError, Schema, Session
+from bench.store import Run, RunError, Schema
 from bench.timing.clock import answers_us
 from bench.timing.schedule import PERIOD_US
 
@@ -94,21 +94,21 @@ ONESHOT = Schema(
         Column("judged", COUNT),
         Column("timed_call", COUNT),
         *(Column(name, NUMBERS) for name in ("answer", "timed_answer", "timed_shares", "timed_factors")),
-        *named("problem", "d", "setting", "is_default", "timed", "session", "repeat", "host"),
+        *named("problem", "d", "setting", "is_default", "timed", "repeat", "host"),
         *named("cost_gap", "violation", "timed_gap", "timed_violation", "timed_stage_excess"),
         *named("primal_residual", "dual_residual", "duality_gap", "weight_error", "stage_excess"),
         *named("optimum_error_um", "noise_um", "solve_us_p99", "samples", "period_us", "reported_us"),
         *named("iterations", "preemptions"),
     ),
-    ("problem_set", "problem", "scaling", "solver", "lane", "rung", "start", "timed", "session", "repeat", "host"),
+    ("problem_set", "problem", "scaling", "solver", "lane", "rung", "start", "timed", "repeat", "host"),
 )
 """One row per measurement. A row is never rewritten: what is measured again, longer or in another way, is a row of its
-own. ``timed`` is hot, long or interleaved; ``session`` 0 in the race that made the run. ``answer`` is the first one,
-and ``timed_answer`` the worst of the ``judged`` timed ones, to the data of call ``timed_call``: ``timed_shares`` are
-the shares of the problem and its windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time
-of an answer, ``cpu_us`` the mean processor time of a call where that is more than half as long again. A line of the
-summary is a solver lane at a tier and its setting, over all problems of a set; the columns that begin with the solver
-are those of the large table, solver, accuracy and times first, since a screen may cut off the others."""
+own. ``timed`` is hot, long or interleaved. ``answer`` is the first one, and ``timed_answer`` the worst of the
+``judged`` timed ones, to the data of call ``timed_call``: ``timed_shares`` are the shares of the problem and its
+windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time of an answer, ``cpu_us`` the mean
+processor time of a call where that is more than half as long again. A line of the summary is a solver lane at a tier
+and its setting, over all problems of a set; the columns that begin with the solver are those of the large table,
+solver, accuracy and times first, since a screen may cut off the others."""
 
 
 def rows_of(run: Run) -> pd.DataFrame:
@@ -123,7 +123,7 @@ FLOOR = "null"
 MEDIANS = ["setup_us", "update_us", "solve_us_p50", "solve_us_p99", "answer_us", "cpu_us", "periods", "reported_us"]
 WORST = ["cost_gap", "violation", "timed_gap", "timed_violation", "stage_excess", "timed_stage_excess"]
 HOT, INTERLEAVED = "hot", "interleaved"
-MEASUREMENT = ["task", "timed", "session", "repeat"]
+MEASUREMENT = ["task", "timed", "repeat"]
 """Columns that identify a measurement in the tables of rows and of times of one host."""
 Microseconds = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ class Measurements:
     @classmethod
     def of(cls, run: Run) -> Self:
         """Read those of a one-shot race; RunError for a run of another kind."""
-        return cls(newest(rows_of(run), run.sessions), run.times())
+        return cls(rows_of(run), run.times())
 
     @cached_property
     def host(self) -> str:
@@ -147,7 +147,7 @@ class Measurements:
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The rows of that host, one for all repeats, sessions and ways of timing."""
+        """The rows of that host, one for all repeats and ways of timing."""
         return merged(self.every[self.every.host == self.host])
 
     @property
@@ -230,25 +230,11 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
     )
 
 
-def newest(rows: pd.DataFrame, sessions: Sequence[Session] = ()) -> pd.DataFrame:
-    """The rows of each solver lane in the last session in which it was raced, not only timed again as an anchor or as
-    the floor."""
-    anchors = {
-        (number, anchor["solver"], anchor["lane"])
-        for number, session in enumerate(sessions, 1)
-        for anchor in session["anchors"]
-    }
-    keys = zip(rows.session, rows.solver, rows.lane, strict=True)
-    again = np.array([key in anchors or (key[0] > 0 and key[1] == FLOOR) for key in keys], dtype=bool)
-    rows = rows[~again]
-    return rows[rows.session == rows.groupby(["solver", "lane"]).session.transform("max")]
-
-
 def merged(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per task, with the number of ``repeats`` that were run, ``answer_us_spread`` and ``interleaved_us``."""
     rows = measured(rows)
     order = rows.assign(ok=rows.status == Status.OK, way=rows.timed.map(["hot", "long", "interleaved"].index))
-    answers = order.sort_values(["ok", "repeat", "session", "way"]).groupby("task", sort=False).head(1)
+    answers = order.sort_values(["ok", "repeat", "way"]).groupby("task", sort=False).head(1)
     every, hot = rows.groupby("task", sort=False), rows[~_is_replaced(rows) & (rows.timed != INTERLEAVED)]
     times = hot.groupby("task", sort=False)
     us = times.answer_us
@@ -270,6 +256,6 @@ def merged(rows: pd.DataFrame) -> pd.DataFrame:
 
 def _is_replaced(rows: pd.DataFrame) -> pd.Series[bool]:
     """Whether a hot measurement was repeated with more calls."""
-    same = [rows[name] for name in ("task", "session", "repeat", "host")]
+    same = [rows[name] for name in ("task", "repeat", "host")]
     longer = (rows.timed == "long") & (rows.samples > 0)
     return (rows.timed == HOT) & longer.groupby(same).transform("any")

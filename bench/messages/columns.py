@@ -49,7 +49,7 @@ SHARED = {
         ),
         TEXT,
     ),
-    **dict.fromkeys(("d", "rung", "session", "repeat", "samples", "iterations", "preemptions", "core"), COUNT),
+    **dict.fromkeys(("d", "rung", "repeat", "samples", "iterations", "preemptions", "core"), COUNT),
     **dict.fromkeys(("is_default", "mutates_input", "repeatable"), FLAG),
     "ns": pa.list_(pa.int64()),
 }

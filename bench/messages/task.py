@@ -130,8 +130,6 @@ class Task:
     """Number of the repeat; each has fresh processes."""
     start: Start = "cold"
     timed: Timed = "hot"
-    session: int = 0
-    """0 in the race that made the run, larger for solvers that were added to it later."""
     d: int = 0
     """Number of variables of the problem."""
     basis: Mapping[Tier, str] = field(default_factory=dict)
@@ -144,7 +142,7 @@ class Task:
 
     @property
     def subject(self) -> str:
-        """What is measured, the same in every run, session, repeat and way of timing."""
+        """What is measured, the same in every run, repeat and way of timing."""
         parts = (self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text)
         text = json.dumps([*parts, dict(self.more), self.start], sort_keys=True)
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
@@ -152,7 +150,7 @@ class Task:
     @property
     def key(self) -> str:
         """File name of the task."""
-        return f"{self.subject}-{self.timed}-{self.session}-{self.repeat}"
+        return f"{self.subject}-{self.timed}-{self.repeat}"
 
     def columns(self, settings: Mapping[str, Any] | None = None) -> Row:
         """The first columns of every row; ``settings`` are those of the solver."""
@@ -169,7 +167,6 @@ class Task:
             "scaling": self.scaling,
             "start": self.start,
             "timed": self.timed,
-            "session": self.session,
             "repeat": self.repeat,
             "host": os.uname().nodename,
             "settings": json.dumps(dict(settings or self.more), default=str),

@@ -16,8 +16,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-import pandas as pd
-
 from bench.messages.task import ChildSettings, Outcome, Progress, Request, Row, Task
 from bench.processes import engine, sentinel
 from bench.processes.solver_child import SolverPool
@@ -209,18 +207,13 @@ def drive(race: Race[Any], workers: engine.Workers) -> None:
 def note_conditions(race: Race[Any]) -> None:
     """Save the condition of the machine during the race, with warnings about less certain times."""
     run, notes = race.run, race.run.all_notes()
-    samples, before = sentinel.table(notes), run.settings.get("conditions") if run.session else None
-    if before is not None:
-        samples = pd.concat([run.sentinel_samples(), samples]).drop_duplicates("at_s", ignore_index=True)
+    samples = sentinel.table(notes)
     with replacing(run.path / "sentinel.parquet") as temporary:
         samples.to_parquet(temporary, index=False)
     run.note(
         conditions={
             "sentinel_drift": sentinel.drift(samples),
-            "parts": [
-                *(before["parts"] if before else ()),
-                *({name: value for name, value in note.items() if name != "sentinel"} for note in notes),
-            ],
+            "parts": [{name: value for name, value in note.items() if name != "sentinel"} for note in notes],
             "warnings": [*sentinel.sentences(samples), *machine.disturbances(notes)],
         }
     )

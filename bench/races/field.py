@@ -27,8 +27,7 @@ def chosen(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
     selected = [
         entry
         for entry in known
-        if entry.lane in settings.lanes
-        and (entry.name in settings.solvers if settings.solvers or settings.named_only else True)
+        if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)
     ]
     warm_up(selected, preload)
     for path in settings.solver_files:
@@ -63,16 +62,13 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
 
 
 def described_by(run: Run, pool: SolverPool) -> list[Described]:
-    """The solvers, described where they run. RaceError if one has another version than in the run: resumed, added to or
-    spread over machines, a run has one version of each solver lane, and a file that is added again may have changed."""
-    children = [child for child in pool.children.values() if child.entry is not null_solver.ENTRY]
-    described = [child.describe() for child in children]
+    """The solvers, described where they run. RaceError if one has another version than in the run: resumed or spread
+    over machines, a run has one version of each solver lane."""
+    described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
     field = run.settings.get("field", {})
-    for child, solver in zip(children, described, strict=True):
+    for solver in described:
         was = field.get(lane := f"{solver.name} ({solver.lane})", solver.version)
-        if solver.absent or _release(was) == _release(solver.version):
-            continue
-        if not (child.entry.path and run.session) or run.rows_so_far():
+        if not solver.absent and _release(was) != _release(solver.version):
             raise RaceError(
                 f"{run.path} raced {lane} in version {was}, and {os.uname().nodename} has {solver.version}; begin a "
                 "new run"
@@ -97,7 +93,7 @@ def field_of(run: Run, pool: SolverPool) -> list[Described]:
     run.note(field=versions | same, absent=before.get("absent", {}) | absent)
     present = {solver.name for solver in field}
     for solver in described:
-        if solver.name in run.settings_in_force["solvers"] and solver.name not in present:
+        if solver.name in before["settings"]["solvers"] and solver.name not in present:
             raise RaceError(f"the selected solver {solver.name} is absent: {solver.absent}")
     if not field:
         raise RaceError(f"no selected solver runs here; {described[0].name}: {described[0].absent}")

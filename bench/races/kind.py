@@ -3,7 +3,7 @@
 The folder is the registry: each ``report.py`` in a folder beside this file defines a kind.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -18,7 +18,7 @@ from bench.races.settings import RaceSettings
 from bench.report.report import Report
 from bench.report.words import joined
 from bench.report.writing import write_report
-from bench.store import Anchor, Run, RunError, Schema
+from bench.store import Run, RunError, Schema
 from piezo_model.json_file import brief, convert
 
 DEFAULT = "oneshot"
@@ -40,8 +40,6 @@ class Kind:
     """Its requests to solvers, and the rows made of their answers."""
     report: Callable[[Run, Any], Report]
     """Makes the :class:`bench.report.report.Report` of a finished run from its rows and its settings."""
-    anchors: Callable[[Run], Sequence[Anchor]] | None = None
-    """What is timed again when solvers are added to a finished run; None if none can be added."""
 
     @property
     def schema(self) -> Schema:
@@ -51,7 +49,7 @@ class Kind:
     def settings_of(self, run: Run) -> RaceSettings:
         """The settings of a run; RunError if they are not those of this kind."""
         try:
-            return convert(run.settings_in_force, self.settings)
+            return convert(run.settings["settings"], self.settings)
         except ValueError as error:
             raise RunError(
                 f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}; if an earlier version "
@@ -68,18 +66,6 @@ class Kind:
         """Create the folder of a run."""
         self.race.entries(settings)
         return Run.create(results, {"race": self.name, "settings": asdict(settings)}, name)
-
-    def add(self, run: Run, **changed: Any) -> None:
-        """Begin to add solvers to a finished run, with changed settings; RaceError if that cannot be done."""
-        if self.anchors is None or not run.is_finished(self.schema):
-            raise RaceError(
-                f"{run.path}: solvers are added to a one-shot race, and this race is of the kind {self.name}"
-                if self.anchors is None
-                else f"{run.path}: the race is not finished, so resume it first"
-            )
-        settings = replace(self.settings_of(run), **changed)
-        self.race.entries(settings)
-        run.reopen(asdict(settings), self.anchors(run))
 
     def carry_on(self, run: Run, progress: Progress, workers: Workers) -> None:
         """Do the tasks that are not done yet, and gather the tables."""

@@ -32,8 +32,6 @@ class RaceSettings:
     problem_sets: tuple[str, ...] = ("paper",)
     solvers: tuple[str, ...] = ()
     """Names to race; empty for all."""
-    named_only: bool = False
-    """Whether no solver takes part but those of ``solvers`` and of files, even if ``solvers`` is empty."""
     lanes: tuple[Lane, ...] = tuple(Lane)
     scalings: tuple[Scaling, ...] = SCALINGS
     limit: Annotated[int, Meta(ge=0, le=MOST)] = 0

@@ -257,6 +257,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         (["race", "--lane", "fast"], ["'kernel', 'direct'"]),
         (["race", "--race", "stream", "--samples", "0"], ["--samples"]),
         (["race", "--race", "marathon"], ["'oneshot', "]),
+        (["race", "--problem", "nowhere"], ["there is no problem 'nowhere'"]),
         (["resume"], ["Missing argument 'run'"]),
         (["report"], ["Missing argument 'run'"]),
         (["identify"], ["Missing argument 'recording'"]),

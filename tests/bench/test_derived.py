@@ -135,7 +135,7 @@ SILENT = ladder({"p3": [0.5, 0.5]}, noise_um=0.0)
                 1,
                 id=str(other),
             )
-            for other in ({"repeat": 1}, {"host": "there"}, {"timed": "interleaved"}, {"session": 1})
+            for other in ({"repeat": 1}, {"host": "there"}, {"timed": "interleaved"})
         ),
         pytest.param([DEFAULT, *ladder({"p1": [0.5, 1e-8]})], Tier.MID, "s1", 1, 1, id="default beside the ladder"),
         pytest.param(ladder({"p1": [1e-8, 1e-8]}, is_default=[True, False]), Tier.MID, "s0", 1, 1, id="default in it"),
@@ -327,7 +327,7 @@ def test_longer_calls_replace_the_hot_ones_of_their_repeat_and_interleaved_ones_
 
 
 def test_an_answer_takes_no_less_than_half_of_the_processor_time_in_every_percentile() -> None:
-    key = {"timed": "hot", "session": 0, "repeat": 0}
+    key = {"timed": "hot", "repeat": 0}
     rows = table([row(samples=3, cpu_us=6.0), row(problem="p2", samples=3)])
     raw = [
         {"task": task, **key, "what": what, "ns": np.array(ns)}

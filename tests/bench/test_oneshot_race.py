@@ -217,3 +217,44 @@ def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from
 
 def test_a_race_of_no_named_lanes_has_all_of_them() -> None:
     assert RaceSettings().lanes == (Lane.KERNEL, Lane.DIRECT, Lane.QPSOLVERS, Lane.CVXPY)
+
+
+GIVEN = (
+    "--limit",
+    2,
+    "--set",
+    "measured",
+    "--scaling",
+    "scaled",
+    "--rounds",
+    4,
+    "--lane",
+    "direct",
+    "--solver",
+    "osqp",
+)
+
+
+def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    given = """osqp={"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 100000}"""
+    words = (*GIVEN, "--solver", "daqp", "--settings", given)
+    race = race_of(piezobench, tmp_path, "run", *words)
+    rows = race.hot[race.hot.solver == "osqp"]
+    assert {*zip(rows.rung, rows.is_default, strict=True)} == {(-1, True), (0, False)}
+    assert all(json.loads(text) == json.loads(given[5:]) for text in rows[rows.rung == 0].settings)
+    assert (rows.status == "ok").all()
+    assert race.hot[race.hot.solver == "daqp"].setting.nunique() == 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [("osqp=1e-6", "osqp: must be SOLVER={...} with settings in JSON"), ("clarabel={}", "which does not race")],
+)
+def test_given_settings_that_are_none_are_refused(
+    piezobench: CommandLine, tmp_path: Path, settings: str, sentence: str
+) -> None:
+    call = piezobench("race", *GIVEN, "--settings", settings, "--out", tmp_path)
+    assert sentence in call.refusal
+    assert not [*tmp_path.iterdir()]

@@ -285,3 +285,25 @@ def test_an_atomic_file_is_synced_before_its_folder_is(tmp_path: Path, monkeypat
     assert [path.parent if path != tmp_path else path for path in synced] == [tmp_path, tmp_path]
     assert synced[-1] == tmp_path
     assert tempfile.gettempdir() not in map(str, synced)
+
+
+def test_a_run_knows_the_machine_of_each_of_its_rows_and_is_refused_without_it(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+) -> None:
+    shutil.copytree(clean_race.run.path, tmp_path / "run")
+    (path,) = (tmp_path / "run" / "machines").iterdir()
+    described = json.loads(text := path.read_text())
+    path.write_text(text.replace('"cores": ', '"cores": 1'))
+    assert f"{path}: is not what its name, a digest, was made of" in piezobench("report", tmp_path / "run").refusal
+    path.unlink()
+    another = described | {"cores": 1000}
+    path.with_name(f"{machine.key(another)}.json").write_text(json.dumps(another))
+    assert f"machines has no {path.stem}.json" in piezobench("report", tmp_path / "run").refusal
+
+    # an older run describes one machine in run.json
+    path.write_text(text)
+    path.with_name(f"{machine.key(another)}.json").unlink()
+    older = Run(tmp_path / "run")
+    older.note(machine={**described, "processor": "An abacus"})
+    assert {each["processor"] for each in older.machines.values()} == {"An abacus", described["processor"]}
+    assert older.machine_of(older.rows(ONESHOT)) == described

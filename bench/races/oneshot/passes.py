@@ -23,7 +23,7 @@ from itertools import groupby
 
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, ONESHOT, at_tiers, newest
+from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, at_tiers
 from bench.derived.tiers import supported, tier_settings
 from bench.messages.task import Outcome, Row, Start, Status, Task, Tier, Timed
 from bench.problems.fresh import FreshData
@@ -154,17 +154,12 @@ def _end_of_ladder(row: Row) -> str:
 def second_pass(
     run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[Pass]
 ) -> Iterator[Pass]:
-    """The parts of the second pass, planned from the cold hot rows, all of which are there.
-
-    A solver that is added to a finished run is not interleaved, since among others it meets other caches.
-    """
-    rows, session = pd.DataFrame(run.rows_so_far()), run.session
-    if session:
-        rows = pd.concat([newest(run.rows(ONESHOT)), rows], ignore_index=True)
+    """The parts of the second pass, planned from the cold hot rows, all of which are there."""
+    rows = pd.DataFrame(run.rows_so_far())
     rows = rows[(rows.timed == HOT) & (rows.start == "cold")]
     calls = math.ceil(CANDIDATE_CALLS / max(1, len({part.problem.name for part in first}) * settings.repeats))
-    answered = rows[(rows.session == session) & ((rows.status == Status.OK) | (rows.solver == FLOOR))]
-    lines = newest(answered, run.sessions).merge(planned(rows, calls), on=[*PLAN, "setting"])
+    answered = rows[(rows.status == Status.OK) | (rows.solver == FLOOR)]
+    lines = answered.merge(planned(rows, calls), on=[*PLAN, "setting"])
     plan = {(line["task"], line["repeat"]): line for line in lines.to_dict("records")}
     warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
     for part in first:
@@ -178,7 +173,7 @@ def second_pass(
                 starts.append(replace(task, start="warm"))
             more += [replace(task, timed="long")] if line["longer"] else []
             more += starts[1:]
-            if line["interleaved"] and settings.rounds and not session:
+            if line["interleaved"] and settings.rounds:
                 more += [replace(each, timed="interleaved") for each in starts]
         yield replace(part, name=f"{part.name}--second", tasks=tuple(more), calls=calls)
 

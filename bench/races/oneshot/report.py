@@ -13,7 +13,7 @@ from bench.problem_files.miss import Miss
 from bench.races.kind import Kind
 from bench.races.oneshot.figures import figures
 from bench.races.oneshot.passes import OneshotSettings
-from bench.races.oneshot.race import OneshotRace, anchors, drift
+from bench.races.oneshot.race import OneshotRace
 from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
 from bench.store import Run, RunError
@@ -180,12 +180,11 @@ def report(run: Run, race: OneshotSettings) -> Report:
 
 
 def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) -> Iterator[str]:
-    """Sentences on solvers that do not repeat their answers, sessions, hosts and models of recordings, and the lines of
+    """Sentences on solvers that do not repeat their answers, hosts and models of recordings, and the lines of
     Python that solve the program of the first miss again."""
     rows = measurements.field[~measurements.field.repeatable]
     if names := sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)}):
         yield f"The same data do not give the same bits again with {joined(names)}."
-    yield from drift(run, measurements)
     if others := sorted(set(measurements.every.host) - {measurements.host}):
         yield (
             f"Times are those of {measurements.host}, where most was measured; accuracy is judged by what "
@@ -214,8 +213,7 @@ def _file_of(run: Run, solver: str, lane: str) -> list[str]:
     """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
     since, none."""
     version = run.settings.get("field", {}).get(f"{solver} ({lane})", "")
-    settings = [run.settings["settings"], *(session["settings"] for session in run.sessions)]
-    paths = dict.fromkeys(path for each in settings for path in each.get("solver_files", ()))
+    paths = run.settings["settings"].get("solver_files", ())
     return [path for path in paths if Path(path).is_file() and file_digest(Path(path)) in version]
 
 
@@ -250,4 +248,4 @@ def _span(values: pd.Series) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-KIND = Kind("oneshot", "One-shot race", "full solves", OneshotSettings, OneshotRace, report, anchors)
+KIND = Kind("oneshot", "One-shot race", "full solves", OneshotSettings, OneshotRace, report)
