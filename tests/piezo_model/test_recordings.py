@@ -202,7 +202,7 @@ def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix:
 
 def test_a_binary_file_of_no_known_format_is_refused(tmp_path: Path) -> None:
     (tmp_path / "stage.csv").write_bytes(bytes(range(256)) * 40)
-    assert "is neither plain text nor in a known format" in refusal(tmp_path / "stage.csv")
+    assert "is neither plain text nor in a format that is read" in refusal(tmp_path / "stage.csv")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
-from piezo_model.recordings.formats.libraries import open_npy, read_hdf5, read_matlab, read_mdf, read_npz, read_tdms
+from piezo_model.recordings.formats.libraries import open_npy, read_hdf5, read_matlab, read_npz, read_tdms
 from piezo_model.recordings.formats.text import HEAD_BYTES, open_gcs, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
@@ -78,7 +78,6 @@ FORMATS = (
         read_hdf5,
     ),
     Format("a TDMS file", begins(b"TDSm"), read_tdms),
-    Format("an MDF file", begins(b"MDF     ", b"UnFinMF "), read_mdf),
     Format(
         "a GCS array",
         lambda path, head: head.lstrip().startswith(b"#") and b"END_HEADER" in head and b"SEPARATOR" in head,

@@ -11,8 +11,6 @@ and ``Data`` (or ``values``), as of Simulink and dSPACE, is a channel of that na
 by its path; a cell array gives one for each cell.
 
 TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a waveform has its sampling period.
-
-MDF of ASAM (versions 3 and 4) by asammdf: every group has its own time, so channels of one group go together.
 """
 
 import logging
@@ -26,7 +24,7 @@ import numpy as np
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.stated_period import period_in, period_in_scalars
-from piezo_model.recordings.table import RecordingError, Table, distinct
+from piezo_model.recordings.table import RecordingError, Table
 
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
@@ -172,24 +170,3 @@ def _exact(values: Any) -> np.ndarray:
         return np.asarray(values)
     nanoseconds = np.rint(values.second_fractions * (1e9 * 2.0**-64)).astype("m8[ns]")
     return np.asarray(values.seconds.astype("M8[s]") + nanoseconds)
-
-
-def read_mdf(path: Path, options: ReadOptions) -> Arrays:
-    """The channels of numbers."""
-    from asammdf import MDF
-
-    with MDF(path) as file:
-        groups = [k for k, group in enumerate(file.groups) if group.channel_group.cycles_nr > 1]
-        found = [
-            (channel.name if len(groups) == 1 else f"{k + 1}/{channel.name}", file.get(group=k, index=at))
-            for k in groups
-            for at, channel in enumerate(file.groups[k].channels)
-        ]
-    found = [(name, signal) for name, signal in found if signal.samples.ndim == 1]
-    signals = dict(zip(distinct([name for name, _ in found]), (signal for _, signal in found), strict=True))
-    return Arrays(
-        "MDF",
-        {name: signal.samples for name, signal in signals.items()},
-        {name: signal.unit for name, signal in signals.items()},
-        nested=len(groups) > 1,
-    )

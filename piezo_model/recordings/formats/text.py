@@ -86,7 +86,10 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
         for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
             if sample[odd::2].count(0) > 0.9 * len(sample[odd::2]) and not sample[1 - odd :: 2].count(0):
                 return encoding, 0
-        raise RecordingError(f"{path}: is neither plain text nor in a known format")
+        raise RecordingError(
+            f"{path}: is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel, "
+            "TDMS or GCS array"
+        )
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)  # the last character may be cut in two
     except UnicodeDecodeError:
