@@ -1,7 +1,7 @@
 """Recordings of an actuator: files of any format, read once into two arrays, repaired where that is safe, and said.
 
 path
- │   formats.open_table   first bytes → one reader a format; those of C libraries in a child (`isolated`)
+ │   formats.open_table   first bytes → one reader a format, which checks sizes before it reads
  ▼
 Table                     named columns (`table`, `array_table`; text: `dialect`, `layout`, `text_rows`)
  │   roles.choose_roles   by name, unit, elimination, and last by values (`evidence`)

@@ -25,6 +25,9 @@ ABSURD = 1e30
 """Smallest magnitude that is not a measured value: instruments write 9.9e37 for an overload."""
 COPIES = 4
 """Columns in memory for each one that is read, until a recording has been checked."""
+MOST_COLUMNS = 10_000
+MOST_BYTES = 2 << 30
+"""Largest size of values that a library reads at once; it may hold another copy of them."""
 RowName = Callable[[int], str]
 """Name of a row counted from 0, as the user counts rows."""
 
@@ -147,6 +150,14 @@ def seconds_since_first(times: np.ndarray) -> Vector:
         kept = kept + midnights * np.timedelta64(1, "D")
     seconds[known] = (kept - kept[:1]) / np.timedelta64(1, "s")
     return seconds
+
+
+def check_size(path: Path, size: float) -> None:
+    """Refuse values by the size that their file states, before they are read."""
+    if size > MOST_BYTES:
+        raise RecordingError(
+            f"{path}: states that its values take more than {MOST_BYTES / 1e9:.3g} GB, and no more are read at once"
+        )
 
 
 def free_memory() -> float:

@@ -132,7 +132,7 @@ def rows(pick: Any) -> bytes:
 
 @st.composite
 def binary_recordings(pick: Any) -> bytes:
-    """A damaged file of one of the formats that a child process reads."""
+    """A damaged file of one of the formats that a library reads."""
     name = pick(st.sampled_from([name for name in FORMATS if not name.startswith("GCS") and name != "MAT 4"]))
     path = FOLDER / name
     path.mkdir(exist_ok=True)
@@ -250,7 +250,7 @@ def memory_round_trip(value: Any) -> None:
 
 
 SLOW = ("recording, binary", "recording, MAT 4", "controller, C and FMU")
-"""Kinds with a process for each input; a twentieth of the inputs is tried."""
+"""Kinds that take long for each input; a twentieth of the inputs is tried."""
 PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], None]]] = {
     **{kind: (reader.content, reader.check) for kind, reader in READERS.items()},
     "controller, C and FMU": (CONTROLLERS, controller),

@@ -22,7 +22,7 @@ import scipy.io
 from recording_files import N, X, Y, refusal
 from recording_files import workbook as table_workbook
 
-from piezo_model.recordings import Recording, RecordingError, formats, isolated
+from piezo_model.recordings import Recording, RecordingError, formats
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.opening import open_table
 from piezo_model.recordings.options import ReadOptions
@@ -336,7 +336,6 @@ def test_a_format_is_one_function_and_one_line(tmp_path: Path, monkeypatch: pyte
         data = np.frombuffer(path.read_bytes()[8:]).reshape(-1, 2)
         return Arrays("doubles", {"u": data[:, 0], "y": data[:, 1]}, periods=0.01)
 
-    monkeypatch.setattr(isolated, "call", lambda reader, *given: reader(*given))  # a child cannot import this function
     added = formats.Format("doubles", formats.begins(b"DBL1"), read_doubles)
     monkeypatch.setattr(formats, "FORMATS", (added, *formats.FORMATS))
     (tmp_path / "stage.bin").write_bytes(b"DBL1\0\0\0\0" + np.stack([X, Y], 1).tobytes())

@@ -11,6 +11,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import openpyxl
 import pytest
 from recording_files import HEADER, TWO_RATES, refusal, text_file, waves, workbook
 
@@ -394,6 +395,15 @@ def test_a_workbook_that_grows_beyond_measure_is_refused(
     tmp_path: Path, change: Callable[[bytes], bytes], sentence: str
 ) -> None:
     assert sentence in refusal(changed_workbook(tmp_path / "stage.xlsx", change))
+
+
+def test_the_cells_of_all_sheets_are_counted(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for sheet in (book.active, book.create_sheet(), book.create_sheet()):
+        for row in range(1, 451):
+            sheet.cell(row, 16384, row)
+    book.save(tmp_path / "stage.xlsx")
+    assert "has more than 20000000 cells up to sheet 'Sheet2'" in refusal(tmp_path / "stage.xlsx")
 
 
 def test_the_size_that_a_workbook_states_is_not_believed(tmp_path: Path) -> None:

@@ -1,24 +1,25 @@
 """The formats, recognised by their first bytes and never by their suffix alone. A format is one function and one line:
 
-    read(path, options) -> Arrays     named arrays, units, sampling periods (`array_table`)
+    read(path, options) -> Arrays     named arrays, units, sampling periods (`array_table`), or a Table
     Format(name, recognises, read)    in FORMATS
 
-A reader runs in a child process with limits (`isolated`), unless it is ``in_process``: it then returns a Table.
+A reader whose library reads values at once asks `table.check_size` first whether what the file states is not too much.
 """
 
+import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from piezo_model.recordings.array_table import table_of
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
 from piezo_model.recordings.formats.libraries import open_npy, read_hdf5, read_matlab, read_npz, read_tdms
 from piezo_model.recordings.formats.text import HEAD_BYTES, open_gcs, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.table import RecordingError, Table, first_line
+from piezo_model.recordings.table import MOST_COLUMNS, RecordingError, Table, first_line
 
-MOST_COLUMNS = 10_000
 HDF5 = b"\x89HDF\r\n\x1a\n"
 MAT_4 = (b"\0\0\0\0", b"\x0a\0\0\0", b"\0\0\x03\xe8")
 """First numbers of MATLAB files of version 4, which have no signature: the suffix has to be theirs, too."""
@@ -49,24 +50,20 @@ class Format(NamedTuple):
     recognises: Callable[[Path, bytes], bool]
     """Of the path and the first bytes."""
     read: Callable[[Path, ReadOptions], Any]
-    in_process: bool = False
     takes: tuple[str, ...] = ()
     """Options that apply to this format and not to all."""
 
 
 FORMATS = (
-    Format("a Parquet file", begins(b"PAR1"), open_parquet, in_process=True),
+    Format("a Parquet file", begins(b"PAR1"), open_parquet),
     Format(
         "a stream of Arrow batches",
         lambda path, head: head.startswith(b"\xff\xff\xff\xff") and path.suffix in (".arrow", ".arrows"),
         open_stream,
-        in_process=True,
     ),
-    Format("a NumPy file", begins(b"\x93NUMPY"), open_npy, in_process=True),
+    Format("a NumPy file", begins(b"\x93NUMPY"), open_npy),
     Format("an archive of NumPy", holds(".npy"), read_npz),
-    Format(
-        "an Excel workbook", holds("xl/workbook.xml"), open_workbook, in_process=True, takes=("header_row", "sheet")
-    ),
+    Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "sheet")),
     Format(
         "a MATLAB file",
         lambda path, head: head.startswith(b"MATLAB ") or (path.suffix.lower() == ".mat" and head[:4] in MAT_4),
@@ -82,10 +79,9 @@ FORMATS = (
         "a GCS array",
         lambda path, head: head.lstrip().startswith(b"#") and b"END_HEADER" in head and b"SEPARATOR" in head,
         open_gcs,
-        in_process=True,
         takes=("header_row", "decimal"),
     ),
-    Format("plain text", lambda path, head: True, open_text, in_process=True, takes=("header_row", "decimal")),
+    Format("plain text", lambda path, head: True, open_text, takes=("header_row", "decimal")),
 )
 """In the order in which they are tried."""
 
@@ -110,15 +106,14 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
         for name in ("header_row", "decimal", "sheet"):
             if getattr(options, name) is not None and name not in format.takes:
                 raise RecordingError(f"{path}: is {format.name}, for which no {name.replace('_', ' ')} can be given")
-        table = format.read(path, options) if format.in_process else _isolated(format, path, options)
-    except (RecordingError, MemoryError):
+        with warnings.catch_warnings(action="ignore"):  # of libraries
+            found = format.read(path, options)
+            table = found if isinstance(found, Table) else table_of(path, found)
+    except RecordingError:
         raise
+    except MemoryError:
+        raise RecordingError(f"{path}: takes more memory than is free") from None
     except ModuleNotFoundError as error:
-        if error.name in ("fcntl", "resource"):  # of the child process
-            raise RecordingError(
-                f"{path}: is {format.name}, which is read in a process of its own, Linux only; text and Parquet are "
-                "read everywhere"
-            ) from None
         raise RecordingError(
             f"{path}: is {format.name}, and reading it needs the package {error.name}: install piezobench[formats]"
         ) from None
@@ -131,9 +126,3 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
     if len(table.columns) > MOST_COLUMNS:
         raise RecordingError(f"{path}: has {len(table.columns)} columns, and no recording has more than {MOST_COLUMNS}")
     return table
-
-
-def _isolated(format: Format, path: Path, options: ReadOptions) -> Table:
-    from piezo_model.recordings.isolated import open_isolated  # of Linux alone
-
-    return open_isolated(format.read, path, options)

@@ -14,8 +14,10 @@ TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a wa
 """
 
 import logging
+import math
+import zipfile
 from collections.abc import Iterator, Sequence
-from functools import partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +26,14 @@ import numpy as np
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.stated_period import period_in, period_in_scalars
-from piezo_model.recordings.table import RecordingError, Table
+from piezo_model.recordings.table import MOST_BYTES, RecordingError, Table, check_size
 
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
 NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
+AT_ONCE, MOST_UNITS, OBJECT_BYTES = 320_000_000, 16, 100
+"""Bytes of the datasets of an HDF5 file that are read without being asked for, units of one of them, and memory of a
+letter or another object of Python."""
 PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
@@ -39,6 +44,8 @@ def open_npy(path: Path, options: ReadOptions) -> Table:
 
 def read_npz(path: Path, options: ReadOptions) -> Arrays:
     """Every array of an archive."""
+    with zipfile.ZipFile(path) as parts:
+        check_size(path, sum(part.file_size for part in parts.infolist()))
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     return Arrays("NumPy", arrays, periods=period_in_scalars(arrays))
@@ -53,13 +60,23 @@ def read_hdf5(path: Path, options: ReadOptions) -> Arrays:
     refuse_other_files(path, file)
     file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
     datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
+    # a chunk is unpacked as a whole
+    check_size(path, max((math.prod(item.chunks or ()) * item.dtype.itemsize for item in datasets), default=0))
     arrays = {
-        item.name.lstrip("/"): item
+        item.name.lstrip("/"): _without_texts(item) if item.dtype.hasobject else item
         for item in datasets
         if max(item.shape or (0,)) > 1 and item.ndim <= 2 and (item.dtype.names or item.dtype.kind in "iufb")
     }
-    units = {name: _plain(item.attrs[key]) for name, item in arrays.items() for key in ATTRIBUTES if key in item.attrs}
-    return Arrays("HDF5", arrays, units, _stated([file, *(item.parent for item in datasets), *datasets], datasets))
+    units = {item.name.lstrip("/"): _unit(item) for item in datasets}
+    period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
+    if sum(array.size * array.dtype.itemsize for array in arrays.values()) <= AT_ONCE:
+        arrays = {name: array[()] for name, array in arrays.items()}
+    return Arrays("HDF5", arrays, units, period)
+
+
+def _without_texts(dataset: Any) -> Any:
+    """The fields whose cells have a size; many cells can refer to one long text."""
+    return dataset.astype([(n, dataset.dtype[n]) for n in dataset.dtype.names if not dataset.dtype[n].hasobject])
 
 
 def refuse_other_files(path: Path, file: Any) -> None:
@@ -78,41 +95,68 @@ def refuse_other_files(path: Path, file: Any) -> None:
 def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
     """The sampling period, if attributes and scalars state exactly one."""
     scalars = [
-        (key, value)
+        (key, holder.attrs[key])
         for holder in holders
-        for key, value in holder.attrs.items()
-        if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+        for key in holder.attrs
+        if (stated := holder.attrs.get_id(key)).shape == () and stated.dtype.kind in "iuf"
     ] + [
-        (f"{item.name.rpartition('/')[2]} [{_plain(item.attrs.get('units', ''))}]", np.ravel(item[()])[0])
+        (f"{item.name.rpartition('/')[2]} [{_unit(item)}]", np.ravel(item[()])[0])
         for item in datasets
         if item.size == 1 and item.dtype.kind in "iuf"
     ]
     return period_in(f"{name} = {float(value)!r}" for name, value in scalars)
 
 
-def _plain(value: Any) -> str:
-    value = np.ravel(value)[0] if np.ndim(value) else value
+def _unit(item: Any) -> str:
+    """The unit of a dataset, if an attribute states it; an attribute may refer to one long text many times."""
+    few = [
+        key for key in ATTRIBUTES if key in item.attrs and math.prod(item.attrs.get_id(key).shape or ()) <= MOST_UNITS
+    ]
+    value = np.ravel(item.attrs[few[-1]])[0] if few else ""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 def read_matlab(path: Path, options: ReadOptions) -> Arrays:
     """Every variable."""
+    from scipy.io.matlab import loadmat, matfile_version, whosmat
+
+    from piezo_model.recordings.formats.mat_5 import read_mat_5
+
     with path.open("rb") as file:
-        modern = file.read(10) == b"MATLAB 7.3"
-    if modern:
-        import h5py
-        from pymatreader import read_mat as read
-
-        with h5py.File(path, "r") as file:
-            refuse_other_files(path, file)
-    else:
-        from scipy.io import loadmat
-
-        read = partial(loadmat, simplify_cells=True)
+        version, _ = matfile_version(file)
+        if version == 0:
+            check_size(path, sum(8 * abs(math.prod(shape)) for _, shape, kind in whosmat(file) if kind != "sparse"))
+            variables = loadmat(file, simplify_cells=True)
+    if version == 1:
+        variables = read_mat_5(path)
+    elif version == 2:
+        variables = _read_mat_7_3(path)
     units: dict[str, str] = {}
-    arrays = dict(_matlab_arrays("", read(str(path)), units))
+    arrays = dict(_matlab_arrays("", variables, units))
     several = {name: array for name, array in arrays.items() if array.size > 1}
-    return Arrays("MATLAB 7.3" if modern else "MATLAB", several, units, period_in_scalars(arrays))
+    return Arrays("MATLAB 7.3" if version == 2 else "MATLAB", several, units, period_in_scalars(arrays))
+
+
+def _read_mat_7_3(path: Path) -> dict[str, Any]:
+    """Every variable; of a cell or field all that it refers to, each time that it does, has to fit."""
+    import h5py
+    from pymatreader import read_mat
+
+    @cache
+    def size(item: Any) -> float:
+        if isinstance(item, h5py.Group):
+            return OBJECT_BYTES + sum(size(each) for name, each in item.items() if name != "#refs#")
+        refers, each = item.dtype.hasobject, item.dtype.itemsize
+        if refers or item.attrs.get("MATLAB_class") == b"char":
+            each = OBJECT_BYTES if h5py.check_ref_dtype(item.dtype) or not refers else MOST_BYTES
+        own = OBJECT_BYTES + max(item.size or 0, math.prod(item.chunks or ())) * each
+        check_size(path, own)
+        return own + sum(size(item.file[other]) for other in item[()].flat) if refers else own
+
+    with h5py.File(path, "r") as file:
+        refuse_other_files(path, file)
+        check_size(path, size(file["/"]))
+    return read_mat(str(path))
 
 
 def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, np.ndarray]]:
@@ -148,6 +192,8 @@ def read_tdms(path: Path, options: ReadOptions) -> Arrays:
     from nptdms.log import log_manager
 
     log_manager.set_level(logging.ERROR)  # a truncated file has fewer rows
+    stated = TdmsFile.read_metadata(path).groups()
+    check_size(path, sum(len(each) * max(each.dtype.itemsize, 8) for group in stated for each in group.channels()))
     groups = TdmsFile.read(path, raw_timestamps=True).groups()
     channels = {
         channel.name if len(groups) == 1 else f"{group.name}/{channel.name}": channel

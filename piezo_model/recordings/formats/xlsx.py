@@ -1,18 +1,17 @@
 """Excel workbooks (.xlsx): the sheet with the most numbers, or the one that the user names."""
 
 import datetime
-import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from piezo_model.recordings.layout import Layout, layout_of
+from piezo_model.recordings.layout import layout_of
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.table import Column, RecordingError, Table
+from piezo_model.recordings.table import RecordingError, Table, check_size
 
 DAY_US = 86400e6
 MOST_CELLS = 20_000_000
@@ -20,57 +19,27 @@ LARGE, DENSEST = 10_000_000, 30
 """Bytes of a part of a workbook, and its compression beyond which it is no table: numbers are compressed ninefold."""
 
 
-class Sheet(NamedTuple):
-    """A table in a sheet."""
-
-    name: str
-    layout: Layout
-    columns: tuple[Column, ...]
-    values: list[Any]
-    """One array for each column, or the row and the cell that is no value of its kind."""
-
-
 def open_workbook(path: Path, options: ReadOptions) -> Table:
-    """Read a sheet like a text: header, units and first row are found in the same way."""
-    from piezo_model.recordings.isolated import call
-
-    sheet: Sheet = call(read_sheet, path, options)
-    start, header = sheet.layout.start, sheet.layout.header
-
-    def where(row: int) -> str:
-        return f"row {start + row + 1} of sheet {sheet.name!r}"
-
-    def batches(at: Sequence[int]) -> Iterator[list[Any]]:
-        for column, values in ((sheet.columns[k], sheet.values[k]) for k in at):
-            if isinstance(values, tuple):
-                row, cell = values
-                raise RecordingError(
-                    f"{path}: column {column.name!r} holds {cell} in {where(row)}, where a {column.kind} is needed"
-                )
-        yield [sheet.values[k] for k in at]
-
-    form = f"Excel, sheet {sheet.name!r}" + ("" if header is None else f", header in row {header + 1}")
-    return Table(path, form, sheet.columns, batches, where)
-
-
-def read_sheet(path: Path, options: ReadOptions) -> Sheet:
-    """The largest table of a workbook, or that of the sheet that is named."""
+    """The largest table of a workbook, or that of the sheet that is named, read like a text: header, units and first
+    row are found in the same way."""
     import openpyxl
 
     with zipfile.ZipFile(path) as archive:
         if any(part.file_size > max(LARGE, DENSEST * part.compress_size) for part in archive.infolist()):
             raise RecordingError(f"{path}: is compressed far more than a table of numbers is")
-    # opened here, since openpyxl checks the suffix of a name; it warns of unknown styles and extensions
-    with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
+        check_size(path, sum(part.file_size for part in archive.infolist()))
+    with path.open("rb") as file:  # opened here, since openpyxl checks the suffix of a name
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
         names = [sheet.title for sheet in book.worksheets]
         if options.sheet is not None and options.sheet not in names:
             raise RecordingError(
                 f"{path}: has no sheet {options.sheet!r}; its sheets are {', '.join(map(repr, names))}"
             )
-        sheets = {name: _rows(path, book[name]) for name in names if options.sheet in (None, name)}
+        sheets = _rows(path, [sheet for sheet in book.worksheets if options.sheet in (None, sheet.title)])
     found = []
     for name, rows in sheets.items():
+        # many cells can refer to one long text, and each letter is looked at many times
+        check_size(path, sum(100 * len(cell) for row in rows[:1000] for cell in row if isinstance(cell, str)))
         lines = ["\t".join(map(_text, row)) for row in rows[:1000]]
         layout = layout_of(lines, ".", options.header_row)
         if layout is not None and layout.dialect.separator == "\t":
@@ -82,21 +51,39 @@ def read_sheet(path: Path, options: ReadOptions) -> Sheet:
     while rows and not any(isinstance(cell, int | float) for cell in rows[-1]):
         rows.pop()
     columns = tuple(replace(column, rows=len(rows)) for column in layout.columns)
-    return Sheet(name, layout, columns, [_values([row[k] for row in rows], c.kind) for k, c in enumerate(columns)])
+    values = [_values([row[k] for row in rows], column.kind) for k, column in enumerate(columns)]
+
+    def where(row: int) -> str:
+        return f"row {layout.start + row + 1} of sheet {name!r}"
+
+    def batches(at: Sequence[int]) -> Iterator[list[Any]]:
+        for column, read in ((columns[k], values[k]) for k in at):
+            if isinstance(read, tuple):
+                row, cell = read
+                raise RecordingError(
+                    f"{path}: column {column.name!r} holds {cell} in {where(row)}, where a {column.kind} is needed"
+                )
+        yield [values[k] for k in at]
+
+    form = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
+    return Table(path, form, columns, batches, where)
 
 
-def _rows(path: Path, sheet: Any) -> list[tuple[Any, ...]]:
-    """The rows of a sheet, as long as they are, whatever the file states, without empty columns beside them."""
-    sheet.reset_dimensions()
-    rows, cells = [], 0
-    for row in sheet.iter_rows(values_only=True):
-        rows.append(row)
-        cells += len(row)
-        if cells > MOST_CELLS:
-            raise RecordingError(f"{path}: has more than {MOST_CELLS} cells in sheet {sheet.title!r}")
-    used = {k for row in rows for k, cell in enumerate(row) if cell is not None} or {0}
-    first, end = min(used), max(used) + 1
-    return [(*row, *[None] * (end - len(row)))[first:end] for row in rows]
+def _rows(path: Path, sheets: Sequence[Any]) -> dict[str, list[tuple[Any, ...]]]:
+    """The rows of some sheets, as long as they are, whatever the file states, without empty columns beside them."""
+    found, cells = {}, 0
+    for sheet in sheets:
+        sheet.reset_dimensions()
+        rows = []
+        for row in sheet.iter_rows(values_only=True):
+            rows.append(row)
+            cells += len(row)
+            if cells > MOST_CELLS:
+                raise RecordingError(f"{path}: has more than {MOST_CELLS} cells up to sheet {sheet.title!r}")
+        used = {k for row in rows for k, cell in enumerate(row) if cell is not None} or {0}
+        first, end = min(used), max(used) + 1
+        found[sheet.title] = [(*row, *[None] * (end - len(row)))[first:end] for row in rows]
+    return found
 
 
 def _values(cells: list[Any], kind: str) -> Any:

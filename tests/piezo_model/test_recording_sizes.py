@@ -1,0 +1,257 @@
+"""A file that states more values than a recording has is refused before they are read, in little memory."""
+
+import io
+import re
+import struct
+import subprocess
+import sys
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import nptdms
+import numpy as np
+import openpyxl
+import pytest
+import scipy.io
+from recording_files import N, X, Y, refusal
+from test_recording_formats import FORMATS, PERIOD, T, made
+
+from piezo_model.recordings import Recording, RecordingError
+from piezo_model.recordings.formats import libraries
+
+HUGE = 10**12
+MOST_MB = 100
+"""Growth of a process that reads such a file; it would take gigabytes, or 300 MB where that has to be unpacked."""
+
+
+def hdf5(**shapes: Any) -> Callable[[Path], None]:
+    """Compressed datasets without any chunk."""
+
+    def write(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            for name, shape in shapes.items():
+                file.create_dataset(name, shape, "f8", compression="gzip", chunks=True)
+
+    return write
+
+
+def hdf5_chunk(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        for name in ("time", "voltage", "displacement"):
+            file.create_dataset(name, (N,), "f8", compression="gzip", chunks=(2**29 - 1,), maxshape=(None,))
+
+
+def mat_7_3(fill: Callable[[h5py.File], None]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            fill(file)
+        with path.open("r+b") as opened:
+            opened.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+
+    return write
+
+
+def cells_of_cells(file: h5py.File) -> None:
+    """Each of a thousand cells refers to the same thousand, six times over."""
+    inner = file.create_dataset("#refs#/0", data=np.arange(1000.0))
+    for k in range(1, 7):
+        inner = file.create_dataset(f"#refs#/{k}", data=np.full(1000, inner.ref, h5py.ref_dtype))
+        inner.attrs["MATLAB_class"] = np.bytes_("cell")
+    file["log"] = np.full(1000, inner.ref, h5py.ref_dtype)
+
+
+def groups_of_groups(file: h5py.File) -> None:
+    """Each group holds the next one twice."""
+    for k in range(40):
+        group = file.require_group(f"#refs#/{k}")
+        group["a"] = group["b"] = file.require_group(f"#refs#/{k + 1}")
+    file["log"] = file["#refs#/0"]
+
+
+def element(kind: int, data: bytes, length: int | None = None) -> bytes:
+    """An element of a MATLAB file, with another length than it has."""
+    return struct.pack("<II", kind, len(data) if length is None else length) + data + bytes(-len(data) % 8)
+
+
+def array(kind: int, shape: tuple[int, int], *inside: bytes) -> bytes:
+    """An array of a class, anonymous as in a cell."""
+    parts = (element(6, struct.pack("<II", kind, 0)), element(5, struct.pack("<2i", *shape)), element(1, b""), *inside)
+    return element(14, b"".join(parts))
+
+
+CELL, STRUCT, CHAR, DOUBLE = 1, 2, 4, 6
+
+
+def mat_5(*variables: bytes) -> Callable[[Path], Any]:
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    return lambda path: path.write_bytes(head + b"".join(variables))
+
+
+def zeros_bomb(shape: tuple[int, int]) -> bytes:
+    """A compressed array of 300 MB of zeros, whatever shape it states."""
+    data = array(DOUBLE, shape)[8:] + element(9, bytes(300_000_000))
+    return element(15, zlib.compress(element(14, data)))
+
+
+def mat_4(path: Path) -> None:
+    path.write_bytes(struct.pack("<5i", 0, 2**20, 2**20, 0, 2) + b"u\0")
+
+
+def npz_stated(path: Path) -> None:
+    """An archive whose list of members states three gigabytes."""
+    np.savez(path.with_suffix(".npz"), u=X)
+    content = path.with_suffix(".npz").read_bytes()
+    at = content.index(b"PK\x01\x02") + 24
+    path.write_bytes(content[:at] + struct.pack("<I", 3 << 30) + content[at + 4 :])
+
+
+def npz_array(path: Path) -> None:
+    """An array whose own header states petabytes."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("u.npy", header.getvalue() + bytes(800))
+
+
+def tdms_texts(path: Path) -> None:
+    """A channel of two texts that states 2⁵⁰."""
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("Stage", "note", ["ab", "cd"])])
+    content, index = path.read_bytes(), struct.pack("<IIQ", 0x20, 1, 2)
+    assert content.count(index) == 1
+    path.write_bytes(content.replace(index, struct.pack("<IIQ", 0x20, 1, 2**50)))
+
+
+def long_text(path: Path) -> None:
+    """A text that many cells refer to."""
+    openpyxl.Workbook().save(book := io.BytesIO())
+    kind = "application/vnd.openxmlformats-officedocument.spreadsheetml.sharedStrings+xml"
+    part = f'<Override PartName="/xl/sharedStrings.xml" ContentType="{kind}"/></Types>'
+    row = "<sheetData><row>" + '<c t="s"><v>0</v></c>' * 16384 + "</row></sheetData>"
+    with zipfile.ZipFile(book) as before, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as changed:
+        for name in before.namelist():
+            content = before.read(name).decode().replace("</Types>", part)
+            changed.writestr(name, re.sub("<sheetData ?/>|<sheetData></sheetData>", row, content))
+        space = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+        changed.writestr("xl/sharedStrings.xml", f'<sst xmlns="{space}"><si><t>{"x" * 10**5}</t></si></sst>')
+
+
+MORE = "states that its values take more than 0.268 GB, and no more are read at once"
+HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "HDF5": (hdf5(time=HUGE, voltage=HUGE, displacement=HUGE), MORE),
+    "HDF5 batch": (hdf5(time=10**6, voltage=(10**6, 1000), displacement=(10**6, 1000)), MORE),
+    "HDF5 of columns": (hdf5(data=(10**6, 10**6)), "has more than 10000 columns"),
+    "HDF5 of a chunk": (hdf5_chunk, MORE),
+    "MAT 7.3": (mat_7_3(lambda file: file.create_dataset("u", (HUGE,), "f8", chunks=True)), MORE),
+    "MAT 7.3 cells": (mat_7_3(cells_of_cells), MORE),
+    "MAT 7.3 groups": (mat_7_3(groups_of_groups), MORE),
+    "MAT 5 compressed": (mat_5(zeros_bomb((1, 37_500_000))), MORE),
+    "MAT 5 compressed, of another shape": (mat_5(zeros_bomb((1, 1))), MORE),
+    "MAT 5 letters": (mat_5(array(CHAR, (1, 2**31 - 1), element(4, b""))), MORE),
+    "MAT 5 struct": (mat_5(array(STRUCT, (1, 2**31 - 1), element(5, struct.pack("<i", 8)), element(1, b""))), MORE),
+    "MAT 5 cell of letters": (mat_5(array(CELL, (1, 1), array(CHAR, (1, 2**31 - 1), element(4, b"")))), MORE),
+    "MAT 5 negative": (
+        mat_5(array(DOUBLE, (-1, 2**30), element(9, b"")), array(CHAR, (1, 2**29), element(4, b""))),
+        MORE,
+    ),
+    "MAT 4": (mat_4, MORE),
+    "NPZ": (npz_stated, MORE),
+    "NPZ array": (npz_array, "takes more memory than is free"),
+    "TDMS": (tdms_texts, MORE),
+    "Excel text": (long_text, MORE),
+}
+
+# The peak of the process itself: that of getrusage includes the one that started it.
+READ = """
+import re, sys
+from pathlib import Path
+from piezo_model.recordings import Recording, table
+table.MOST_BYTES >>= 3
+for path in sys.argv[1:]:
+    try:
+        Recording.open(path)
+    except ValueError as error:
+        print(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1], error, sep="\\t")
+"""
+
+
+def test_a_file_that_states_too_much_is_refused_in_little_memory(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{name}.mat" for name in HOSTILE]
+    for path in paths:
+        HOSTILE[path.stem][0](path)
+    made(tmp_path, "HDF5 matrix").rename(first := tmp_path / "small.h5")
+    (tmp_path / "small.h5").write_bytes(first.read_bytes()[:-8])  # a refusal that has imported the libraries
+    done = subprocess.run(
+        [sys.executable, "-c", READ, first, *paths], capture_output=True, text=True, check=True, timeout=240
+    )
+    assert done.stderr == ""
+    (start, _), *found = (line.split("\t") for line in done.stdout.splitlines())
+    assert len(found) == len(HOSTILE)
+    grown = start
+    for (peak, sentence), path in zip(found, paths, strict=True):
+        assert sentence.startswith(f"{path}: "), path.stem
+        assert HOSTILE[path.stem][1] in sentence, path.stem
+        assert int(peak) - int(grown) < MOST_MB * 1024, path.stem
+        grown = peak
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if "HDF5" in name or name == "NeXus"])
+def test_of_a_large_file_the_arrays_that_are_wanted_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path = made(tmp_path, name)
+    with h5py.File(path, "a") as file:
+        file.create_dataset("picture", (HUGE,), "f8", chunks=True)
+    monkeypatch.setattr(libraries, "AT_ONCE", 0)
+    recording = Recording.open(path, **FORMATS[name][1])
+    np.testing.assert_array_equal((recording.x, recording.y), [X, Y])
+    assert recording.sample_time == pytest.approx(PERIOD, rel=1e-12)
+
+
+def test_a_batch_that_is_read_when_it_is_wanted_is_a_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with h5py.File(tmp_path / "stage.h5", "w") as file:
+        for name, values in (("time", T), ("voltage", X), ("displacement", Y)):
+            file[name] = np.stack([values[:1000], values[:1000], values[:1000]])
+    small = Recording.open(tmp_path / "stage.h5")
+    monkeypatch.setattr(libraries, "AT_ONCE", 0)
+    large = Recording.open(tmp_path / "stage.h5")
+    assert "a batch of 3 recordings of 1000 samples" in large.describe()
+    assert large == small
+
+
+def test_texts_beside_the_numbers_of_a_record_are_not_read(tmp_path: Path) -> None:
+    record = np.empty(N, [("time", "f8"), ("voltage_V", "f8"), ("y_um", "f8"), ("note", h5py.string_dtype())])
+    record["time"], record["voltage_V"], record["y_um"], record["note"] = T, X, Y, "well"
+    with h5py.File(tmp_path / "stage.h5", "w") as file:
+        file["record"] = record
+    recording = Recording.open(tmp_path / "stage.h5")
+    np.testing.assert_array_equal((recording.x, recording.y), [X, Y])
+
+
+@pytest.mark.parametrize("form", ["4", "5"])
+def test_a_sparse_matrix_beside_the_signals_counts_its_values_only(tmp_path: Path, form: str) -> None:
+    sparse = scipy.sparse.csc_matrix(([1.0], ([5], [7])), shape=(10**5, 10**5))
+    scipy.io.savemat(tmp_path / "stage.mat", {"t": T, "u": X, "y": Y, "grid": sparse}, format=form)
+    assert Recording.open(tmp_path / "stage.mat").length == N
+
+
+def test_a_recording_that_was_read_does_not_change_with_its_file(tmp_path: Path) -> None:
+    path = made(tmp_path, "MAT 5")
+    recording = Recording.open(path)
+    path.write_bytes(b"MATLAB 5.0 nothing")
+    np.testing.assert_array_equal(recording.x, X)
+    with pytest.raises(RecordingError, match="damaged"):
+        Recording.open(path)
+
+
+def test_a_cell_that_holds_itself_is_refused(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.create_group("log")
+        file["log/itself"] = file["log"]
+
+    mat_7_3(fill)(tmp_path / "stage.mat")
+    assert "damaged" in refusal(tmp_path / "stage.mat")
