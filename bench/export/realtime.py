@@ -20,10 +20,10 @@ import numpy as np
 
 from bench.export import building, c_source
 from bench.export.settings import ExportError, ExportSettings
+from bench.processes.child_process import Child
 from bench.timing import cores
 from bench.timing.percentiles import QUANTILES, percentile
 from piezo_model import HysteresisCreepModel
-from piezo_model.child_process import Child
 from solvers.arrays import Nanoseconds, Vector
 
 FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-pthread")

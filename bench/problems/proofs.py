@@ -26,10 +26,10 @@ from qpsolvers.exceptions import QPError
 
 import solvers
 from bench.messages import user_cache
+from bench.processes.child_process import LateError, LostError
 from bench.processes.forked_child import ForkedChild
 from bench.timing import cores
 from piezo_model import json_file
-from piezo_model.child_process import LateError, LostError
 from solvers.arrays import Vector
 from solvers.certificate import WORK, Certificate, NotCertified, certify, verify
 from solvers.exact.problem import DoubleProblem

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 
 from bench.messages.task import RaceError
-from piezo_model.child_process import Child, serve
+from bench.processes.child_process import Child, serve
 from solvers.registry import FAMILIES, Entry
 
 THREAD_VARIABLES = (

@@ -20,9 +20,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.processes.child_process import START_LIMIT_S
 from bench.processes.forked_child import ForkedChild
 from bench.timing.clock import Effort, no_garbage_collection, time_call
-from piezo_model.child_process import START_LIMIT_S
 
 SIZE, TIMES = 32, 64
 EFFORT = Effort(budget_s=0.004, fewest=20, most=60)

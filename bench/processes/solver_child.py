@@ -10,9 +10,9 @@ from pathlib import Path
 
 from bench.messages.task import ChildSettings, Outcome, RaceError, Request, Task
 from bench.processes import worker
+from bench.processes.child_process import START_LIMIT_S, LateError, LostError
 from bench.processes.forked_child import ForkedChild, warm_up
 from bench.processes.sentinel import Sentinel
-from piezo_model.child_process import START_LIMIT_S, LateError, LostError
 from solvers import Described, Entry, Lane
 
 STANDARD = ChildSettings()

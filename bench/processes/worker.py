@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from bench.messages.task import ChildSettings, Outcome, Request, attempt
-from piezo_model.child_process import limit_memory
+from bench.processes.child_process import limit_memory
 from solvers import Described, Entry, Solver, describe, from_file
 
 FILE_EVENTS = ("open", "os.listdir", "os.scandir")
