@@ -12,6 +12,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from hypothesis import strategies as st
 from program_files import draw, write_qps
 from pyarrow import parquet
 from random_models import Case, cases
+from recording_files import error_of
 from test_recording_formats import FORMATS, made
 
 from bench.derived.measurements import ONESHOT
@@ -33,6 +35,7 @@ from bench.export.fmu import write_fmu
 from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
+from bench.processes.child_process import Child, LostError
 from bench.races.kind import open_run
 from bench.rendering import c_comment, c_string, markdown, terminal, xml
 from bench.store import Run, RunError
@@ -165,6 +168,16 @@ def read_recording(path: Path) -> object:
     return recording.x, recording.y
 
 
+CHILD = Child()
+
+
+def read_in_child(path: Path) -> None:
+    """Read a recording whose damage may crash a native library, which ends a command."""
+    with suppress(LostError):
+        if (error := CHILD.call(60.0, error_of, path)) is not None:
+            raise error
+
+
 (FOLDER / "run").mkdir()
 READERS = {
     "model, JSON": Reader(
@@ -194,10 +207,8 @@ READERS = {
     ),
     "recording, text": Reader(TYPED | damaged(GOOD_CSV.encode()), "stage.csv", read_recording, RecordingError),
     "recording, Parquet": Reader(damaged(GOOD_PARQUET), "stage.parquet", read_recording, RecordingError),
-    "recording, binary": Reader(binary_recordings(), "stage.rec", read_recording, RecordingError),
-    "recording, MAT 4": Reader(
-        damaged(made(FOLDER, "MAT 4").read_bytes()), "stage.mat", read_recording, RecordingError
-    ),
+    "recording, binary": Reader(binary_recordings(), "stage.rec", read_in_child, RecordingError),
+    "recording, MAT 4": Reader(damaged(made(FOLDER, "MAT 4").read_bytes()), "stage.mat", read_in_child, RecordingError),
 }
 
 NAMES = (
@@ -250,7 +261,7 @@ def memory_round_trip(value: Any) -> None:
 
 
 SLOW = ("recording, binary", "recording, MAT 4", "controller, C and FMU")
-"""Kinds that take long for each input; a twentieth of the inputs is tried."""
+"""Kinds with a process, or that take long for each input; a twentieth of the inputs is tried."""
 PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], None]]] = {
     **{kind: (reader.content, reader.check) for kind, reader in READERS.items()},
     "controller, C and FMU": (CONTROLLERS, controller),
