@@ -8,7 +8,7 @@ is among the best, which are drawn in colour and named.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -167,20 +167,6 @@ class Table:
             if name in self.headings
         }
         return {name: texts for name, texts in found.items() if len(texts) > 1}
-
-
-def side_by_side(
-    lines: pd.DataFrame, table: pd.DataFrame, by: str, columns: Iterable[Column]
-) -> tuple[pd.DataFrame, list[Column]]:
-    """The lines, each of one ``label`` and ``lane``, with these columns of a table once for each value of ``by``, which
-    their headings name."""
-    wide = []
-    for value, part in table.groupby(by, sort=False):
-        here = {column.name: replace(column, name=f"{column.name} {value}") for column in columns}
-        wide += [replace(column, heading=column.heading.format(value)) for column in here.values()]
-        shown = part[["label", "lane", *here]].rename(columns={name: column.name for name, column in here.items()})
-        lines = lines.merge(shown, how="left", on=["label", "lane"])
-    return lines, wide
 
 
 def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
