@@ -4,6 +4,7 @@ What "found" promises is judged by a relative cost gap of at most 1e-9, whatever
 equal rows, curvatures down to rounding, and every kind of bound; refused programs have no optimum."""
 
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -133,6 +134,21 @@ def test_a_warm_start_from_anywhere_at_any_bounds_finds_the_cold_answer(seed, d,
     again = s.solve(cold)
     np.testing.assert_allclose(again, cold, rtol=0, atol=10**decades * 1e-13)
     assert s.solution().extras["refinements"] <= 3
+
+
+def test_a_warm_start_at_bounds_of_a_nearly_singular_program_keeps_no_bound_that_costs_more():
+    """Rounding changes the sign of pivots here."""
+    for seed in range(1000):
+        rng = np.random.default_rng(seed)
+        d = int(rng.integers(2, 5))
+        P = np.eye(d)
+        P[0, 1] = P[1, 0] = 1 - 10 ** rng.uniform(-15.5, -9)
+        lb = np.round(rng.normal(size=d), 1)
+        ub, q = lb + np.round(np.abs(rng.normal(size=d)), 1), -P @ rng.normal(size=d)
+        s = solver(P, q, lb, ub)
+        for start in (lb, ub, np.where(rng.random(d) < 0.5, lb, ub)):
+            x = outcome(partial(s.solve, start))
+            assert isinstance(x, str) or violation(P, q, lb, ub, x) <= 1e-12, seed
 
 
 @quick
