@@ -241,6 +241,29 @@ real box_inverse_diagonal(const Box *s, int j)
     return s->head->definite ? MAGNITUDE(s->inverse_diagonal[j]) * s->head->cost * scale * scale : REAL_INFINITY;
 }
 
+static int solve_once(Box *s, Search *search, int warm)
+{
+    BoxHead *const head = s->head;
+    int status = OK;
+    head->refinements = 0;
+    head->proximal_steps = 0;
+    head->singular = !head->definite;
+    if (head->definite) {
+        head->inverted = head->inverted || box_invert(s, NULL);
+        box_begin(s, search, warm);
+        status = box_dual_active_set(s, search);
+        if (status == BREAKDOWN) {
+            head->inverted = 0;
+            if (box_regularise(s) != OK) {
+                return INDEFINITE;
+            }
+        }
+    }
+    return head->singular ? box_proximal_point(s, search, warm) : status;
+}
+
+static int has_answer(int status) { return status == OK || status == CAPPED; }
+
 int box_solve(Box *s, int warm)
 {
     BoxHead *const head = s->head;
@@ -249,27 +272,14 @@ int box_solve(Box *s, int warm)
     if (status != OK) {
         return status;
     }
-    head->refinements = 0;
-    head->proximal_steps = 0;
-    head->singular = !head->definite;
-    if (head->definite) {
-        head->inverted = head->inverted || box_invert(s, NULL);
-        box_begin(s, &search, warm);
-        status = box_dual_active_set(s, &search);
-        if (status == BREAKDOWN) {
-            head->inverted = 0;
-            if (box_regularise(s) != OK) {
-                return INDEFINITE;
-            }
-        }
-    }
-    if (head->singular) {
-        status = box_proximal_point(s, &search, warm);
+    status = solve_once(s, &search, warm);
+    if (warm && !has_answer(status)) { /* only the data decide whether there is one */
+        search = (Search){.linear = s->q, .exchanges = head->cap > 0 ? search.exchanges : 0};
+        status = solve_once(s, &search, 0);
     }
     head->exchanges = search.exchanges;
     write_answer(s);
-    const int has_answer = status == OK || status == CAPPED;
-    return head->apart && has_answer && answer_apart(s, warm) != OK ? UNBOUNDED : status;
+    return head->apart && has_answer(status) && answer_apart(s, warm) != OK ? UNBOUNDED : status;
 }
 
 int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub, const real *x)

@@ -151,6 +151,31 @@ def test_a_warm_start_at_bounds_of_a_nearly_singular_program_keeps_no_bound_that
             assert isinstance(x, str) or violation(P, q, lb, ub, x) <= 1e-12, seed
 
 
+@pytest.mark.parametrize("decades", [0.9, 4, 8, 12])
+def test_a_program_at_rest_whose_optimum_is_zero_has_exactly_that_answer(decades):
+    d = 18
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        P, q = spectrum_matrix(rng, d, decades), np.maximum(rng.normal(size=d), 0)
+        s = solver(P, q, np.where(q > 0, 0, -INF), np.full(d, INF))
+        assert not s.solve().any()
+        assert not s.solve(rng.normal(size=d)).any()
+        s = solver(P, np.zeros(d), np.full(d, -0.5), np.ones(d))
+        assert not s.solve(np.where(rng.random(d) < 0.5, -0.5, rng.normal(size=d))).any()
+
+
+@pytest.mark.parametrize("bound", [0.0, -10.0, -INF])
+def test_a_warm_start_is_no_reason_to_refuse_a_program_that_is_solved_cold(bound):
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        d = int(rng.integers(2, 19))
+        A = rng.normal(size=(d, d - 1))
+        s = solver(A @ A.T, np.zeros(d), np.full(d, bound), np.full(d, INF))
+        x = s.solve(rng.normal(size=d))
+        assert s.solution().found
+        assert x @ A @ A.T @ x <= 1e-20
+
+
 @quick
 @given(seed=seeds, d=st.integers(1, 30))
 def test_the_setting_warm_follows_a_drifting_problem(seed, d):
@@ -299,7 +324,7 @@ def test_sixteen_thousand_programs_are_solved_or_refused_rightly(draw):
     assert found > 13_500
 
 
-@pytest.mark.parametrize("curvature", [1e-3, 1e-9, 5e-12, 1e-12, 3e-13, 1e-14])
+@pytest.mark.parametrize("curvature", [1e-3, 1e-9, 5e-12, 1e-12, 3e-13, 1e-14, 1.6e-15])
 def test_a_curvature_far_below_one_does_not_spoil_the_cost(curvature):
     P = np.array([[1.0, 1.0 - curvature], [1.0 - curvature, 1.0]])
     program = (P, np.array([1.0, -1.0]), np.full(2, -INF), np.full(2, INF))
