@@ -47,7 +47,7 @@ typedef struct {
     real *residual, *step;             /* g_F and P_FF^-1 g_F of a refinement */
     real *inverse_diagonal;            /* of M */
     real *linear, *centre;             /* q - delta c and c of box_proximal.c */
-    real *zero, *v, *w;                /* zeros; two irregular vectors, by which symmetry is checked */
+    real *zero;                        /* zeros */
     real *sweep_scratch;               /* 5 rows of scratch memory for a sweep on two variables */
     int32_t *side;
     real *P, *M, *U; /* S P S by rows; -P^-1, or P swept on some; 2 ld columns of exchanged variables */
@@ -88,8 +88,8 @@ CORE_INLINE real box_cost(real diagonal)
 #define BOX_PROXIMAL ((real)1e-11)
 /* Share of the cost within which an answer is the least; with the rounding of float, what that allows. */
 #define BOX_RELATIVE_GAP ((real)(REAL_EPSILON < 1e-10 ? 1e-10 : 1e-5))
-/* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not finite, not symmetric to
- * rounding or not safely positive definite. */
+/* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not symmetric to the last bit
+ * or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
 /* M = P with the proximal term, swept on the free variables, and U empty; 0 if a pivot is not positive. */
 CORE_API int box_sweep_free(Box *s);

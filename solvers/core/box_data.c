@@ -3,7 +3,7 @@
 
 #include "symmetric.h"
 
-enum { BOX_VECTORS = 28 };
+enum { BOX_VECTORS = 26 };
 
 static int even(int d) { return (d + 1) / 2 * 2; }
 
@@ -20,8 +20,8 @@ int64_t box_bytes(int d)
 #define BOX_PARTS(F)                                                                                                   \
     F(answer, 1) F(scale, 1) F(q, 1) F(lo, 1) F(hi, 1) F(raw_q, 1) F(lb, 1) F(ub, 1) F(x, 1) F(g, 1) /* data */        \
     F(basic, 1) F(low, 1) F(high, 1) F(held, 1) F(is_free, 1) F(unit, 1) F(diagonal, 1) F(weight, 1) F(gain, 1)        \
-    F(residual, 1) F(step, 1) F(inverse_diagonal, 1) F(multiplier, 1) F(linear, 1) F(centre, 1) F(zero, 1) F(v, 1)     \
-    F(w, 1) F(sweep_scratch, 5) F(inverse_pivot, 2) F(coefficient, 2)
+    F(residual, 1) F(step, 1) F(inverse_diagonal, 1) F(multiplier, 1) F(linear, 1) F(centre, 1) F(zero, 1)             \
+    F(sweep_scratch, 5) F(inverse_pivot, 2) F(coefficient, 2)
 #define PLACE(name, rows) s.name = at, at += (rows) * s.ld;
 /* clang-format on */
 
@@ -56,19 +56,11 @@ static int set_bounds(Box *s, const real *lb, const real *ub)
 
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
-    real v = (real)0.618033988749895;
     new_state(memory, BOX_KIND, d, vector_bytes(padded(d))); /* matrices are written before they are read */
     Box s = box_at(memory);
     s.head->bytes = box_bytes(d);
     s.head->of_P = s.head->of_q = UNSET;
     s.head->cost = s.head->root = 1;
-    for (int j = 0; j < d; ++j) { /* multiples of the golden section modulo one and their squares, so that v_i w_j = v_j
-                                     w_i only for i = j */
-        s.v[j] = v;
-        s.w[j] = v * v;
-        v += (real)0.618033988749895;
-        v -= v >= 1 ? 1 : 0;
-    }
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;
         s.inverse_diagonal[j] = s.diagonal[j] = -1;

@@ -120,6 +120,24 @@ def test_one_entry_of_P_that_is_not_finite_or_not_symmetric_is_found_wherever_it
         s.update(P, np.zeros(d))
 
 
+def test_entries_of_P_that_differ_from_their_mirrors_are_found_one_by_one_and_what_rounding_makes_of_them_is_taken():
+    """Differences that cancel in one projection v'Pw - w'Pv, w = v^2."""
+    v = np.modf(0.618033988749895 * np.arange(1, 4))[0]
+    apart = np.array([v[i] * v[j] * (v[j] - v[i]) for i, j in ((0, 1), (0, 2))])
+    P, s = np.eye(3), get("box_active_set")
+    P[0, 1], P[0, 2] = 0.1 / apart[0], -0.1 / apart[1]
+    P *= 0.05
+    np.fill_diagonal(P, 1)
+    with pytest.raises(ValueError, match="not symmetric"):
+        s.setup(Problem(P, -np.ones(3), lb=np.zeros(3), ub=np.ones(3)))
+    A = np.random.default_rng(0).normal(size=(60, 18))
+    rounded, q = A.T @ A + 1e-13 * np.triu(np.ones((18, 18)), 1), -A.T @ A @ np.ones(18)
+    s.setup(Problem(rounded, q))
+    x = s.solve().copy()
+    s.setup(Problem((rounded + rounded.T) / 2, q))
+    np.testing.assert_array_equal(x, s.solve())
+
+
 @quick
 @given(seed=seeds, d=st.integers(1, 30), decades=st.floats(0, 8))
 def test_a_warm_start_from_anywhere_at_any_bounds_finds_the_cold_answer(seed, d, decades):
