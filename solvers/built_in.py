@@ -207,7 +207,7 @@ class BuiltInSolver(BuiltIn, Solver):
         ValueError as ``solve`` if the solver is not ready."""
         if self._missing:
             self._refuse_to_work()
-        problem = Problem(*self.data(), lb=self._lb, ub=self._ub)
+        problem = Problem(*self.data(), lb=self._lb.copy(), ub=self._ub.copy())
         if self._status not in (OK, CAPPED):
             return Solution(problem, found=False, extras={"status": REASONS[self._status]})
         x, said = self.answer(), {"status": REASONS[self._status], **self.extras()}
@@ -223,7 +223,9 @@ class BuiltInSolver(BuiltIn, Solver):
     def _require(self, status: int, **data: Matrix | None) -> None:
         """Raise ValueError unless the status is that of an answer or of good data."""
         if status == NOT_FINITE and data:
-            which = next(name for name, array in data.items() if array is not None and not np.isfinite(array).all())
+            which = next(
+                (n for n, array in data.items() if array is not None and not np.isfinite(array).all()), "P scaled"
+            )
             raise ValueError(f"{self.name}: {which} must be finite")
         if status not in (OK, CAPPED):
             raise ValueError(f"{self.name}: {REASONS[status]}")

@@ -92,7 +92,7 @@ static void restore(Arguments *a, const Bank *b, void *other)
     F(bank_begin, "state@BANL, tile#0:e, which[8]",                                                                    \
       "lanes where which is 1 learn anew from the weights that they have.", 0,                                         \
       tile_begin(BANK, WHOLE(1), load(REALS(2))))                                                                      \
-    F(bank_run, "state@BANL, y_ref[n,w], y[n,w], x[n,w]=, workspace@, first#0:t, last#0:t",                            \
+    F(bank_run, "state@BANL&, y_ref[n,w], y[n,w], x[n,w]=, workspace@, first#0:t, last#0:t",                           \
       "drives of the tiles from first up to last for references, learning from the outputs of the drives before.",     \
       (NEED_SIZE(w, LENGTH(t) * LANES), NEED_BYTES(4, bank_workspace_bytes(BANK->shape, BANK->head->block)),           \
        LENGTH(n) * (WHOLE(6) - WHOLE(5)) > 8),                                                                         \

@@ -16,25 +16,30 @@
 int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;
-    real t = 1, threshold, linear, gradient;
+    real t = 1;
+    vec8 most = zeros();
     int64_t k = 0;
     int done = 0;
     memcpy(s->momentum, s->w, (size_t)ld * sizeof(real));
     for (int j = 0; j < ld; j += LANES) {
         store(s->carry + j, add(load(s->w + j), load(s->shift + j)));
-        store(s->next + j, zeros());
     }
-    linear = distance_squared(s->shift, s->next, ld);
     affine(s->columns, ld, d, s->w, s->carry, s->next);
-    gradient = distance_squared(s->next, s->w, ld);
-    threshold = tolerance * tolerance * (gradient > linear ? gradient : linear);
+    for (int j = 0; j < ld; j += LANES) {
+        const vec8 gradient = sub(load(s->next + j), load(s->w + j));
+        most = maximum(maximum(magnitude(load(s->shift + j)), magnitude(gradient)), most);
+    }
+    const real unit = 1 / power_below(largest8(most)), gradient = distance_squared(s->next, s->w, unit, ld);
+    memset(s->next, 0, (size_t)ld * sizeof(real));
+    const real linear = distance_squared(s->shift, s->next, unit, ld);
+    const real threshold = tolerance * tolerance * (gradient > linear ? gradient : linear);
     while (k < steps && !done) {
         vec8 agreement = zeros(), square = zeros();
         affine(s->columns, ld, d, s->momentum, s->carry, s->next);
         for (int j = 0; j < ld; j += LANES) {
             const vec8 w = clip(load(s->next + j), load(s->lower + j), load(s->upper + j));
-            const vec8 back = sub(load(s->momentum + j), w);
-            agreement = plus_product(agreement, back, sub(w, load(s->w + j)));
+            const vec8 back = mul(sub(load(s->momentum + j), w), splat(unit));
+            agreement = plus_product(agreement, back, mul(sub(w, load(s->w + j)), splat(unit)));
             square = plus_product(square, back, back);
             store(s->next + j, w);
         }

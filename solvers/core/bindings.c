@@ -103,18 +103,23 @@ static const char *take_state(Arguments *a, PyObject *given, Value *value, const
 {
     const Py_buffer *const view = take_buffer(a, given, PyBUF_WRITABLE, "B", 1);
     int32_t kind = 0;
-    for (; *at != ',' && *at != ')'; ++at) {
+    for (; *at >= '0'; ++at) {
         kind = kind << 8 | *at;
     }
+    const int is_shared = *at == '&';
+    at += is_shared;
     if (view == NULL) {
         return at;
     }
     value->memory = view->buf;
     const StateHead *const head = view->buf;
-    if ((uintptr_t)view->buf % 64 != 0 || view->len < (Py_ssize_t)sizeof *head
-        || (kind != 0 && (head->kind != kind || view->len < head->bytes))) {
+    if (kind != 0 && view->len >= (Py_ssize_t)sizeof *head && head->kind == ~kind) {
+        refuse_argument(a, "is in use by another thread; give each thread one of its own");
+    } else if ((uintptr_t)view->buf % 64 != 0 || view->len < (Py_ssize_t)sizeof *head
+               || (kind != 0 && (head->kind != kind || view->len < head->bytes))) {
         refuse_argument(a, "is not the state that this function wants");
     } else if (kind != 0) {
+        a->owned |= is_shared ? 0 : 1 << (a->taken - 1);
         measure_state(a, head);
     }
     return at;
@@ -184,10 +189,30 @@ void return_fields(Arguments *a, const void *state, const Field *fields, size_t 
     }
 }
 
+/* Invert the kinds of the states of this call, by which they are refused; under Python's lock. */
+static void mark(const Arguments *a)
+{
+    for (int i = 0; i < a->taken; ++i) {
+        if (a->owned >> i & 1) {
+            StateHead *const head = a->values[i].memory;
+            head->kind = ~head->kind;
+        }
+    }
+}
+
+void let_others_run(Arguments *a, int lasts)
+{
+    if (lasts && !a->failed) {
+        mark(a);
+        a->waiting = PyEval_SaveThread();
+    }
+}
+
 PyObject *finish(Arguments *a)
 {
     if (a->waiting != NULL) {
         PyEval_RestoreThread(a->waiting);
+        mark(a);
     }
     while (a->taken > 0) {
         if (a->views[--a->taken].obj != NULL) {

@@ -11,7 +11,8 @@
  *     name[n,d]      a float64 array of two dimensions, contiguous in C order; name[n] one of one
  *     name[n]q       one of int64; name[n]i of C's int
  *     name[n]=       one to write to, name[n]? one or None
- *     name@BOX1      a state of the kind 'BOX1'; name@ any block of bytes
+ *     name@BOX1      a state of the kind 'BOX1', which other threads cannot use meanwhile; name@ any block of bytes
+ *     name@BANL&     one that threads share, each its part
  *
  * A size is a number or a letter, dd a product, d+1 a sum. The first array with a letter determines its value; a state
  * of a kind sets those of `measure_state`, and NEED_SIZE checks sizes that depend on other data. The first argument
@@ -37,6 +38,7 @@ typedef struct {
     const char *signature;
     Py_ssize_t count;
     int taken, failed, is_number;
+    int owned; /* bit i: argument i is a state of this thread alone */
     int64_t whole_result;
     double number_result;
     PyObject *object_result;
@@ -65,6 +67,8 @@ int need_bytes(Arguments *a, int argument, int64_t bytes);
 int need_size(Arguments *a, int64_t size, int64_t wanted);
 /* Return a dictionary of the parts of a state: offset in bytes, and length. */
 void return_fields(Arguments *a, const void *state, const Field *fields, size_t count);
+/* Let other threads of the interpreter run, if it lasts; they are refused the states of this call. */
+void let_others_run(Arguments *a, int lasts);
 /* Release the arrays; the result, or NULL with Python's error if an argument did not fit. */
 PyObject *finish(Arguments *a);
 
@@ -90,7 +94,7 @@ PyObject *finish(Arguments *a);
         Arguments a;                                                                                                   \
         (void)module;                                                                                                  \
         if (take_arguments(&a, #name "(" arguments ")", sizeof #name, given, count)) {                                 \
-            a.waiting = (lasts) ? PyEval_SaveThread() : NULL;                                                          \
+            let_others_run(&a, (lasts) != 0);                                                                          \
             if (!a.failed) {                                                                                           \
                 call;                                                                                                  \
             }                                                                                                          \

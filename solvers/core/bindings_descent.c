@@ -28,7 +28,7 @@ static int solve(void *solver, const double *start, double *x)
     t->method(t->s, t->steps, t->tolerance);
     descent_answer(t->s);
     memcpy(x, t->s->answer, (size_t)t->s->d * sizeof(double));
-    return t->tolerance < 0 || t->s->head->met ? OK : CAPPED;
+    return t->s->head->met ? OK : CAPPED;
 }
 
 static int all_finite(const double *x, int64_t size)

@@ -62,8 +62,8 @@ CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
 CORE_API int box_set_data(Box *s, const real *P, const real *q);
 /* Begin a warm solve at x (d): variables that touch a bound are held there; OK or NOT_FINITE. */
 CORE_API int box_start(Box *s, const real *x);
-/* Solve into s->answer: cold from "all free", warm from the last sides or those of box_start, and then cold if that ends
- * without an answer, so that only the data decide whether there is one; without good data, their status. */
+/* Solve into s->answer: cold from "all free", warm from the last sides or those of box_start, and then cold if that
+ * ends without an answer, so that only the data decide whether there is one; without good data, their status. */
 CORE_API int box_solve(Box *s, int warm);
 /* Initialise a block and solve one program, warm from x (d). */
 CORE_API int box_solve_from(void *memory, int d, const real *P, const real *q, const real *lb, const real *ub,

@@ -16,6 +16,7 @@
 #include "symmetric.h"
 
 enum { VECTORS = 12, LOOK_EVERY = 16 };
+#define WITHOUT_TOLERANCE ((real)1e-9)
 #define INDEFINITE_SHARE ((real)1e-9) /* largest |negative eigenvalue| due to rounding, relative to lambda_max */
 
 int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS + 2 * d) * (int64_t)sizeof(real); }
@@ -124,29 +125,33 @@ void descent_answer(ProjectedGradient *s)
 }
 
 /* If tolerance >= 0, every sixteenth step tests whether the projected gradient (w(k) - w(k+1))/eta is at most tolerance
- * |q| (2-norms), and ends the run if it is. */
+ * |q| (2-norms), and ends the run if it is. The last step always tests, by WITHOUT_TOLERANCE if there is no tolerance.
+ */
 int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;
-    real threshold = 0;
+    const real sought = tolerance >= 0 ? tolerance : WITHOUT_TOLERANCE;
     int64_t k = 0;
     int done = 0;
-    if (tolerance >= 0) {
-        vec8 square = zeros();
-        for (int j = 0; j < ld; j += LANES) {
-            square = plus_product(square, load(s->shift + j), load(s->shift + j));
-        }
-        threshold = tolerance * tolerance * sum8(square);
+    vec8 most = zeros(), square = zeros();
+    for (int j = 0; j < ld; j += LANES) {
+        most = maximum(magnitude(load(s->shift + j)), most);
     }
+    const real unit = 1 / power_below(largest8(most));
+    for (int j = 0; j < ld; j += LANES) {
+        const vec8 shift = mul(load(s->shift + j), splat(unit));
+        square = plus_product(square, shift, shift);
+    }
+    const real threshold = sought * sought * sum8(square);
     while (k < steps && !done) {
-        const int look = tolerance >= 0 && k % LOOK_EVERY == LOOK_EVERY - 1;
+        const int look = k == steps - 1 || (tolerance >= 0 && k % LOOK_EVERY == LOOK_EVERY - 1);
         affine(s->columns, ld, d, s->w, s->carry, s->next);
         ++k;
         if (look) {
             for (int j = 0; j < ld; j += LANES) {
                 store(s->next + j, clip(load(s->next + j), load(s->lower + j), load(s->upper + j)));
             }
-            done = distance_squared(s->next, s->w, ld) <= threshold;
+            done = distance_squared(s->next, s->w, unit, ld) <= threshold;
         }
         go_to_next(s);
     }

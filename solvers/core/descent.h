@@ -47,12 +47,12 @@ CORE_API int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tol
 /* Write x (d) for w to s->answer, exactly at a bound if w is. */
 CORE_API void descent_answer(ProjectedGradient *s);
 
-/* |a - b|^2 over ld entries. */
-CORE_INLINE real distance_squared(const real *a, const real *b, int ld)
+/* |a - b|^2 over ld entries, in units in which squares neither overflow nor vanish. */
+CORE_INLINE real distance_squared(const real *a, const real *b, real unit, int ld)
 {
     vec8 total = zeros();
     for (int j = 0; j < ld; j += LANES) {
-        const vec8 apart = sub(load(a + j), load(b + j));
+        const vec8 apart = mul(sub(load(a + j), load(b + j)), splat(unit));
         total = plus_product(total, apart, apart);
     }
     return sum8(total);

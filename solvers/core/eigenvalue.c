@@ -69,20 +69,14 @@ static int count_below(const real *diagonal, const real *beside, int d, real x, 
 /* Divide A by the power of two below its largest entry, so that no square overflows or underflows; the power. */
 static real normalise(real *A, int ld, int d)
 {
-    real largest = 0, power;
-    whole bits;
+    real largest = 0;
     for (int i = 0; i < d; ++i) {
         for (int j = 0; j <= i; ++j) {
             const real size = MAGNITUDE(A[(size_t)i * (size_t)ld + (size_t)j]);
             largest = size > largest ? size : largest;
         }
     }
-    memcpy(&bits, &largest, sizeof bits);
-    bits = bits >> MANTISSA_BITS << MANTISSA_BITS;
-    memcpy(&power, &bits, sizeof power);
-    if (!(power > 0)) {
-        return 1;
-    }
+    const real power = power_below(largest);
     for (int i = 0; i < d; ++i) {
         for (int j = 0; j <= i; ++j) {
             A[(size_t)i * (size_t)ld + (size_t)j] /= power;

@@ -352,6 +352,16 @@ CORE_INLINE void fetch(const void *memory, int64_t bytes)
 #endif
 }
 
+/* The power of two below v > 0, at least the smallest normal number. */
+CORE_INLINE real power_below(real v)
+{
+    whole bits;
+    memcpy(&bits, &v, sizeof bits);
+    bits = bits >> MANTISSA_BITS == 0 ? (whole)1 << MANTISSA_BITS : bits >> MANTISSA_BITS << MANTISSA_BITS;
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+
 /* n rounded up to whole blocks of eight. */
 CORE_INLINE int padded(int n) { return (n + LANES - 1) / LANES * LANES; }
 

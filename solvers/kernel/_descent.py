@@ -52,7 +52,7 @@ class ProjectedGradient(BuiltInSolver):
         bindings.descent_start(self.state, start)
         type(self).take_steps(self.state, *self._limits)
         self.x = self.answer()
-        return OK if self._limits[1] < 0.0 or self.field("met").view(np.int32)[0] else CAPPED
+        return OK if self.field("met").view(np.int32)[0] else CAPPED
 
     def answer(self) -> Vector:
         """The last iterate, exactly at a bound if the scaled one is."""

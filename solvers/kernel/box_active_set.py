@@ -78,7 +78,8 @@ class BoxActiveSet(BuiltInSolver):
         self._warm = self.options["warm"]
 
     def prepare(self, P: Matrix, q: Vector) -> None:
-        self.x = self.field("answer")
+        self.x = self.field("answer").view()
+        self.x.flags.writeable = False
         self.field("cap").view(np.int32)[0] = self.options["most_exchanges"]
 
     def run_from(self, start: Vector) -> int:

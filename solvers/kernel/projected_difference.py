@@ -39,7 +39,7 @@ class ProjectedDifference(ProjectedGradient):
         Iterate in the variables w/D, D = diag(P)^−½; a box stays a box.
     tolerance : float or None, default None
         Stop when the projected gradient |w(k+1) − w(k)|/η is at most this multiple of |q| (2-norms, tested every 16
-        steps). None, as in the paper: no test.
+        steps). None, as in the paper: all steps are taken, and the answer is found if the last meets 1e-9.
 
     Examples
     --------

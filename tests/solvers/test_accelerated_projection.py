@@ -76,3 +76,20 @@ def test_the_step_is_one_over_the_largest_eigenvalue_or_shorter_by_at_most_a_tho
     P, q, lb, ub = random_program(seed, d, decades)
     _, s = solved("projected_difference", P * 10**size, q, lb, ub, steps=1)
     assert 0.999 - 1e-13 <= s.solution().extras["eta"] * np.linalg.eigvalsh(P)[-1] * 10**size <= 1 + 1e-13
+
+
+@pytest.mark.parametrize("size", [-600, -515, 0, 515, 600])
+@pytest.mark.parametrize("name", ["accelerated_projection", "projected_difference"])
+def test_what_is_found_does_not_depend_on_the_size_of_q(name, size):
+    P, q, lb, ub = random_program(3, 6, 2)
+    best, _ = solved("box_active_set", P, q, lb, ub)
+    x, s = solved(name, P, *(np.ldexp(each, size) for each in (q, lb, ub)), tolerance=1e-10)
+    with np.errstate(over="ignore", invalid="ignore"):  # in the cost
+        assert s.solution().found
+    np.testing.assert_allclose(np.ldexp(x, -size), best, rtol=0, atol=1e-7)
+
+
+def test_a_run_without_a_tolerance_has_found_an_answer_only_if_its_last_step_is_short():
+    P, q, lb, ub = random_program(5, 18, 2)
+    found = [solved("projected_difference", P, q, lb, ub, steps=n)[1].solution().found for n in (0, 1, 15200)]
+    assert found == [False, False, True]

@@ -4,6 +4,8 @@ import pickle
 import re
 import tracemalloc
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -270,3 +272,40 @@ def test_a_solution_is_the_callers_own(name: str) -> None:
         np.testing.assert_array_equal(getattr(again, which), getattr(kept, which))
     for which in ("P", "q", "lb", "ub"):
         np.testing.assert_array_equal(getattr(again.problem, which), getattr(kept.problem, which))
+
+
+@each_solver
+def test_nothing_that_a_solver_returns_can_change_its_answer(name: str) -> None:
+    solver = ready(name, Problem(EYE, -ONES, lb=ZEROS, ub=2.0 * ONES))
+    problem = solver.solution().problem
+    for array in (problem.P, problem.q, problem.lb, problem.ub):
+        array *= 3.0
+    x = solver.solve()
+    with suppress(ValueError):  # read-only
+        x *= 3.0
+    assert solver.solution().x.tolist() == [1.0, 1.0]
+    assert solver.solution().is_optimal(1e-9)
+
+
+@each_solver
+def test_a_solver_in_use_is_refused_to_a_second_thread_and_each_answer_is_right(name: str) -> None:
+    d = 200
+    A = np.random.default_rng(0).normal(size=(2 * d, d))
+    solver = ready(name, Problem(A.T @ A, A.T @ np.ones(2 * d), lb=np.full(d, -0.01)))
+    best, refused = solver.solve().copy(), []
+
+    def work() -> bool:
+        right = True
+        for _ in range(40):
+            try:
+                x = solver.solve().copy()
+            except ValueError as error:
+                refused.append(str(error))
+            else:
+                right &= bool(np.array_equal(x, best))
+        return right
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(each.result() for each in [pool.submit(work) for _ in range(4)])
+    assert all("in use by another thread" in sentence for sentence in refused)
+    np.testing.assert_array_equal(solver.solve(), best)

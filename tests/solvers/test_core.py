@@ -340,7 +340,7 @@ def test_every_argument_of_a_table_is_marked_as_the_parser_reads_it(module):
     functions = [function for function in vars(module).values() if callable(function) and function.__doc__]
     functions = [function for function in functions if function.__doc__.startswith(f"{function.__name__}(")]
     size = r"(\d+|[a-z]+(\+\d)?)"
-    mark = re.compile(rf"[A-Za-z_]+(#{size}?:{size}?|@([A-Z0-9]{{4}})?|\[{size}(,{size})*\][qi]?[=?]?)?")
+    mark = re.compile(rf"[A-Za-z_]+(#{size}?:{size}?|@([A-Z0-9]{{4}}&?)?|\[{size}(,{size})*\][qi]?[=?]?)?")
     assert len(functions) > 20
     for function in functions:
         arguments, separator, text = function.__doc__.removeprefix(f"{function.__name__}(").partition("): ")

@@ -105,7 +105,7 @@ def test_every_setting_of_a_ladder_is_one_that_the_library_takes(entry: Entry) -
         if solver.solution().found:
             assert problem.error(x) < 3.0
         else:  # the upper rungs may ask for more than rounding allows
-            assert rung is not ladder[0]
+            assert rung is not ladder[0] or "steps" in rung
 
 
 @pytest.mark.parametrize("entry", named([entry for entry in LIBRARIES if entry.lane in (Lane.DIRECT, Lane.KERNEL)]))
