@@ -25,6 +25,7 @@ from bench.problem_files.program import (
     compressed_columns,
     constant_term,
     doubles,
+    refuse_unread,
     require,
     two_sided,
     vector,
@@ -41,11 +42,13 @@ def read_mat(path: Path) -> ReadProgram:
         raise ValueError(f"cannot be read as a MATLAB file of version 7 or before: {error}") from None
     for name in ("P", "q", *(("l", "u") if "A" in variables else ())):
         require(name in variables, f"holds no variable {name!r}")
-    for name in ("lb", "ub", "G", "h", "b", *(() if "A" in variables else ("l", "u"))):
-        require(name not in variables, f"holds {name}, which is not read; constraints are l <= A x <= u")
-    variables = {
-        name: _sound(name, value) for name, value in variables.items() if name in ("P", "q", "r", "A", "l", "u")
+    fields = ("P", "q", "r", *(("A", "l", "u") if "A" in variables else ()))
+    shapes = {
+        name: value.shape
+        for name, value in variables.items()
+        if issparse(value) or getattr(value, "dtype", np.dtype(object)).kind in "biufc"
     }
+    variables = {name: _sound(name, variables[name]) for name in fields if name in variables}
     q, P = vector("q", variables["q"]), csc_matrix(variables["P"])
     d = q.size
     C = csc_matrix(variables["A"]) if "A" in variables else csc_matrix((0, d))
@@ -63,7 +66,9 @@ def read_mat(path: Path) -> ReadProgram:
     np.maximum.at(lb, columns, l[units])
     np.minimum.at(ub, columns, u[units])
     others = np.setdiff1d(np.arange(l.size), units)
-    return ReadProgram(checked(two_sided(P, q, rows[others], l[others], u[others], lb, ub)), constant)
+    qp = checked(two_sided(P, q, rows[others], l[others], u[others], lb, ub))
+    refuse_unread(shapes, (*fields, "m", "n"), d, {l.size, u.size}, "l <= A x <= u")
+    return ReadProgram(qp, constant)
 
 
 def _sound(name: str, value: Any) -> Any:

@@ -4,6 +4,7 @@ A matrix is stored dense under its name, or in compressed columns as ``P/data``,
 ``P/shape``. A file saved by qpsolvers has a pickled None for an absent field; nothing is unpickled here.
 """
 
+import math
 import struct
 import tokenize
 import zipfile
@@ -18,6 +19,7 @@ from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
 from bench.problem_files.program import (
+    MOST_BYTES,
     QP_FIELDS,
     ProblemFileError,
     ReadProgram,
@@ -26,6 +28,7 @@ from bench.problem_files.program import (
     compressed_columns,
     constant_term,
     doubles,
+    refuse_unread,
     require,
     vector,
     with_infinities,
@@ -33,6 +36,8 @@ from bench.problem_files.program import (
 from solvers.arrays import Vector
 
 PARTS = ("data", "indices", "indptr", "shape")
+BESIDE = ("c", "r", "raw", "scaled", "validation", "meta", "first", "x", "optimum", "unit", "solver", "lane", "settings")
+"""Further names, or beginnings of names, in files of programs, of problems with their proofs, and of misses."""
 DAMAGED = (
     ValueError,
     TypeError,
@@ -92,6 +97,7 @@ def opened(path: Path) -> Iterator[Any]:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:  # NumPy leaves a damaged file open
             if isinstance(arrays, np.ndarray):
                 raise ProblemFileError(f"{path}: holds one array and not the named arrays of an NPZ file")
+            list(_headers(arrays))  # which checks their sizes, before memory is taken for any of them
             yield arrays
     except ProblemFileError:
         raise
@@ -109,16 +115,16 @@ def read_npz(path: Path) -> ReadProgram:
     with opened(path) as arrays:
         prefix = "raw/" if "raw/P" in arrays or "raw/P/data" in arrays else ""
         fields = {name: _field(path, arrays, prefix + name) for name in QP_FIELDS}
-        unread = [name for name in ("l", "u") if name in arrays]
+        shapes = _unread_shapes(path, arrays)
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
     for name in ("P", "q"):
         require(fields[name] is not None, f"holds no {name}; a program has P and q at least")
-    require(
-        not unread, f"holds {' and '.join(unread)}, which is not read; constraints are G x <= h, A x = b, lb <= x <= ub"
-    )
     fields |= {name: vector(name, fields[name]) for name in ("q", "h", "b", "lb", "ub") if fields[name] is not None}
     fields |= {name: with_infinities(fields[name]) for name in ("h", "lb", "ub") if fields[name] is not None}
-    return ReadProgram(checked(Problem(**fields)), constant)
+    qp = checked(Problem(**fields))
+    rows = [side.size for side in (qp.h, qp.b) if side is not None]
+    refuse_unread(shapes, (), qp.q.size, rows, "G x <= h, A x = b, lb <= x <= ub")
+    return ReadProgram(qp, constant)
 
 
 def read_answer(path: Path, size: int) -> Vector:
@@ -134,6 +140,44 @@ def read_answer(path: Path, size: int) -> Vector:
         return np.asarray(x, dtype=np.float64)
 
 
+def _headers(arrays: Any) -> Iterator[tuple[str, tuple[int, ...], np.dtype[Any]]]:
+    """Name, shape and type of each array, without reading it; ValueError for a size that is not that of the file."""
+    members = arrays.zip.infolist()
+    size = sum(member.file_size for member in members)
+    require(size <= MOST_BYTES, f"holds {size} bytes of arrays, and at most {MOST_BYTES} are read")
+    for member in members:
+        if member.filename.endswith(".npy"):
+            with arrays.zip.open(member) as file:
+                header = "1_0" if np.lib.format.read_magic(file) == (1, 0) else "2_0"
+                shape, _, dtype = getattr(np.lib.format, f"read_array_header_{header}")(file)
+            name = member.filename.removesuffix(".npy")
+            least = 0 if dtype.hasobject else math.prod(shape) * dtype.itemsize
+            require(least <= member.file_size, f"{name} is shorter than its header says")
+            yield name, shape, dtype
+
+
+def _unread_shapes(path: Path, arrays: Any) -> dict[str, tuple[int, ...]]:
+    """Shapes of the numbers, or of compressed columns, under names that are neither read nor stored here."""
+    found = {}
+    for key, shape, dtype in _headers(arrays):
+        name, _, part = key.rpartition("/")
+        if key.partition("/")[0] not in (*QP_FIELDS, *BESIDE):
+            if dtype.hasobject:
+                raise _is_object(path, key)
+            if name and part in PARTS:
+                found[name] = tuple(np.ravel(arrays[f"{name}/shape"]).tolist())
+            elif dtype.kind in "biufc":
+                found[key] = shape
+    return found
+
+
+def _is_object(path: Path, name: str) -> ProblemFileError:
+    return ProblemFileError(
+        f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
+        f"as {', '.join(f'{name}/{part}' for part in PARTS)}"
+    )
+
+
 def _field(path: Path, arrays: Any, name: str) -> Any:
     """A field of a program; None if it is absent, or pickled and not needed."""
     try:
@@ -143,8 +187,5 @@ def _field(path: Path, arrays: Any, name: str) -> Any:
             raise
         partner = dict(zip("GA", "hb", strict=True)).get(name, "")
         if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # so it is not a pickled None
-            raise ProblemFileError(
-                f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
-                f"as {', '.join(f'{name}/{part}' for part in PARTS)}"
-            ) from None
+            raise _is_object(path, name) from None
         return None

@@ -5,7 +5,7 @@
 Magnitudes of at least 1e20 mean infinity in MPS files and in the usual conversions of the Maros–Mészáros set.
 """
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +22,9 @@ SYMMETRY = 1e-12
 """Largest difference between P and Pᵀ, relative to the largest element, that is a rounding error."""
 
 QP_FIELDS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
+OF_CONSTRAINTS = (*QP_FIELDS[2:], "l", "u")
+MOST_BYTES = 2**28
+"""Largest size of a program's file, decompressed; the longest text of the Maros–Mészáros set has a tenth of that."""
 
 
 def fields_of(qp: Problem) -> dict[str, Any]:
@@ -63,6 +66,17 @@ def about(path: Any) -> Iterator[None]:
         raise
     except ValueError as error:
         raise ProblemFileError(f"{path}: {error}") from None
+
+
+def refuse_unread(
+    shapes: Mapping[str, Sequence[int]], fields: Container[str], d: int, rows: Iterable[int], constraints: str
+) -> None:
+    """ValueError for an array of a file that is none of the ``fields`` and may be a constraint: it has the name of a
+    field of another format, or as many rows or columns as there are variables or rows of a kind."""
+    sizes = {d, *rows} - {0, 1} if d > 1 else {1}  # only the bound of a single variable is a single number
+    for name, shape in shapes.items():
+        if name not in fields and (name in OF_CONSTRAINTS or not sizes.isdisjoint(shape)):
+            raise ValueError(f"holds {name}, which is not read; constraints are {constraints}")
 
 
 def doubles(name: str, values: Any) -> Any:

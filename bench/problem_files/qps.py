@@ -25,6 +25,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from bench.problem_files.program import (
+    MOST_BYTES,
     ReadProgram,
     check_sides,
     checked,
@@ -40,8 +41,6 @@ FIELDS = {"ROWS": (1,), "BOUNDS": (2, 3), "RHS": (2, 3, 4, 5), "RANGES": (2, 3, 
 """Allowed numbers of fields after the kind of row or bound, in sections other than three or five."""
 SENSES = {"MIN": 1.0, "MINIMIZE": 1.0, "MAX": -1.0, "MAXIMIZE": -1.0}
 WITHOUT_VALUE = ("FR", "MI", "PL")
-MOST_BYTES = 2**28
-"""Longest text, decompressed; the longest of the Maros–Mészáros set has a tenth of that."""
 BOUNDS = ("LO", "UP", "FX", *WITHOUT_VALUE)
 Fields = tuple[str, str, list[tuple[str, str]]]
 """Kind of row or bound, first name, and pairs of a name and a number as text."""

@@ -3,6 +3,7 @@
 import gzip
 import io
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -274,6 +275,22 @@ def write(path: Path, content: bytes | dict[str, object] | None) -> None:
         savemat(path, arrays, do_compression=False) if path.suffix == ".mat" else np.savez(path, **arrays)  # type: ignore[arg-type]
 
 
+OTHER_NAMES = [
+    (f"other.{suffix}", key, value)
+    for suffix in ("npz", "mat")
+    for key, value in {
+        "A_ub": np.ones((3, 2)),
+        "Aeq": np.ones((1, 2)),
+        "x_l": np.zeros(2),
+        "C": np.ones((4, 2), dtype=int),
+        "Gt": np.ones((2, 5)),
+        "G": np.ones((1, 2)),
+    }.items()
+    if (suffix, key) != ("npz", "G")
+]
+"""Constraints under names of other packages and formats."""
+
+
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [
@@ -297,6 +314,10 @@ def write(path: Path, content: bytes | dict[str, object] | None) -> None:
         ("wrong.npz", {"ub": [np.nan, 1.0]}, "ub[0] is nan"),
         ("box.mat", {"lb": np.zeros(2)}, "holds lb, which is not read"),
         ("sides.npz", {"u": np.ones(2)}, "holds u, which is not read"),
+        *((name, {key: value}, f"holds {key}, which is not read") for name, key, value in OTHER_NAMES),
+        ("rows.npz", {"G": np.ones((3, 2)), "h": np.ones(3), "h_low": np.ones(3)}, "holds h_low, which is not read"),
+        ("columns.npz", {f"Aeq/{name}": value for name, value in SPARSE.items()}, "holds Aeq, which is not read"),
+        ("object.npz", {"A_ub": np.array(sp.eye(2), dtype=object)}, "A_ub is stored as a Python object"),
         *((f"none{suffix}", None, "No such file") for suffix in (".npz", ".mat", ".qps")),
         ("no.mat", {"q": None}, "holds no variable 'q'"),
         ("invalid.npz", compressed(indices=[0, 7]), "P has an element outside its 2 rows"),
@@ -328,3 +349,38 @@ def test_files_that_qpsolvers_saved_are_read(tmp_path: Path) -> None:
     qp = Problem(np.eye(2), np.ones(2), np.ones((1, 2)), np.ones(1), lb=np.zeros(2))
     qp.save(str(tmp_path / "theirs.npz"))
     assert same(read(tmp_path / "theirs.npz").qp, qp)
+
+
+def test_scalars_and_text_beside_a_program_and_the_files_of_races_are_read(tmp_path: Path) -> None:
+    beside = {"obj": 2.5, "n_rows": np.array([7]), "names": np.array(["a", "b"]), "history": np.ones(50), "kind": "QP"}
+    for name, row in {
+        "beside.npz": {"G": np.ones((1, 2)), "h": np.ones(1)},
+        "beside.mat": {"A": np.ones((1, 2)), "l": np.array([-np.inf]), "u": np.ones(1)},
+    }.items():
+        write(tmp_path / name, beside | row)
+        found = read(tmp_path / name).qp
+        assert same(found, Problem(WHOLE["P"], WHOLE["q"], np.ones((1, 2)), np.ones(1), lb=found.lb, ub=found.ub))
+    for stored in ("problems/paper--duhem-staircase", "misses/piqp-direct-measured--afm_head"):
+        assert read(Path("results/reference") / f"{stored}.npz").qp.q.size > 2
+
+
+def test_a_bound_of_a_single_variable_under_another_name_is_refused(tmp_path: Path) -> None:
+    for name in ("one.npz", "one.mat"):
+        write(tmp_path / name, {"P": np.eye(1), "q": np.ones(1), "x_l": np.zeros(1)})
+        with pytest.raises(ProblemFileError, match=f"{name}: holds x_l, which is not read"):
+            read(tmp_path / name)
+
+
+def test_arrays_that_are_larger_than_their_file_are_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    path, header = tmp_path / "long.npz", io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**9,)})
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("P.npy", header.getvalue() + bytes(800))
+    with pytest.raises(ProblemFileError, match=r"long\.npz: cannot be read as NPZ: P is shorter than its header says"):
+        read(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file, file.open("P.npy", "w", force_zip64=True) as member:
+        for _ in range(17):
+            member.write(bytes(2**24))
+    assert path.stat().st_size < 2**20
+    with pytest.raises(ProblemFileError, match=r"holds 285212672 bytes of arrays, and at most 268435456 are read"):
+        read(path)
