@@ -210,6 +210,8 @@ def certify_verb(
         raise ProblemFileError(f"{problem}: {error}") from None
     if out is not None:
         write_text(out, json.dumps(found))
+    if program.sense < 0.0:
+        found["objective"] = {"sense": "max", "value": str(-Fraction(found["optimum"]["value"]))}
     print_result(found, [*_sentences(found), f"Certificate: {out}" if out else ""], as_json)
 
 
@@ -258,8 +260,14 @@ def _sentences(found: dict[str, Any]) -> list[str]:
     shifted = f", of P + {shift:.0e} I, since P is indefinite by rounding" if shift else ""
     active = [f"{name} {', '.join(map(str, tight))}" for name, tight in found["active"].items() if tight]
     unique = {"yes": "is the only one", "no": "is not the only one", "undecided": "may not be the only one"}
+    beginning = "The least cost"
+    if "objective" in found:
+        greatest = -float(rounded["value"])
+        beginning = (
+            f"The objective is maximised, and its greatest value is {greatest!r}. The least cost of its negative"
+        )
     lines = [
-        f"The least cost is {rounded['value']}{exactly}{shifted}; this is proved in exact arithmetic.",
+        f"{beginning} is {rounded['value']}{exactly}{shifted}; this is proved in exact arithmetic.",
         f"x* = ({', '.join(rounded['x'])})." if len(rounded["x"]) <= SHOWN else "",
         f"x* {unique[found['unique']]}; tight at x*: {'; '.join(active) or 'no constraint'}.",
     ]

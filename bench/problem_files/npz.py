@@ -36,7 +36,21 @@ from bench.problem_files.program import (
 from solvers.arrays import Vector
 
 PARTS = ("data", "indices", "indptr", "shape")
-BESIDE = ("c", "r", "raw", "scaled", "validation", "meta", "first", "x", "optimum", "unit", "solver", "lane", "settings")
+BESIDE = (
+    "c",
+    "r",
+    "raw",
+    "scaled",
+    "validation",
+    "meta",
+    "first",
+    "x",
+    "optimum",
+    "unit",
+    "solver",
+    "lane",
+    "settings",
+)
 """Further names, or beginnings of names, in files of programs, of problems with their proofs, and of misses."""
 DAMAGED = (
     ValueError,

@@ -91,6 +91,30 @@ def test_the_sentences_state_the_optimum_and_the_judgement_of_an_answer(
     assert "breaks the constraints by 0.25 at most; the feasible point nearest to it costs 0.625 more" in said
 
 
+def test_the_greatest_value_of_an_objective_that_is_maximised_is_stated_as_in_the_list_of_problems(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    lines = [
+        "NAME",
+        "OBJSENSE",
+        " MAX",
+        "ROWS",
+        " N C",
+        "COLUMNS",
+        " X C 4.0",
+        "BOUNDS",
+        " UP B X 9.0",
+        "QUADOBJ",
+        " X X -2.0",
+    ]
+    (tmp_path / "greatest.qps").write_text("\n".join([*lines, "ENDATA"]))
+    said = piezobench("certify", tmp_path / "greatest.qps").stdout
+    assert "its greatest value is 4.0. The least cost of its negative is -4.0, exactly -4; this is proved" in said
+    assert json.loads(piezobench("certify", tmp_path / "greatest.qps", "--json").stdout)["objective"]["value"] == "4"
+    listed = json.loads(piezobench("problems", "--set", "foreign", "--folder", tmp_path, "--json").stdout)
+    assert [problem["optimum"] for problem in listed["problems"]] == ["4.0"]
+
+
 def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], str]]:
     """Every text with a digit in a document, with the keys that lead to it."""
     if isinstance(value, dict | list):
