@@ -1,7 +1,8 @@
 """A child process that is forked from a server, for libraries that take long to import.
 
 The server has imported the modules that all children need, with every thread pool limited to one thread; one of them is
-qpsolvers, which imports every library that it finds.
+qpsolvers, which imports every library that it finds. Nothing is imported from the working folder, where a file
+``queue.py`` or a folder ``solvers`` would come first.
 """
 
 import multiprocessing
@@ -34,7 +35,7 @@ def warm_up(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> None:
     It imports for a second or two in the background; a server that is already running is left unchanged. RaceError if
     the path of its socket is too long.
     """
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"), PYTHONSAFEPATH="1")
     lanes = {f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}
     forkserver.set_forkserver_preload([*PRELOADED, *modules, *lanes])
     try:

@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from command_line import CommandLine
 from small_races import Race
@@ -140,6 +141,28 @@ def in_bash(line: str, folder: Path) -> tuple[int, str, str]:
         env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": os.pathsep.join(sys.path)},
     )
     return done.returncode, done.stdout, done.stderr
+
+
+def test_no_process_imports_from_the_working_folder(tmp_path: Path) -> None:
+    script, folder = tmp_path / "piezobench", tmp_path / "work"
+    script.write_text("import bench.cli\nif __name__ == '__main__':\n    bench.cli.main()\n")
+    for name in ("solvers/__init__.py", "queue.py", "quadprog.py"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(f"open({str(tmp_path / 'imported')!r}, 'w')\nraise SystemExit('of the user')\n")
+    words = "race --limit 1 --set measured --solver quadprog --lane direct --budget 0.002 --name own"
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment.pop("PYTHONSAFEPATH", None)
+    done = subprocess.run(
+        [sys.executable, script, *words.split()],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, (tmp_path / "imported").exists()) == (0, False), done.stderr
+    rows = pd.read_parquet(folder / "results/own/rows.parquet").query("solver == 'quadprog' and scaling == 'scaled'")
+    assert (rows.status == "ok").all()
 
 
 @pytest.mark.sample(1)
