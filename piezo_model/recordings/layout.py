@@ -48,6 +48,8 @@ class Layout:
     """Character at which the first row starts in the header's line, if the header lacks its line break."""
     quoted: bool = False
     """Whether there are quotes in the first lines; others are taken as they are."""
+    unread_period: str = ""
+    """What states a sampling period, and cannot be read as one."""
 
 
 def layout_of(lines: Sequence[str], decimal: str | None = None, header_row: int | None = None) -> Layout | None:
@@ -72,9 +74,10 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header_row: int 
     start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
     layout = _headed(lines, dialect, start, kinds, header_row)
     beside = _named_by_settings(cells[:SETTINGS], kinds)
-    period = period_in(lines[: layout.start if layout.header is None else layout.header])
+    period, unread = period_in(lines[: layout.start if layout.header is None else layout.header])
     return replace(
         layout,
+        unread_period=unread,
         columns=tuple(replace(beside.get(k, column), sample_time=period) for k, column in enumerate(layout.columns)),
         remarks=frozenset(map(as_remark, filter(partial(_is_text, dialect), lines[max(0, start - REMARKS) : start]))),
         quoted=quoted,

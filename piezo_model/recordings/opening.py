@@ -74,7 +74,8 @@ def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOpt
     if time is None and options.resample is not None:
         raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
-    period = options.sample_time or table.columns[next(iter(signals.values()))].sample_time or 1.0
+    stated = table.columns[next(iter(signals.values()))].sample_time
+    period = options.sample_time or stated or 1.0
     wanted = _wanted(table, time, unit, period, options)
     positions = [k for k in (time, *signals.values(), roles.unread) if k is not None]
     columns = dict(zip(positions, table.read(positions, wanted), strict=True))
@@ -95,17 +96,23 @@ def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOpt
     found, resolution = sample(rows, unit, period * step, options)
     is_number = time is not None and table.columns[time].kind == "number"
     guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)
-    if found > LONGEST_PERIOD_S and is_number and options.resample is None and options.time_unit is None:
+    is_stated = time is None and options.sample_time is None and stated is not None
+    if (
+        found > LONGEST_PERIOD_S
+        and options.resample is None
+        and (is_stated or (is_number and options.time_unit is None))
+    ):
+        whose, confirmed_by = ("its header", "--sample-time") if is_stated else (rows.time_label, "--time-unit")
         raise RecordingError(
-            f"{table.path}: {rows.time_label} has one sample every {found:.6g} s{GUESS * guessed}; is a decimal mark "
-            "lost, or is its unit another one? --time-unit states it, or confirms it"
+            f"{table.path}: {whose} has one sample every {found:.6g} s{GUESS * guessed}; is a decimal mark lost, or "
+            f"is its unit another one? {confirmed_by} states it, or confirms it"
         )
     about = {
         "name": str(table.path),
         "sample_time": found,
         "columns": {role: table.names[k] for role, k in roles.columns.items()},
         "reasons": roles.reasons,
-        "form": table.form,
+        "form": f"{table.form}, which states the sampling period" if is_stated else table.form,
         "remarks": (*table.repairs, *rows.remarks, *rows.repairs),
         "guessed_seconds": guessed,
     }

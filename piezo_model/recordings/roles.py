@@ -296,6 +296,8 @@ def _question(table: Table, missing: Sequence[str], roles: Sequence[str]) -> str
     way_out = f"name them with {', '.join(options[:-1])} and {options[-1]}"
     if list(missing) == ["time"]:
         way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
+        if table.unread_period:
+            way_out += f"; {table.unread_period!r} cannot be read as one sampling period"
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
         f"{_listed(table)}; {way_out}"

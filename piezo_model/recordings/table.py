@@ -86,6 +86,8 @@ class Table:
     """Rows that are left out, as clauses."""
     clocks: Callable[..., np.ndarray] | None = field(default=None, repr=False)
     """Times of a column of clocks as text, of its batches and of label and rows for error messages."""
+    unread_period: str = ""
+    """What states a sampling period, and cannot be read as one."""
 
     @cached_property
     def names(self) -> list[str]:

@@ -3,6 +3,7 @@
 import csv
 import io
 import pickle
+import re
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_files import N, X, Y, text_file, with_times
 
-from piezo_model.recordings import Recording
+from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.layout import layout_of
 
 RATE = 997.0
@@ -268,3 +269,38 @@ def test_any_dialect_is_detected(
     assert found.start == header + (header and units)
     assert [column.name for column in found.columns] == (names if header else [f"column {k + 1}" for k in range(width)])
     assert {column.unit for column in found.columns} == ({"V"} if header and units else {""})
+
+
+@pytest.mark.parametrize("stated", ["10,000 Hz", "10 000 Hz", "10'000 Hz", "10 kHz", "1e4", "10000.0 Hz"])
+def test_a_stated_rate_may_have_its_thousands_apart_and_is_named(tmp_path: Path, stated: str) -> None:
+    path = text_file(tmp_path, f"# Sampling rate: {stated}\nvoltage_V,height_um\n{rows('{x},{y}')}")
+    found = Recording.open(path)
+    assert found.sample_time == 1e-4
+    assert "which states the sampling period; " in found.describe()
+
+
+@pytest.mark.parametrize(
+    ("stated", "shown"),
+    [
+        ("# Sampling rate: 10,5 Hz", "Sampling rate: 10,5 Hz"),
+        ("# dt: 2026-11-28", "dt: 2026-11-28"),
+        ("# dt: 28.11.2026", "dt: 28.11.2026"),
+        ("# dt: 1 ms\n# fs: 100 Hz", "dt: 1 ms, fs: 100 Hz"),
+    ],
+)
+def test_a_statement_that_is_no_period_is_named_where_one_is_needed_and_is_no_matter_beside_times(
+    tmp_path: Path, stated: str, shown: str
+) -> None:
+    path = text_file(tmp_path, f"{stated}\nvoltage_V,height_um\n{rows('{x},{y}')}")
+    with pytest.raises(RecordingError, match=re.escape(f"; {shown!r} cannot be read as one sampling period")):
+        Recording.open(path)
+    assert Recording.open(path, sample_time=0.002).sample_time == 0.002
+    path = text_file(tmp_path, f"{stated}\ntime_s,voltage_V,height_um\n{rows('{t},{x},{y}')}")
+    assert Recording.open(path).length > 100
+
+
+def test_a_stated_period_of_minutes_is_questioned_like_that_of_a_clock(tmp_path: Path) -> None:
+    path = text_file(tmp_path, f"# dt: 2026\nvoltage_V,height_um\n{rows('{x},{y}')}")
+    with pytest.raises(RecordingError, match="its header has one sample every 2026 s; is a decimal mark lost"):
+        Recording.open(path)
+    assert Recording.open(path, sample_time=2026.0).sample_time == 2026.0

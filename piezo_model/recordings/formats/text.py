@@ -57,7 +57,7 @@ def open_text(path: Path, options: ReadOptions) -> Table:
     incomplete = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
     rows = TextRows(path, encoding, layout, start, stop)
     left_out = (f"the last {incomplete} left out",) * (dropped > 0)
-    return Table(path, form, layout.columns, rows.batches, rows.where, left_out, times)
+    return Table(path, form, layout.columns, rows.batches, rows.where, left_out, times, layout.unread_period)
 
 
 def open_gcs(path: Path, options: ReadOptions) -> Table:
