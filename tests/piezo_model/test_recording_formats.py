@@ -339,7 +339,10 @@ def test_a_format_is_one_function_and_one_line(tmp_path: Path, monkeypatch: pyte
     added = formats.Format("doubles", formats.begins(b"DBL1"), read_doubles)
     monkeypatch.setattr(formats, "FORMATS", (added, *formats.FORMATS))
     (tmp_path / "stage.bin").write_bytes(b"DBL1\0\0\0\0" + np.stack([X, Y], 1).tobytes())
-    assert "doubles, which states the sampling period; 2500 samples over 24.99 s, one every 10 ms" in Recording.open(tmp_path / "stage.bin").describe()
+    assert (
+        "doubles, which states the sampling period; 2500 samples over 24.99 s, one every 10 ms"
+        in Recording.open(tmp_path / "stage.bin").describe()
+    )
 
 
 def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
