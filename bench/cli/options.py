@@ -60,15 +60,16 @@ def require(condition: bool, option: str, why: str) -> None:
 
 
 def check_writable(out: Path | None, option: str = "--out", others: Iterable[str | Path | None] = ()) -> None:
-    """Refuse an output file, if one is given, that cannot be written, or that is one of the call's other files, before
-    the work starts."""
+    """Refuse an output file, if one is given, that cannot be written, or that is one of the call's other files or inside
+    one of its folders, before the work starts."""
     if out is None:
         return
-    require(
-        os.path.realpath(out) not in {os.path.realpath(each) for each in others if each is not None},
-        option,
-        f"{out} is another file of this command; name a new one",
-    )
+    written = Path(os.path.realpath(out))
+    for other in filter(None, others):
+        read = Path(os.path.realpath(other))
+        require(written != read, option, f"{out} is another file of this command; name a new one")
+        inside = written.is_relative_to(read)
+        require(not inside, option, f"{out} is in {other}, which this command reads; name a file elsewhere")
     require(out.parent.is_dir(), option, f"the folder {out.parent} does not exist")
     require(  # writing would replace it, even /dev/null
         out.is_file() or not out.exists(),

@@ -197,7 +197,7 @@ def deploy_verb(
         given = given.static if no_dynamics else given
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
-    check_writable(target, others=[model])
+    check_writable(target, others=[model, *([] if out is None else [run])])
     with progress_bar() as progress:
         progress("judging the model", 0, 2)
         actuator = actuator_model.model_for(opened, given, problem, simulated, source=str(model))

@@ -429,6 +429,14 @@ def test_a_rule_that_no_solver_of_a_run_meets_is_refused_and_writes_nothing(
     assert sorted(REFERENCE.rglob("*")) == before
 
 
+def test_a_compensator_is_not_written_over_the_files_of_its_run(piezobench: CommandLine) -> None:
+    before = {path: path.read_bytes() for path in REFERENCE.rglob("*.json")}
+    for out in (REFERENCE / "run.json", REFERENCE / "misses" / "new.json"):
+        call = piezobench("deploy", REFERENCE, "--simulated", "--out", out)
+        assert f"--out: {out} is in {REFERENCE}, which this command reads" in call.refusal
+    assert {path: path.read_bytes() for path in REFERENCE.rglob("*.json")} == before
+
+
 def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
     call = piezobench(
         "deploy", wide_race.run.path, "--out", tmp_path / "c.json", "--deadline", 1e6, "--simulated", "--json"
