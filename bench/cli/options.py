@@ -60,8 +60,8 @@ def require(condition: bool, option: str, why: str) -> None:
 
 
 def check_writable(out: Path | None, option: str = "--out", others: Iterable[str | Path | None] = ()) -> None:
-    """Refuse an output file, if one is given, that cannot be written, or that is one of the call's other files or inside
-    one of its folders, before the work starts."""
+    """Refuse an output file, if one is given, that cannot be written, or that is another of the call's files or in one
+    of its folders, before the work starts."""
     if out is None:
         return
     written = Path(os.path.realpath(out))

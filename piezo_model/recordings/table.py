@@ -154,11 +154,11 @@ def seconds_since_first(times: np.ndarray) -> Vector:
     return seconds
 
 
-def check_size(path: Path, size: float) -> None:
+def check_size(path: Path, size: float, most: int | None = None) -> None:
     """Refuse values by the size that their file states, before they are read."""
-    if size > MOST_BYTES:
+    if size > (most := most or MOST_BYTES):
         raise RecordingError(
-            f"{path}: states that its values take more than {MOST_BYTES / 1e9:.3g} GB, and no more are read at once"
+            f"{path}: states that its values take more than {most / 1e9:.3g} GB, and no more are read at once"
         )
 
 

@@ -384,3 +384,11 @@ def test_arrays_that_are_larger_than_their_file_are_refused_before_memory_is_tak
     assert path.stat().st_size < 2**20
     with pytest.raises(ProblemFileError, match=r"holds 285212672 bytes of arrays, and at most 268435456 are read"):
         read(path)
+
+
+def test_a_matlab_file_that_unpacks_to_more_than_is_read_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mat"
+    savemat(path, {"P": np.zeros((6000, 6000)), "q": np.zeros(6000)}, do_compression=True)
+    assert path.stat().st_size < 2**20
+    with pytest.raises(ProblemFileError, match=r"bomb\.mat: states that its values take more than 0\.268 GB"):
+        read(path)

@@ -21,17 +21,19 @@ PIECE, ARRAY_BYTES = 1 << 10, 200
 """Bytes that are unpacked at once, and memory of an array without values."""
 
 
-def read_mat_5(path: Path) -> dict[str, Any]:
-    """Every variable, structs as dictionaries."""
+def read_mat_5(path: Path, most: int | None = None, *, simplify: bool = True) -> dict[str, Any]:
+    """Every variable, with ``simplify`` structs as dictionaries and numbers without axes; RecordingError for more bytes
+    than ``most``, or else than a recording may have."""
     with path.open("rb") as file:
-        reader = _Reader(file, simplify_cells=True)
+        reader = _Reader(file, simplify_cells=simplify)
+        reader.most = most
         unpacked = file.seek(128)
         while len(tag := file.read(8)) == 8:
             kind, length = struct.unpack(f"{reader.byte_order}II", tag)
             end, unpack = file.tell() + length, zlib.decompressobj()
             while kind == COMPRESSED and (piece := file.read(min(PIECE, end - file.tell()))):
                 unpacked += len(unpack.decompress(piece))
-                check_size(path, unpacked)
+                check_size(path, unpacked, most)
             file.seek(end)
         return reader.get_variables()
 
@@ -41,7 +43,7 @@ class _Reader(MatFile5Reader):
         """Set the reader of variables."""
         super().initialize_read()
         self._matrix_reader = _Arrays(self)
-        self._matrix_reader.path = self.mat_stream.name
+        self._matrix_reader.path, self._matrix_reader.most = self.mat_stream.name, self.most
 
 
 class _Arrays(VarReader5):
@@ -52,5 +54,5 @@ class _Arrays(VarReader5):
         header = super().read_header(*given)
         if header.mclass != SPARSE:
             self.size += ARRAY_BYTES + 8 * math.prod(map(abs, header.dims or ()))
-        check_size(self.path, self.size)
+        check_size(self.path, self.size, self.most)
         return header
