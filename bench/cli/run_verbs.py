@@ -38,8 +38,8 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
         more = f", and {len(found.wrong) - 1} more" if len(found.wrong) > 1 else ""
         raise RunError(f"{run} does not agree with its answers: {found.wrong[0]}{more}")
     lines = [
-        f"{found.rows} rows agree: {found.first} first and {found.timed} timed answers were judged again against "
-        f"{found.proofs} replayed proofs, and give the stored gaps to the last bit."
+        f"{found.rows} rows: {found.first} first and {found.timed} timed answers were judged again against "
+        f"{found.proofs} replayed proofs, and all give the stored gaps, violations and errors of the model."
     ]
     print_result(vars(found), lines, as_json)
 

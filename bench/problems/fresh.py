@@ -17,7 +17,7 @@ import numpy as np
 from qpsolvers import Problem
 
 from bench.problems.protocol import CertifiedForm, Window
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Matrix, Vector, product
 from solvers.certificate import NotCertified, certify
 
 LEAST = 0.9
@@ -38,7 +38,7 @@ def mixed(form: CertifiedForm, shares: Matrix, factors: Matrix) -> tuple[Matrix,
 def mixture(form: CertifiedForm, shares: Vector, factors: Vector) -> CertifiedForm:
     """One mixture with its certified optimum; NotCertified if there is no proof."""
     (P,), (q,) = mixed(form, shares[None], factors[None])
-    qp, c = form.qp, float(shares @ np.array([form.c, *(window.c for window in form.windows)]))
+    qp, c = form.qp, float(product(np.array([[form.c, *(window.c for window in form.windows)]]), shares)[0])
     program = Problem(P, q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
     proof = certify(program, np.array(form.certificate.x))
     return CertifiedForm(program, c, form.to_weights, proof, cost_unit=form.cost_unit)

@@ -23,7 +23,7 @@ from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStruct
 from piezo_model.atomic_file import replacing
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import FileName, decoded
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Matrix, Vector, product
 from solvers.certificate import Certificate, NotCertified, verify
 
 SCALINGS: tuple[Scaling, ...] = ("scaled", "raw")
@@ -70,7 +70,8 @@ class CertifiedForm:
         x = np.array(self.certificate.x)
         if self.cost_unit == 0.0:
             return self.certificate.value_rounded + self.c
-        return max(0.5 * float(x @ (self.qp.P @ x)), abs(float(self.qp.q @ x))) or self.cost_unit
+        curvature, slope = product(np.vstack([product(self.qp.P, x), self.qp.q]), x).tolist()
+        return max(0.5 * curvature, abs(slope)) or self.cost_unit
 
     @property
     def unit(self) -> float:
@@ -167,7 +168,7 @@ class RaceProblem:
     def optimal_weights(self) -> Vector:
         """The certified optimum in weight coordinates and normalised units."""
         form = next(iter(self.forms.values()))
-        return np.asarray(form.to_weights @ np.array(form.certificate.x), dtype=np.float64)
+        return product(form.to_weights, np.array(form.certificate.x))
 
     @cached_property
     def optimum_error_percent(self) -> float:

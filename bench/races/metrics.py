@@ -21,8 +21,8 @@ from bench.messages.task import Outcome, Row, Status
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
+from solvers.arrays import Matrix, Vector, product
 from solvers.certificate import exact_cost_gap
-from solvers.protocol import Matrix, Vector
 
 
 def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: int) -> Row:
@@ -35,22 +35,38 @@ def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: in
     forms = dict(fresh.judged(len(answers), few))
     if not forms:
         return {}
-    gaps = {call: relative_gap(form, answers[call]) for call, form in forms.items()}
-    call = max(gaps, key=lambda call: max(gaps[call]))
-    form, x, excess = forms[call], answers[call], math.inf
-    if np.isfinite(x).all():
-        best = model_error(problem, form, np.array(form.certificate.x))
-        excess = stage_excess(problem, model_error(problem, form, x), best)
-    answer, shares, factors = (tuple(map(float, part)) for part in (x, *fresh.draw(call)))
+    gaps = {call: max(relative_gap(form, answers[call])) for call, form in forms.items()}
+    call = max(gaps, key=lambda call: gaps[call])
+    answer, shares, factors = (tuple(map(float, part)) for part in (answers[call], *fresh.draw(call)))
     return {
         "judged": len(forms),
-        "timed_gap": max(gaps[call]),
-        "timed_violation": gaps[call][1],
-        "timed_stage_excess": excess,
+        **timed_measures(problem, forms[call], answers[call]),
         "timed_call": call,
         "timed_answer": answer,
         "timed_shares": shares,
         "timed_factors": factors,
+    }
+
+
+def timed_measures(problem: RaceProblem, form: CertifiedForm, x: Vector) -> Row:
+    """The measures of a timed answer (d,) to its own data."""
+    gap, violation = relative_gap(form, x)
+    excess = math.inf
+    if np.isfinite(x).all():
+        best = model_error(problem, form, np.array(form.certificate.x))
+        excess = stage_excess(problem, model_error(problem, form, x), best)
+    return {"timed_gap": max(gap, violation), "timed_violation": violation, "timed_stage_excess": excess}
+
+
+def measures(problem: RaceProblem, form: CertifiedForm, x: Vector) -> Row:
+    """The measures of a first answer (d,), which is finite."""
+    (gap, violation), error = relative_gap(form, x), model_error(problem, form, x)
+    return {
+        "cost_gap": gap,
+        "violation": violation,
+        "weight_error": _weight_error(problem, form, x),
+        "model_error_percent": error,
+        "stage_excess": stage_excess(problem, error, problem.optimum_error_percent),
     }
 
 
@@ -75,18 +91,8 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
     ):
         if dual is not None and primal is not None and dual.shape != primal.shape:
             return _refused(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
-    gap, violation = relative_gap(form, x)
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
-    error = model_error(problem, form, x)
-    return {
-        "status": str(Status.OK),
-        "cost_gap": gap,
-        "violation": violation,
-        **_residuals(solution),
-        "weight_error": _weight_error(problem, form, x),
-        "model_error_percent": error,
-        "stage_excess": stage_excess(problem, error, problem.optimum_error_percent),
-    }
+    return {"status": str(Status.OK), **measures(problem, form, x), **_residuals(solution)}
 
 
 def _refused(status: Status, message: str) -> Row:
@@ -115,14 +121,14 @@ def _weight_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float
     size = float(np.max(np.abs(best)))
     if not form.optimum_is_unique or size == 0.0:
         return math.nan
-    return float(np.max(np.abs(form.to_weights @ x - best))) / size
+    return float(np.max(np.abs(product(form.to_weights, x) - best))) / size
 
 
 def model_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
     """Error of the model with the feasible weights nearest to an answer, of a program with bounds only."""
     if problem.validation is None:
         return math.nan
-    return problem.validation.error_percent(form.to_weights @ np.clip(x, form.qp.lb, form.qp.ub))
+    return problem.validation.error_percent(product(form.to_weights, np.clip(x, form.qp.lb, form.qp.ub)))
 
 
 def _residuals(solution: Solution) -> Row:

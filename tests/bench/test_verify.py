@@ -13,7 +13,7 @@ from small_races import Race
 
 def test_an_honest_run_agrees_in_every_row(piezobench: CommandLine, clean_race: Race) -> None:
     said = piezobench("verify", clean_race.run.path).stdout
-    assert re.match(rf"{len(clean_race.rows)} rows agree: \d+ first and \d+ timed answers were judged again", said)
+    assert re.match(rf"{len(clean_race.rows)} rows: \d+ first and \d+ timed answers were judged again", said)
     first, timed = map(int, re.findall(r"(\d+) first and (\d+) timed", said)[0])
     assert min(first, timed) > 0.8 * len(clean_race.rows)
 
@@ -41,6 +41,10 @@ def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
     [
         (edited("cost_gap", lambda row: row.cost_gap / 2.0), "its cost gap is"),
         (edited("violation", lambda row: row.violation + 1e-16), "its violation is"),
+        (edited("weight_error", lambda row: row.weight_error + 1e-6), "its weight error is"),
+        (edited("model_error_percent", lambda row: 0.0), "its model error percent is"),
+        (edited("stage_excess", lambda row: 0.0), "its stage excess is"),
+        (edited("timed_stage_excess", lambda row: 0.0), "its timed stage excess is"),
         (edited("timed_gap", lambda row: 0.0), "its timed gap is 0 in the run"),
         (edited("timed_gap", lambda row: np.nan), "its timed gap is nan in the run"),
         (edited("timed_answer", lambda row: row.timed_answer * (1.0 + 1e-9)), "its timed"),
