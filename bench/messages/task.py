@@ -124,8 +124,6 @@ class Task:
     solver: str
     lane: Lane
     setting: Setting
-    more: Mapping[str, Any] = field(default_factory=dict)
-    """Further solver settings, such as the number of steps."""
     repeat: int = 0
     """Number of the repeat; each has fresh processes."""
     start: Start = "cold"
@@ -137,14 +135,13 @@ class Task:
 
     def __str__(self) -> str:
         """Name for the progress bar."""
-        more = "".join(f", {name} {value}" for name, value in self.more.items())
-        return f"{self.solver} ({self.lane}) on {self.problem}, {self.scaling}{more}"
+        return f"{self.solver} ({self.lane}) on {self.problem}, {self.scaling}"
 
     @property
     def subject(self) -> str:
         """What is measured, the same in every run, repeat and way of timing."""
         parts = (self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text)
-        text = json.dumps([*parts, dict(self.more), self.start], sort_keys=True)
+        text = json.dumps([*parts, {}, self.start])  # {}: as in earlier runs
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     @property
@@ -169,14 +166,14 @@ class Task:
             "timed": self.timed,
             "repeat": self.repeat,
             "host": os.uname().nodename,
-            "settings": json.dumps(dict(settings or self.more), default=str),
+            "settings": json.dumps(dict(settings or {}), default=str),
         }
 
     def settings_for(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The solver's settings for a problem whose constant is c."""
         if self.setting.given:
-            return {**decoded(self.setting.given, dict[str, Any]), **self.more}
-        return {**cls.at(self.setting.text, c), **self.more}
+            return decoded(self.setting.given, dict[str, Any])
+        return dict(cls.at(self.setting.text, c))
 
 
 def settings_ladder(solver: Described) -> Sequence[Setting]:
