@@ -68,7 +68,7 @@ def check_writable(out: Path | None, option: str = "--out", others: Iterable[str
     for other in filter(None, others):
         read = Path(os.path.realpath(other))
         require(written != read, option, f"{out} is another file of this command; name a new one")
-        inside = written.is_relative_to(read)
+        inside = read.is_dir() and written.is_relative_to(read)
         require(not inside, option, f"{out} is in {other}, which this command reads; name a file elsewhere")
     require(out.parent.is_dir(), option, f"the folder {out.parent} does not exist")
     require(  # writing would replace it, even /dev/null

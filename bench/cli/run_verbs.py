@@ -127,9 +127,10 @@ def _compare_versions(
         f"{found.ratio:.3f}, 95 % interval {found.low:.3f} to {found.high:.3f} ({found.us[1]:.3g} and "
         f"{found.us[0]:.3g} µs).",
         f"Largest error of a first answer: {b} {found.gap[1]:.1e}, {a} {found.gap[0]:.1e}.",
+        f"{b} is less accurate than {a}." if found.less_accurate else "",
     ]
-    print_result(vars(found), lines, as_json)
-    if found.finding == SLOWER or (fail_on == "difference" and found.finding == FASTER):
+    print_result({**vars(found), "less_accurate": found.less_accurate}, lines, as_json)
+    if found.finding == SLOWER or found.less_accurate or (fail_on == "difference" and found.finding == FASTER):
         return FAILED if fail_on != "nothing" else 0
     return CANNOT_TELL if fail_on != "nothing" and found.finding not in verdicts else 0
 

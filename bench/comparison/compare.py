@@ -21,8 +21,8 @@ problems.
 
 The first answer of a measurement is reproducible; the timed answers are of data that each run draws anew. A tier is
 lost if run a reaches it with some setting, run b with none, and with run a's setting more problems became wrong than by
-chance: BY_CHANCE of them (six coins fall on the same side with p = 3 %), or a single one by its first answer if both
-runs have the same seed and so the same problems.
+chance: BY_CHANCE of them (six coins fall on the same side with p = 3 %) or all of fewer, or a single one by its first
+answer if both runs have the same seed and so the same problems.
 """
 
 import math
@@ -54,6 +54,7 @@ between two runs of the default race on a quiet machine was 1.7 to 4.3 % in ten 
 2.6 %."""
 DRAWS = 1_000
 BY_CHANCE = 6
+FAILURES = {*Status} - {Status.OK, Status.UNSUPPORTED, Status.NOT_RUN}
 SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
 BLOCK = ["timed", "problem_set", "problem", "scaling"]
 SOLVER_LANE = ["solver", "lane"]
@@ -77,13 +78,17 @@ class Comparison:
     lost: pd.DataFrame
     """LANE and ``tier``, one row per tier."""
     gained: pd.DataFrame
+    failed: pd.DataFrame
+    """SOLVER_LANE of those that fail where they did not, one row per lane."""
     alone: tuple[pd.DataFrame, pd.DataFrame]
     """Rows that only the first run has, and only the second."""
+    common: int
+    """Number of rows that both runs have."""
 
     @property
     def regressions(self) -> int:
-        """Number of solver lanes that became slower plus tiers that were lost."""
-        return self.count(SLOWER) + len(self.lost)
+        """Number of solver lanes that became slower or fail, plus tiers that were lost; 1 without common rows."""
+        return self.count(SLOWER) + len(self.lost) + len(self.failed) + (not self.common)
 
     @property
     def differences(self) -> int:
@@ -126,7 +131,9 @@ def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
         float(b.sentinel_samples().level_ns.median() / a.sentinel_samples().level_ns.median()),
         lost_tiers(before, after, least),
         lost_tiers(after, before, least),
+        before[(before.status == Status.OK) & after.status.isin(FAILURES)][SOLVER_LANE].drop_duplicates(),
         (rows[0][~_is_in(*rows)], rows[1][~_is_in(*rows[::-1])]),
+        len(before),
     )
 
 
@@ -244,7 +251,9 @@ def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], 
     def became_wrong(first: pd.DataFrame, second: pd.DataFrame) -> int:
         return int(right(first[here], tier).sum() - right(second[here], tier).sum())
 
-    return became_wrong(_first_answers(a), _first_answers(b)) >= least or became_wrong(a, b) >= BY_CHANCE
+    every = int(right(a[here], tier).sum())
+    first = became_wrong(_first_answers(a), _first_answers(b))
+    return first >= min(least, every) or became_wrong(a, b) >= min(BY_CHANCE, every)
 
 
 def _first_answers(rows: pd.DataFrame) -> pd.DataFrame:

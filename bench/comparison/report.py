@@ -46,10 +46,10 @@ DEFINITIONS = (
     "% (a sixth of that ratio's logarithm), or there are fewer than three lanes, or three problems of one. Three or "
     "four lanes are taken to deviate by at least 4 %.",
     "tiers: a tier is lost for which one setting was right on every problem in the first run and none is in the "
-    "second, unless by chance. Each run draws the data of its timed answers anew: six problems more have to become "
-    "wrong, or with the same seed one by its first answer.",
-    "A regression is a solver lane that became slower or a tier that was lost. What only one of the runs has is not "
-    "compared.",
+    "second, unless by chance. Each run draws the data of its timed answers anew: six problems more, or all, have to "
+    "become wrong, or with the same seed one by its first answer.",
+    "A regression is a solver lane that became slower or fails where it did not, a tier that was lost, or that the "
+    "runs have nothing in common. What only one of the runs has is not compared.",
     OURS_NOTE,
 )
 
@@ -104,6 +104,8 @@ def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
                     "smallest": comparison.smallest,
                     "field": comparison.field.to_dict("index"),
                     "lines": comparison.times.to_dict("records"),
+                    "common": comparison.common,
+                    "failed": comparison.failed.to_dict("records"),
                     "lost": comparison.lost.to_dict("records"),
                     "gained": comparison.gained.to_dict("records"),
                 }
@@ -126,7 +128,14 @@ def sentences(comparison: Comparison) -> list[str]:
         for what, tiers in (("lost", comparison.lost), ("gained", comparison.gained))
         if len(tiers)
     ]
+    if count := len(comparison.failed):
+        names = [f"{marked(line.solver)} ({line.lane})" for line in comparison.failed[:MOST_NAMED].itertuples()]
+        counts.append(
+            f"{count} solver lane{'s fail' if count > 1 else ' fails'} on common problems: {', '.join(names)}"
+        )
     name = f"{comparison.b.path.name} against {comparison.a.path.name}"
+    if not comparison.common:
+        return [f"{name}: the runs have no row in common, and so nothing was compared; the notes name what each has."]
     unseen = " that can be told" if comparison.cannot_tell else ""
     found = [f"{name}: {joined(counts) or f'no difference{unseen} in {solver_lanes(lanes)}'}."]
     if count := comparison.count(CANNOT_TELL):

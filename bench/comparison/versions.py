@@ -33,6 +33,8 @@ PAIRS = 5
 BLOCKS, CALLS = 10, 20
 """Blocks of a problem in a pair, and calls of a block."""
 NAMES = ("A", "B")
+EXACT, FAR = 1e-12, 10.0
+"""Relative error of the tightest tier, and the ratio of errors that is no rounding."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,11 @@ class VersionComparison:
     """Median time of a call of each version on the median problem."""
     gap: tuple[float, float]
     """Largest relative cost gap or violation of the first answers of each."""
+
+    @property
+    def less_accurate(self) -> bool:
+        """Whether version B errs by far more than A, and by more than the tightest tier permits."""
+        return self.gap[1] > max(EXACT, FAR * self.gap[0])
 
 
 def compare_versions(

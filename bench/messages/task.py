@@ -74,11 +74,11 @@ class Status(StrEnum):
     """How a task ended. A faulty adapter is never reported as a failing solver."""
 
     OK = "ok"
-    """The answer has the required accuracy."""
+    """There is an answer to judge; of a tier, it has the required accuracy."""
     MISSED = "missed"
     """The solver reports success, but the answer misses the required accuracy."""
     SOLVER_FAILED = "solver_failed"
-    """The solver itself reports that it found no answer."""
+    """The solver itself reports that it found no answer, and there is none."""
     ADAPTER_FAILED = "adapter_failed"
     """The adapter or the library's interface raised an exception."""
     UNSUPPORTED = "unsupported"

@@ -71,7 +71,8 @@ def measures(problem: RaceProblem, form: CertifiedForm, x: Vector) -> Row:
 
 
 def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
-    """Columns of an outcome; its status is ok if there is an answer to measure, and else status and message are all."""
+    """Columns of an outcome; its status is ok if there is an answer to measure, whatever its solver says, and else
+    status and message are all."""
     if outcome.failure:
         return _refused(Status(outcome.failure), outcome.message)
     form = problem.forms[scaling]
@@ -81,8 +82,6 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
         if outcome.found:
             return _refused(Status.MISSED, f"says solved and returned {what}")
         return _refused(Status.SOLVER_FAILED, f"{outcome.solver_status}: returned {what}")
-    if not outcome.found:
-        return _refused(Status.SOLVER_FAILED, outcome.solver_status)
     bounds = form.qp.q if form.qp.lb is not None or form.qp.ub is not None else None
     for name, dual, primal in (
         ("y", outcome.y, form.qp.b),
@@ -92,7 +91,8 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
         if dual is not None and primal is not None and dual.shape != primal.shape:
             return _refused(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
-    return {"status": str(Status.OK), **measures(problem, form, x), **_residuals(solution)}
+    told = "" if outcome.found else f"says {outcome.solver_status!r}, and the answer is judged all the same"
+    return {"status": str(Status.OK), "message": told, **measures(problem, form, x), **_residuals(solution)}
 
 
 def _refused(status: Status, message: str) -> Row:

@@ -72,6 +72,32 @@ def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_rac
     assert "WARNING" not in call.stdout
 
 
+def failing(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.assign(status=rows.status.mask(of_solver(rows) & (rows.status == Status.OK), str(Status.CRASHED)))
+
+
+def elsewhere(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.assign(problem=rows.problem + "-other")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (failing, "1 solver lane fails on common problems: osqp (direct)"),
+        (elsewhere, "the runs have no row in common, and so nothing was compared"),
+    ],
+)
+def test_a_new_failure_and_runs_without_common_rows_are_regressions(
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path, change: Change, says: str
+) -> None:
+    other = wide_race.copied(tmp_path / "other", change)
+    words = ("compare", wide_race.run.path, other.path, "--out", tmp_path / "c")
+    call = piezobench(*words, "--fail-on", "regression")
+    assert call.status == 3
+    assert says in " ".join(call.stdout.split())
+    assert "no difference" not in call.stdout
+
+
 @pytest.fixture(scope="module")
 def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Two races of a few solvers and of one that takes three times as long in the second race."""
@@ -427,6 +453,32 @@ def test_a_slower_version_is_found_and_the_same_version_is_not(
     assert (found["finding"], said.status) in {(finding, status) for finding in findings}
     assert found["low"] < found["ratio"] < found["high"]
     assert found["gap"][0] == found["gap"][1] > 0.0
+
+
+WRONG = """
+from solvers.direct.quadprog import Quadprog
+
+
+class Wrong(Quadprog):
+    name = "wrong"
+
+    def solve(self, warm_start=None):
+        return {change}
+"""
+
+
+@pytest.mark.parametrize("change", ["1.0001 * super().solve()", "float('nan') * super().solve()"])
+def test_a_version_that_is_wrong_is_a_regression_however_fast(
+    piezobench: CommandLine, tmp_path: Path, change: str
+) -> None:
+    right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
+    right.write_text(WRONG.format(change="super().solve()"))
+    wrong.write_text(WRONG.format(change=change))
+    words = ("--smallest", 100, "--fail-on", "regression")
+    call = piezobench("compare", "--versions", right, wrong, *words)
+    assert call.status == 3
+    assert f"{wrong} is less accurate than {right}." in " ".join(call.stdout.split())
+    assert "less accurate" not in piezobench.run("compare", "--versions", right, right, *words).stdout
 
 
 def test_versions_that_cannot_be_compared_are_refused(piezobench: CommandLine, tmp_path: Path) -> None:

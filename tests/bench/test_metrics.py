@@ -127,9 +127,13 @@ def test_an_absurd_finite_answer_reaches_no_tier(size: float) -> None:
     assert ours.violation > 1e29
 
 
-def test_a_right_answer_that_the_solver_calls_not_found_is_its_failure() -> None:
-    ours = judged(BOX, "scaled", answered(BEST, found=False, solver_status="gave up"))
-    assert (ours.status, ours.message) == (Status.SOLVER_FAILED, "gave up")
+@pytest.mark.parametrize(("x", "right"), [(BEST, True), (BEST + 1.0, False)])
+def test_an_answer_that_the_solver_calls_not_found_is_judged_like_others_and_its_word_is_quoted(
+    x: np.ndarray, right: bool
+) -> None:
+    ours = judged(BOX, "scaled", answered(x, found=False, solver_status="gave up"))
+    assert (ours.status, ours.message) == (Status.OK, "says 'gave up', and the answer is judged all the same")
+    assert is_right(ours, Tier.HIGH) == right
 
 
 @pytest.mark.parametrize(
