@@ -64,7 +64,7 @@ def test_a_race_whose_workers_were_killed_is_resumed_by_one_and_each_row_knows_t
     piezobench.run("resume", run.path, folder=second)
     same_but_for_times_and_hosts(run, clean_race)
     rows = run.rows(ONESHOT)
-    keys = rows.task + "-" + rows.timed + "-0-" + rows.repeat.astype(str)
+    keys = rows.task + "-" + rows.timed + "-" + rows.repeat.astype(str)
     assert commits(run).tolist() == [commit_of(first if key in kept else second) for key in keys]
     assert {commit_of(first), commit_of(second)} <= {*(run.path / "report.md").read_text().split()}
 
