@@ -10,17 +10,19 @@ methods:
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, NoReturn
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.backend import Backend
+from solvers.checks import start_point
 from solvers.core import REASONS, UNSOLVED
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector, only_box
+from solvers.protocol import AT_WORK, READY, SETUP, Lane, Matrix, Solver, Unsupported, Vector, only_box
 from solvers.rows import Cones, Intervals, Program, Stack, Triangle
 
+T = TypeVar("T")
 # The names that the files of adapters import.
 __all__ = [
     "Cones",
@@ -60,12 +62,8 @@ class LibrarySolver(Solver):
     """The form of the rows that the library takes, from :mod:`solvers.rows`."""
     bounds_only: ClassVar[bool] = False
     """Whether it takes no general rows."""
-    refuses_crossing: ClassVar[bool] = False
-    """Whether it refuses crossing bounds instead of reporting infeasibility."""
     refuses_fixed: ClassVar[bool] = False
     """Whether it cannot take a variable fixed by lb = ub."""
-    why_refused: ClassVar[str] = ""
-    """Possible reasons of a refusal by ``refuse``, beginning with a colon."""
     reads_given_arrays: ClassVar[bool] = False
     """Whether ``pass_data`` is all that the library needs of new data; then it gets the caller's arrays without a copy,
     and only ``solution`` refers to them later."""
@@ -73,8 +71,6 @@ class LibrarySolver(Solver):
     rows: Any
     found: bool | None = None
     """Whether the last solve found an answer; None before a solve of the present data."""
-    _ready: bool | None = None
-    """Whether the library has the data; None without a good set-up."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -91,23 +87,18 @@ class LibrarySolver(Solver):
 
     def setup(self, problem: Problem) -> None:
         """Refuse problems that the library cannot take, convert the others and make the library's object."""
-        b, self._ready, self.found = self.library, None, None
+        b = self.library
         if self.settings and not (b.tolerances or b.rung_settings or b.fixed_settings):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
         if self.bounds_only:
             only_box(problem, self.name)
-        self.program = p = Program(problem)
-        if np.isnan(p.lb).any() or np.isnan(p.ub).any():
-            raise ValueError(f"{self.name}: a bound must not be NaN")
-        if self.refuses_crossing and np.any(p.lb > p.ub):
-            raise Unsupported(
-                f"{self.name} refuses bounds that cross, and a lower bound of the problem is above its upper one"
-            )
+        p = Program(problem)
         if self.refuses_fixed and np.any(p.lb == p.ub):
             raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
-        self.rows = self.form(p)
+        self._missing, self.found = SETUP, None
+        self.program, self.rows = p, self.form(p)
         self.build(p, self.rows)
-        self._ready = True
+        self._missing = READY
 
     @abstractmethod
     def build(self, p: Program, rows: Any) -> None:
@@ -121,28 +112,33 @@ class LibrarySolver(Solver):
         """Call the library, from a contiguous ``warm_start`` (d,) or cold; x (d,), or None if it found no answer."""
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Pass P (d, d) and q (d,) on, of any strides; a refusal of their numbers holds until the next good update."""
-        if self._ready is None:
-            self._refuse_to_work()
-        data = self.program.set_data(P, q, copy=not self.reads_given_arrays)
-        self.found, self._ready = None, False
+        """Pass P (d, d) and q (d,) on, of any strides; if the library refuses them, it must be set up again."""
+        data = self._begin(lambda p: p.set_data(P, q, copy=not self.reads_given_arrays))
+        self.found = None
         if any(part is not None for part in data):  # Clarabel panics at an update of nothing
             self.pass_data(*data)
-        self._ready = True
+        self._missing = READY
 
-    def _refuse_to_work(self) -> NoReturn:
-        needed = "setup" if self._ready is None else "update"
-        raise ValueError(f"{self.name} is not ready until the next good {needed}")
+    def _begin(self, check: Callable[[Program], T]) -> T:
+        """Begin a call of the library: until its end, or for good if the library raises, the solver is not ready.
+        Returns what ``check`` makes of arguments; if it refuses them, the solver is as it was."""
+        self._require(self._missing)
+        self._missing = AT_WORK
+        try:
+            return check(self.program)
+        except BaseException:
+            self._missing = READY
+            raise
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the library's answer, NaN if it found none; ValueError without data that the library took."""
-        if not self._ready:
-            self._refuse_to_work()
+        """Return the library's answer, read-only, NaN if it found none; ValueError if the solver is not ready."""
+        start = self._begin(lambda p: None if warm_start is None else start_point(warm_start, p.q.shape))
         self.found = None
-        start = None if warm_start is None else np.ascontiguousarray(warm_start, dtype=np.float64)
         x = self.call_library(start)
-        self.found = x is not None
-        return self.program.no_answer() if x is None else x
+        self.found, self._missing = x is not None, READY
+        answer = self.program.no_answer() if x is None else x
+        answer.flags.writeable = False  # the solution may have the same memory
+        return answer
 
     @abstractmethod
     def report(self) -> Report:
@@ -150,9 +146,8 @@ class LibrarySolver(Solver):
 
     def solution(self) -> Solution:
         """Return the answer with the multipliers of the problem's own rows; before a solve of the present data, none is
-        found. ValueError as ``solve`` without data."""
-        if not self._ready:
-            self._refuse_to_work()
+        found. ValueError as ``solve`` if the solver is not ready."""
+        self._require(self._missing)
         if self.found is None:
             return self.program.solution(None, None, {"status": REASONS[UNSOLVED]})
         x, w, status, iterations, reported_us = self.report()
@@ -177,4 +172,4 @@ class LibrarySolver(Solver):
     def refuse(self, flag: int) -> None:
         """Raise :class:`Unsupported` if the library refuses the data, which it does by a negative flag."""
         if flag < 0:
-            raise Unsupported(f"{self.name} refuses the data with exit flag {flag}{self.why_refused}")
+            raise Unsupported(f"{self.name} refuses the data with exit flag {flag}: P is not positive semidefinite")

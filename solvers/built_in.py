@@ -9,14 +9,17 @@ good. Before any solve of the present data there is no answer, and none is found
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.arrays import shaped
-from solvers.core import BUILT_WITH, CAPPED, NOT_FINITE, OK, REASONS, UNSOLVED, bindings, block, field_views
+from solvers.checks import require, several, start_point
+from solvers.core import BUILT_WITH, CAPPED, OK, REASONS, UNSOLVED, bindings, block, field_views
 from solvers.protocol import (
+    READY,
+    SETUP,
     Entrant,
     Lane,
     Matrix,
@@ -81,8 +84,6 @@ class BuiltInSolver(BuiltIn, Solver):
     """The answer of the last run."""
     _warm = False
     state: Any = None
-    _missing = DATA
-    """The arrays that must come before the next solve."""
     _status = UNSOLVED
 
     def __init__(self, **settings: Any) -> None:
@@ -139,10 +140,10 @@ class BuiltInSolver(BuiltIn, Solver):
             getattr(bindings, f"{self.core}_{what}") for what in ("bytes", "setup", "field_offsets")
         )
         state = block(size(q.size))
-        self._require(begin(state, lb, ub))
-        self._require(self.pass_data(state, P, q), P=P, q=q)
+        require(begin(state, lb, ub), f"{self.name}: ")
+        require(self.pass_data(state, P, q), f"{self.name}: ", P=P, q=q)
         self.state, self._fields, self._lb, self._ub = state, field_views(state, offsets(state)), lb, ub
-        self._missing, self._status = frozenset(), UNSOLVED
+        self._missing, self._status = READY, UNSOLVED
         self.prepare(P, q)
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -150,8 +151,7 @@ class BuiltInSolver(BuiltIn, Solver):
         try:
             status = self.pass_data(self.state, P, q)
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
-            if self.state is None:
-                self._refuse_to_work()
+            self._require(self._missing & SETUP)
             d = self._lb.size
             P = None if P is None else shaped("P", P, (d, d))
             q = None if q is None else shaped("q", q, (d,))
@@ -160,7 +160,7 @@ class BuiltInSolver(BuiltIn, Solver):
         if status or self._missing:
             given = {name for name, array in (("P", P), ("q", q)) if array is not None}
             self._missing = self._missing | given if status else self._missing - given
-            self._require(status, P=P, q=q)
+            require(status, f"{self.name}: ", P=P, q=q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), that the next call may overwrite.
@@ -172,22 +172,19 @@ class BuiltInSolver(BuiltIn, Solver):
             unbounded below.
         """
         if self._missing:
-            self._refuse_to_work()
+            self._require(self._missing)
         if warm_start is None:
             self._status = self.run(self.state, self._warm)
         else:
-            start = shaped("warm_start", warm_start, self._lb.shape)
-            if not bindings.all_finite(start):
-                raise ValueError(f"{self.name}: warm_start must be finite")
-            self._status = self.run_from(start)
+            self._status = self.run_from(start_point(warm_start, self._lb.shape))
         if self._status:
-            self._require(self._status)
+            require(self._status, f"{self.name}: ")
         return self.x
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Take each P and q and solve, timed; by default as ``solve()`` does, or from ``warm_start``."""
-        if self.state is None:
-            self._refuse_to_work()
+        self._require(self._missing & SETUP)
+        P, q, warm_start = several(P, q, warm_start, self._lb.size)
         status, timings = time_calls(self.loop(), P, q, warm_start, most_ns)
         last = timings[0].size - 1
         self._took(P[last], q[last], status)
@@ -197,7 +194,7 @@ class BuiltInSolver(BuiltIn, Solver):
         """A loop ended with these data and this status."""
         self.remember(P, q)
         self._status, self._missing = status, frozenset() if status in (OK, CAPPED) else DATA
-        self._require(status)
+        require(status, f"{self.name}: ")
 
     def remember(self, P: Matrix, q: Vector) -> None:
         """Keep the data of a loop, if the state does not."""
@@ -205,27 +202,9 @@ class BuiltInSolver(BuiltIn, Solver):
     def solution(self) -> Solution:
         """Return the answer to the present data, found if its status is that of a full solve and it is finite;
         ValueError as ``solve`` if the solver is not ready."""
-        if self._missing:
-            self._refuse_to_work()
+        self._require(self._missing)
         problem = Problem(*self.data(), lb=self._lb.copy(), ub=self._ub.copy())
         if self._status not in (OK, CAPPED):
             return Solution(problem, found=False, extras={"status": REASONS[self._status]})
         x, said = self.answer(), {"status": REASONS[self._status], **self.extras()}
         return box_solution(problem, x, self._status == OK and bool(np.isfinite(x).all()), **said)
-
-    def _refuse_to_work(self) -> NoReturn:
-        if self.state is None:
-            raise ValueError(f"{self.name} has no problem yet: call setup(problem)")
-        raise ValueError(
-            f"{self.name} is not ready until the next good update of {' and '.join(sorted(self._missing))}"
-        )
-
-    def _require(self, status: int, **data: Matrix | None) -> None:
-        """Raise ValueError unless the status is that of an answer or of good data."""
-        if status == NOT_FINITE and data:
-            which = next(
-                (n for n, array in data.items() if array is not None and not np.isfinite(array).all()), "P scaled"
-            )
-            raise ValueError(f"{self.name}: {which} must be finite")
-        if status not in (OK, CAPPED):
-            raise ValueError(f"{self.name}: {REASONS[status]}")

@@ -28,6 +28,7 @@ import numpy as np
 from flint import fmpq
 from qpsolvers import Problem
 
+from solvers.checks import finite
 from solvers.exact.active_set import is_unique, nearest_feasible, optimum
 from solvers.exact.linear_algebra import (
     WORK,
@@ -38,7 +39,7 @@ from solvers.exact.linear_algebra import (
     column,
     nearest_double,
 )
-from solvers.exact.problem import DoubleProblem, exact, finite
+from solvers.exact.problem import DoubleProblem, exact
 from solvers.exact.program import (
     ExactProgram,
     Infeasible,

@@ -16,9 +16,10 @@ from qpsolvers import Problem
 
 from solvers.arrays import Vector
 from solvers.certificate import Certificate, stored_point
+from solvers.checks import finite
 from solvers.exact.active_set import flat_direction, is_unique_by_rank, nearest_feasible_point
 from solvers.exact.linear_algebra import WORK, OutOfWork, Rational, RationalColumn, Work, column, nearest_double
-from solvers.exact.problem import DoubleProblem, exact, finite
+from solvers.exact.problem import DoubleProblem, exact
 from solvers.exact.program import ExactProgram, Kind, Point
 
 FORMAT = "certificate of a quadratic program, version 1"

@@ -25,7 +25,7 @@ from qpsolvers import Solution
 from solvers.arrays import Matrix as Matrix
 from solvers.arrays import Nanoseconds as Nanoseconds
 from solvers.arrays import Vector as Vector
-from solvers.arrays import shaped
+from solvers.checks import finite
 from solvers.timed_calls import Timings as Timings
 
 
@@ -55,6 +55,12 @@ def setting_text(settings: Mapping[str, Any]) -> str:
     '{"adaptive": true, "eps": 1e-06}'
     """
     return json.dumps(dict(settings), sort_keys=True, default=str)
+
+
+READY: frozenset[str] = frozenset()
+SETUP = frozenset({"setup(problem)"})
+AT_WORK = frozenset({"setup(problem), or the end of a call in another thread"})
+"""What a solver lacks: nothing, a problem, or the end of a call, which a library has not reached if it raised."""
 
 
 class Entrant(ABC):
@@ -123,11 +129,14 @@ class Solver(Entrant):
     -----
     ``setup`` and ``update`` are timed separately from ``solve``. ``solve`` returns the array of the answer and builds
     nothing else, so that the solver alone is timed; ``solution`` tells afterwards whether it found an answer. Input
-    arrays are never written to.
+    arrays are never written to. Data and starts are checked before anything changes, and a call that raises leaves the
+    solver as it was, or not ready: then every call raises ValueError, until what is missing has come.
     """
 
     name: ClassVar[str]
     lane: ClassVar[Lane]
+    _missing: frozenset[str] = SETUP
+    """What must come before the next call."""
 
     def __init__(self, **settings: Any) -> None:
         self.settings: dict[str, Any] = {**self.fixed_settings, **settings}
@@ -138,6 +147,12 @@ class Solver(Entrant):
             f"the solver {self.name} has memory in compiled code and cannot be copied or pickled; set up another one, "
             f"by solvers.get({self.name!r}, **settings) and setup(problem)"
         )
+
+    def _require(self, missing: frozenset[str]) -> None:
+        """Raise ValueError if something is missing."""
+        if missing:
+            needed = "update of " * (missing <= {"P", "q"}) + " and ".join(sorted(missing))
+            raise ValueError(f"{self.name} is not ready until the next good {needed}")
 
     @abstractmethod
     def setup(self, problem: Problem) -> None:
@@ -174,20 +189,20 @@ class Solver(Entrant):
 
 def dense(problem: Problem) -> tuple[Matrix, Vector]:
     """P (d, d) and q (d,) of a problem as new C-contiguous float64 arrays; :class:`Unsupported` if d = 0, ValueError
-    for another shape or type."""
+    for another shape or type or a number that is not finite."""
     d = problem.q.size
     if d == 0:
         raise Unsupported("a problem without variables has nothing to solve")
     P = problem.P if isinstance(problem.P, np.ndarray) else problem.P.toarray()
-    return shaped("P", P, (d, d)).copy(), shaped("q", problem.q, (d,)).copy()
+    return finite("P", P, (d, d)).copy(), finite("q", problem.q, (d,)).copy()
 
 
 def box(problem: Problem) -> tuple[Vector, Vector]:
     """Bounds lb, ub of a problem, shape (d,), infinite for a variable without one; ValueError for another shape or
-    type."""
+    type, NaN, and a bound that nothing meets."""
     d = problem.q.size
     given = (("lb", problem.lb, -np.inf), ("ub", problem.ub, np.inf))
-    lb, ub = (np.full(d, none) if side is None else shaped(name, side, (d,)).copy() for name, side, none in given)
+    lb, ub = (np.full(d, none) if side is None else finite(name, side, (d,), none).copy() for name, side, none in given)
     return lb, ub
 
 

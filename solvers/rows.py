@@ -12,6 +12,7 @@ Sources: S. Boyd and L. Vandenberghe, Convex Optimization (2004), section 5.5.3 
 those of the qpsolvers documentation of ``Solution``.
 """
 
+from copy import deepcopy
 from functools import cached_property
 from typing import Any
 
@@ -21,14 +22,15 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers.arrays import Mask, shaped
-from solvers.core import bindings
+from solvers.checks import finite, require
+from solvers.core import CROSSED, bindings
 from solvers.protocol import Matrix, Vector, box, dense
 
 Index = NDArray[np.int32]
 
 
 class Program:
-    """The arrays of a problem, contiguous: at first copies, so that a library may keep pointers to them.
+    """The arrays of a problem, checked and contiguous: at first copies, so that a library may keep pointers to them.
 
     Parameters
     ----------
@@ -45,14 +47,22 @@ class Program:
         Views of the parts of the stack: bounds (d,), equalities, inequalities.
     bounds, equalities, inequalities, general : slice
         Positions of each kind in the stack, and those of equalities and inequalities together.
+
+    Raises
+    ------
+    Unsupported
+        The problem has no variables.
+    ValueError
+        An array is not as :mod:`solvers.checks` asks for.
     """
 
     def __init__(self, problem: Problem) -> None:
         self.P, self.q = dense(problem)
         self.d = d = self.q.size
         lb, ub = box(problem)
-        A, b = dense_rows(problem.A, problem.b, d)
-        G, h = dense_rows(problem.G, problem.h, d)
+        require(CROSSED if np.any(lb > ub) else bindings.check_data(self.q, self.P, None))
+        A, b = dense_rows(problem, "A", "b")
+        G, h = dense_rows(problem, "G", "h", np.inf)
         self._finite: Mask = h < np.inf  # the other rows of G are no constraints
         G, h = G[self._finite], h[self._finite]
         self.R: Matrix = np.vstack([np.eye(d), A, G])
@@ -77,17 +87,16 @@ class Program:
         Raises
         ------
         ValueError
-            An array has another shape or is not of real numbers; then nothing is taken.
+            An array has another shape, is not of finite real numbers or, of P, not symmetric; then nothing is taken.
         """
         try:
-            if copy:
-                bindings.copy_data(self.P, self.q, P, q)
-            else:
-                bindings.check_data(self.q, P, q)
+            status = bindings.copy_data(self.P, self.q, P, q) if copy else bindings.check_data(self.q, P, q)
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
             P = None if P is None else shaped("P", P, self.P.shape)
             q = None if q is None else shaped("q", q, self.q.shape)
             return self.set_data(P, q, copy)
+        if status:
+            require(status, P=P, q=q)
         if P is not None:
             P = self.P = self.P if copy else P
         if q is not None:
@@ -100,8 +109,8 @@ class Program:
 
     def solution(self, x: Vector | None, w: Vector | None, extras: dict[str, Any]) -> Solution:
         """The solution with the answer x (d,) and the multipliers w of all rows of the stack; None for no answer."""
-        given = self._problem
-        problem = Problem(self.P.copy(), self.q.copy(), given.G, given.h, given.A, given.b, given.lb, given.ub)
+        problem = deepcopy(self._problem)
+        problem.P, problem.q = self.P.copy(), self.q.copy()
         if x is None or w is None:
             return Solution(problem, found=False, extras=extras)
         z = np.zeros(self._finite.size)
@@ -213,9 +222,11 @@ class Triangle:
         return csc_matrix((self.values(P), self.indices.copy(), self.indptr.copy()), shape=self.shape)
 
 
-def dense_rows(matrix: Any, right: Any, d: int) -> tuple[Matrix, Vector]:
-    """Rows and right-hand side of one kind as dense arrays, of 0 rows if the problem has none of that kind."""
+def dense_rows(problem: Problem, left: str, right: str, absent: float | None = None) -> tuple[Matrix, Vector]:
+    """Rows and right-hand side of one kind as dense arrays, of 0 rows if the problem has none of that kind; ValueError
+    for numbers that are not finite, except for the value of an absent row, and for shapes that do not fit."""
+    matrix, sides, d = getattr(problem, left), getattr(problem, right), problem.q.size
     if matrix is None:
         return np.zeros((0, d)), np.zeros(0)
-    rows = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
-    return np.array(rows, dtype=np.float64, ndmin=2), np.array(right, dtype=np.float64).ravel()
+    rows, r = np.atleast_2d(matrix if isinstance(matrix, np.ndarray) else matrix.toarray()), np.ravel(sides)
+    return finite(left, rows, (r.size, d)).copy(), finite(right, r, r.shape, absent).copy()

@@ -1,7 +1,6 @@
 """Python's side of the compiled loop that times a solver, ``solvers/core/timed_calls.h``."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -21,16 +20,11 @@ def time_calls(
 ) -> tuple[int, Timings]:
     """Run a function of the core whose last arguments are those of ``TIMED`` in ``bindings_timed.h``.
 
-    The other parameters are those of :meth:`solvers.protocol.Solver.time_kernel`. Returns the status of the last call
-    and the timings.
+    The other parameters are those of :meth:`solvers.protocol.Solver.time_kernel`, checked. Returns the status of the
+    last call and the timings.
     """
     n, d = q.shape
-    start = None if warm_start is None else np.array(warm_start, dtype=np.float64)
     updates, solves, answers = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full((n, d), np.nan)
     made, longest = np.zeros(1, dtype=np.int64), int(min(most_ns, LONGEST_NS))
-    status = loop(_contiguous(q), _contiguous(P).reshape(n, d * d), start, longest, updates, solves, answers, made)
+    status = loop(q, P.reshape(n, d * d), warm_start, longest, updates, solves, answers, made)
     return status, (updates[: made[0]], solves[: made[0]], answers[: made[0]])
-
-
-def _contiguous(data: Any) -> Matrix:
-    return np.ascontiguousarray(data, dtype=np.float64)

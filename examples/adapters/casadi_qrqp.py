@@ -31,7 +31,6 @@ class CasadiQrqp(LibrarySolver):
         {"constr_viol_tol": relative, "dual_inf_tol": relative},
         (8, 12),
     )
-    refuses_crossing = True
 
     def build(self, p: Program, rows: Stack) -> None:
         """Make the function for dense matrices of these sizes."""

@@ -29,7 +29,6 @@ class ScipySlsqp(LibrarySolver):
         (4, 6, 8, 10, 12, 14, 16),
         rung_settings={"maxiter": 10_000},
     )
-    refuses_crossing = True
     warm_startable = True
 
     def build(self, p: Program, rows: Stack) -> None:

@@ -30,19 +30,13 @@ class BoxMinimiser(LibrarySolver):
 
     def build(self, p: Program, rows: Stack) -> None:
         self.lb, self.ub = p.lb, p.ub
-        self.empty = bool(np.any(p.lb > p.ub))
 
     @abstractmethod
     def minimise(self, start: Vector | None) -> BoxResult:
-        """Call the library on a box that is not empty."""
+        """Call the library."""
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
-        # On an empty box some libraries raise and others return a corner.
-        self.outcome = (
-            BoxResult(self.program.no_answer(), False, "infeasible: lb > ub")
-            if self.empty
-            else self.minimise(warm_start)
-        )
+        self.outcome = self.minimise(warm_start)
         return self.outcome.x if self.outcome.found else None
 
     def report(self) -> Report:

@@ -24,7 +24,6 @@ from solvers.adapter import LibrarySolver, Program, Report, Stack, Vector
 class Conic(LibrarySolver):
     """A ``casadi.conic`` function of dense h and a."""
 
-    refuses_crossing = True
     plugin: ClassVar[str]
     quiet: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     """Options that stop the plugin from printing."""

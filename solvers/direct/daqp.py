@@ -28,7 +28,6 @@ class Daqp(LibrarySolver):
     library = DAQP
     reads_given_arrays = True
     warm_startable = True
-    why_refused = ": P is not positive semidefinite, or bounds cross"
 
     def build(self, p: Program, rows: Stack) -> None:
         self._cold = senses(p)

@@ -28,7 +28,6 @@ class Osqp(LibrarySolver):
     library = OSQP
     reads_given_arrays = True
     form = Intervals
-    refuses_crossing = True
     warm_startable = True
 
     def build(self, p: Program, rows: Intervals) -> None:

@@ -40,7 +40,7 @@ class Pyqpmad(LibrarySolver):
             self._status = str(error)
             return None
         self._status = status.name
-        return self._x if status == pyqpmad.ReturnStatus.OK else None
+        return self._x.view() if status == pyqpmad.ReturnStatus.OK else None
 
     def report(self) -> Report:
         p, w = self.program, np.zeros(self.rows.size)

@@ -23,7 +23,6 @@ class Qpalm(LibrarySolver):
     library = QPALM
     reads_given_arrays = True
     form = Intervals
-    refuses_crossing = True
     warm_startable = True
 
     def build(self, p: Program, rows: Intervals) -> None:

@@ -21,7 +21,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from flint import fmpq, fmpz
-from numpy.typing import ArrayLike
 from qpsolvers import Problem
 
 from solvers.exact.linear_algebra import (
@@ -44,17 +43,6 @@ NEAR = 1e-6
 """Relative slack below which a row is guessed active; a wrong guess costs pivots only."""
 
 
-def finite(name: str, values: ArrayLike, shape: tuple[int, ...], absent: float | None = None) -> Vector:
-    """The values; ValueError names the first that is NaN or infinite, except for the value of an absent bound."""
-    values = np.array(values, dtype=np.float64)
-    if values.shape != shape:
-        raise ValueError(f"{name} has shape {values.shape}, expected {shape}")
-    refused = np.argwhere(~np.isfinite(values) & (values != absent)).tolist()
-    if refused:
-        raise ValueError(f"{name}{refused[0]} is {values[tuple(refused[0])]}, and no exact proof starts from that")
-    return values
-
-
 @dataclass(frozen=True, eq=False)
 class DoubleProblem:
     """A problem as dense, checked arrays: P (d, d), q, lb, ub (d,), G (m, d), h (m,), A (e, d), b (e,).
@@ -74,21 +62,8 @@ class DoubleProblem:
     @classmethod
     def of(cls, problem: Problem) -> DoubleProblem:
         """Read a problem; raises ValueError for NaN, a meaningless infinity or a wrong shape."""
-        P, q = dense(problem)
-        d = q.size
-        G, h = dense_rows(problem.G, problem.h, d)
-        A, b = dense_rows(problem.A, problem.b, d)
-        lb, ub = box(problem)
-        return cls(
-            finite("P", P, (d, d)),
-            finite("q", q, (d,)),
-            finite("G", G, (h.size, d)),
-            finite("h", h, h.shape, np.inf),
-            finite("A", A, (b.size, d)),
-            finite("b", b, b.shape),
-            finite("lb", lb, (d,), -np.inf),
-            finite("ub", ub, (d,), np.inf),
-        )
+        rows = *dense_rows(problem, "G", "h", np.inf), *dense_rows(problem, "A", "b")
+        return cls(*dense(problem), *rows, *box(problem))
 
     def __eq__(self, other: object) -> bool:
         """Whether the data are the same."""

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from solvers.adapter import LibrarySolver
 from solvers.arrays import address
+from solvers.checks import several
 from solvers.core import bindings
-from solvers.protocol import Lane, Matrix, Timings, Vector
+from solvers.protocol import READY, Lane, Matrix, Timings, Vector
 from solvers.timed_calls import time_calls
 
 CORE = ctypes.CDLL(bindings.__file__)
@@ -95,13 +96,14 @@ class CompiledLibrary(LibrarySolver):
         return None if np.isnan(self.x[0]) else self.x
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, warm_start, most_ns)
+        P, q, start = self._begin(lambda p: several(P, q, warm_start, p.d))
+        flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, start, most_ns)
         last = timings[0].size - 1
         self.program.set_data(P[last], q[last], copy=True)
-        self._ready = flag >= 0
         self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)
         self._finish(timings[2][last].copy())
+        self._missing = READY
         return timings
 
     def _finish(self, x: Vector) -> None:

@@ -88,12 +88,6 @@ WARM = ("daqp", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scs")
 ADAPTING = ("osqp", "scs")
 """Solvers that keep the penalty adapted by the last solve."""
 UNCOUNTED = ("scipy_nnls",)
-REFUSE_CROSSING = (
-    "casadi_qpoases",
-    "daqp",
-    "osqp",
-    "qpalm",
-)
 
 Case = tuple[Lane, str]
 
@@ -288,16 +282,6 @@ def test_sparse_matrices_have_the_answer_of_dense_ones(lane: Lane, name: str) ->
 @pytest.mark.parametrize(("lane", "name"), parts(case for case in ALL if "rows" in stated(*case).forms))
 def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name: str) -> None:
     check_nothing_found(ready(lane, name, opposed_rows()))
-
-
-@pytest.mark.parametrize("name", parts((name,) for name, required in DIRECT.items() if "boxes" in required.forms))
-def test_bounds_that_cross_are_refused_or_reported(name: str) -> None:
-    problem = Problem(np.eye(3), np.ones(3), lb=np.ones(3), ub=np.array([2.0, 0.0, 2.0]))
-    if name in REFUSE_CROSSING:
-        with pytest.raises(Unsupported, match=f"^{name} refuses .*bounds.* cross"):
-            ready(Lane.DIRECT, name, problem)
-    else:
-        check_nothing_found(ready(Lane.DIRECT, name, problem))
 
 
 @each_common
