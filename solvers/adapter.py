@@ -11,18 +11,16 @@ methods:
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from qpsolvers import Problem, Solution
 
 from solvers.backend import Backend
-from solvers.checks import start_point
 from solvers.core import REASONS, UNSOLVED
 from solvers.protocol import AT_WORK, READY, SETUP, Lane, Matrix, Solver, Unsupported, Vector, only_box
 from solvers.rows import Cones, Intervals, Program, Stack, Triangle
 
-T = TypeVar("T")
 # The names that the files of adapters import.
 __all__ = [
     "Cones",
@@ -113,31 +111,32 @@ class LibrarySolver(Solver):
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Pass P (d, d) and q (d,) on, of any strides; if the library refuses them, it must be set up again."""
-        data = self._begin(lambda p: p.set_data(P, q, copy=not self.reads_given_arrays))
+        self._begin(Program.set_data, P, q, not self.reads_given_arrays)
         self.found = None
-        if any(part is not None for part in data):  # Clarabel panics at an update of nothing
-            self.pass_data(*data)
+        if P is not None or q is not None:  # Clarabel panics at an update of nothing
+            self.pass_data(None if P is None else self.program.P, None if q is None else self.program.q)
         self._missing = READY
 
-    def _begin(self, check: Callable[[Program], T]) -> T:
+    def _begin(self, check: Callable[..., Any], *arguments: Any) -> Any:
         """Begin a call of the library: until its end, or for good if the library raises, the solver is not ready.
-        Returns what ``check`` makes of arguments; if it refuses them, the solver is as it was."""
-        self._require(self._missing)
-        self._missing = AT_WORK
+        Returns what ``check`` makes of the program and arguments; if it refuses these, the solver is as it was."""
+        if self._missing:
+            self._require(self._missing)
+        self._missing = AT_WORK  # no other thread runs between the test and this
         try:
-            return check(self.program)
+            return check(self.program, *arguments)
         except BaseException:
             self._missing = READY
             raise
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the library's answer, read-only, NaN if it found none; ValueError if the solver is not ready."""
-        start = self._begin(lambda p: None if warm_start is None else start_point(warm_start, p.q.shape))
-        self.found = None
+        start = None if warm_start is None and not self._missing else self._begin(Program.start, warm_start)
+        self._missing, self.found = AT_WORK, None
         x = self.call_library(start)
         self.found, self._missing = x is not None, READY
         answer = self.program.no_answer() if x is None else x
-        answer.flags.writeable = False  # the solution may have the same memory
+        answer.setflags(write=False)  # the solution may have the same memory
         return answer
 
     @abstractmethod

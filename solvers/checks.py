@@ -5,6 +5,8 @@ NaN, no lower one is +inf, no upper one or h is -inf, and none cross. P and q ar
 ``update`` is timed: by ``solvers/kernel/bindings_library.c``, or by our own solvers while they copy.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -22,10 +24,13 @@ def finite(name: str, values: ArrayLike, shape: tuple[int, ...], absent: float |
     return array
 
 
-def start_point(values: ArrayLike, shape: tuple[int, ...]) -> Vector:
+def start_point(values: Any, shape: tuple[int, ...]) -> Vector:
     """A starting point (d,) as contiguous doubles; ValueError for another shape or type, or one that is not finite."""
-    start = shaped("warm_start", values, shape)
-    return start if bindings.all_finite(start) else finite("warm_start", start, shape)
+    try:
+        is_good = type(values) is np.ndarray and values.shape == shape and bindings.all_finite(values)
+    except (TypeError, ValueError, BufferError):  # an array of another type or layout
+        is_good = False
+    return values if is_good else finite("warm_start", values, shape)
 
 
 def several(P: ArrayLike, q: ArrayLike, start: ArrayLike | None, d: int) -> tuple[Matrix, Matrix, Vector | None]:

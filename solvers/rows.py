@@ -22,7 +22,7 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers.arrays import Mask, shaped
-from solvers.checks import finite, require
+from solvers.checks import finite, require, start_point
 from solvers.core import CROSSED, bindings
 from solvers.protocol import Matrix, Vector, box, dense
 
@@ -80,9 +80,9 @@ class Program:
         """The sparsity pattern of the upper triangle of P."""
         return Triangle(self.d)
 
-    def set_data(self, P: Matrix | None, q: Vector | None, copy: bool) -> tuple[Matrix | None, Vector | None]:
-        """Take new P (d, d) and q (d,), by copying them into this program's arrays, which stay in place, or by keeping
-        arrays that are contiguous doubles themselves; returns this program's arrays, None for data that stay.
+    def set_data(self, P: Matrix | None, q: Vector | None, copy: bool) -> None:
+        """Take new P (d, d) and q (d,), None for data that stay, by copying them into this program's arrays, which stay
+        in place, or by keeping arrays that are contiguous doubles themselves.
 
         Raises
         ------
@@ -97,11 +97,12 @@ class Program:
             return self.set_data(P, q, copy)
         if status:
             require(status, P=P, q=q)
-        if P is not None:
-            P = self.P = self.P if copy else P
-        if q is not None:
-            q = self.q = self.q if copy else q
-        return P, q
+        if not copy:
+            self.P, self.q = self.P if P is None else P, self.q if q is None else q
+
+    def start(self, warm_start: Vector | None) -> Vector | None:
+        """A starting point (d,), checked, or None."""
+        return None if warm_start is None else start_point(warm_start, self.q.shape)
 
     def no_answer(self) -> Vector:
         """The result of ``solve`` if the library found no answer: NaN, shape (d,)."""

@@ -102,12 +102,9 @@ class CompiledLibrary(LibrarySolver):
         self.program.set_data(P[last], q[last], copy=True)
         self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)
-        self._finish(timings[2][last].copy())
-        self._missing = READY
+        self.x = x = timings[2][last].copy()
+        self.found, self._missing = not np.isnan(x[0]), READY
         return timings
-
-    def _finish(self, x: Vector) -> None:
-        self.x, self.found = x, not np.isnan(x[0])
 
 
 def _data_addresses(program: Any) -> tuple[int, int]:
