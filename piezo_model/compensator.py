@@ -11,7 +11,6 @@ the actuator receives. For any reference, NaN and infinity included, the drive i
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
@@ -24,7 +23,7 @@ from piezo_model.model import HysteresisCreepModel, ModelFile
 from piezo_model.operator_state import OperatorState, write_operators
 from piezo_model.prefilter import Prefilter
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Matrix, Vector
+from solvers.arrays import Matrix, Vector, reals
 
 LIMITS = slice(0, 4)
 """Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and
@@ -51,6 +50,7 @@ class CompensatorState(TypedDict):
 
 def blend_factor(s: ModelStructure, blend_time_s: float) -> float:
     """Factor by which a transfer bump decays for each sample; 0 for the time constant 0."""
+    checks.not_negative(blend_time_s=blend_time_s)
     return math.exp(-s.sample_time / blend_time_s) if blend_time_s > 0.0 else 0.0
 
 
@@ -134,29 +134,52 @@ class Compensator(Stateful):
         if state is not None and x_start is not None:
             raise ValueError("give either state or x_start: the states say where the drive starts")
         state = OperatorState.before_drive(s, (low, high), x_start) if state is None else state
-        OperatorState.require(state, s)
         self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
 
-    def _use(self, model: HysteresisCreepModel, state: OperatorState, drive: Vector, decay: float) -> None:
+    def _use(
+        self,
+        model: HysteresisCreepModel,
+        state: OperatorState,
+        drive: Vector,
+        decay: float,
+        filtered: Vector | None = None,
+    ) -> None:
+        """Change to a model, states and the state of the drive, and of the dynamics where they do not begin in balance;
+        ValueError if anything is wrong, and then nothing has changed."""
         if self._integral_gain > 0.0:
             model.require_stable(self._integral_gain, inverts=self._inverts)
-        s, self._model = model.structure, model
-        self.prefilter = Prefilter(model.dynamics if self._inverts else None, s.sample_time)
-        shape = self.shape
-        self._core = State(bindings.compensator_bytes(*shape), lambda block: bindings.compensator_setup(block, *shape))
-        write_operators(self._core, s, s.dead_zone_thresholds)
-        self._core["settings"][:] = drive_settings(s, self._rate_limit, decay, self._integral_gain)
-        self._core["play"][:], self._core["creep"][:] = state.play, state.creep
-        self.drive[:] = drive_memory(s, *self._x_limits)
-        self.drive[BUMP:] = drive
-        bindings.compensator_set_weights(self._core.block, model.all_weights)
-        self._core["prefilter"][: self.prefilter.constants.size] = self.prefilter.constants
-        bindings.compensator_balance(self._core.block)
+        s = model.structure
+        OperatorState.require(state, s)
+        prefilter = Prefilter(model.dynamics if self._inverts else None, s.sample_time)
+        shape = *s.shape, prefilter.modes, prefilter.ring
+        core = State(bindings.compensator_bytes(*shape), lambda block: bindings.compensator_setup(block, *shape))
+        write_operators(core, s, s.dead_zone_thresholds)
+        core["settings"][:] = drive_settings(s, self._rate_limit, decay, self._integral_gain)
+        core["play"][:], core["creep"][:] = state.play, state.creep
+        core["memory"][:] = drive_memory(s, *self._x_limits)
+        core["memory"][BUMP:] = drive
+        bindings.compensator_set_weights(core.block, model.all_weights)
+        core["prefilter"][: prefilter.constants.size] = prefilter.constants
+        bindings.compensator_balance(core.block)
+        if filtered is not None:
+            values = core["prefilter"]
+            if filtered.shape != values.shape or not np.all(np.abs(filtered) <= LARGEST):
+                raise ValueError(
+                    f"the state of the dynamics must be {values.size} numbers of at most {LARGEST:g} in size"
+                )
+            values[:] = prefilter.with_states(filtered)
+        self._model, self.prefilter, self._core = model, prefilter, core
 
     @property
     def shape(self) -> tuple[int, ...]:
         """The core's ``Shape`` with dynamics."""
         return *self._model.structure.shape, self.prefilter.modes, self.prefilter.ring
+
+    @property
+    def operators(self) -> tuple[Any, ...]:
+        """What another state must have in common to be of the same learner."""
+        s = self._model.structure
+        return self.shape, s.play_thresholds, s.dead_zone_thresholds, s.creep_rates, s.sample_time
 
     @property
     def lag_s(self) -> float:
@@ -166,8 +189,8 @@ class Compensator(Stateful):
 
     @property
     def state(self) -> OperatorState:
-        """States of the operators before the next sample, as writable views."""
-        return OperatorState(self._core["play"], self._core["creep"])
+        """States of the operators before the next sample, a copy; assign to change them."""
+        return OperatorState(self._core["play"].copy(), self._core["creep"].copy())
 
     @state.setter
     def state(self, state: OperatorState) -> None:
@@ -196,8 +219,7 @@ class Compensator(Stateful):
             [core["w_H"][: s.n + 1], core["w_S"][: s.dead_zones], core["w_K"][: s.creep_weights], core["offset"]]
         )
         if not np.array_equal(self._model.all_weights, weights):  # a learner may have changed the weights
-            new = HysteresisCreepModel.from_all_weights(s, weights)
-            self._model = replace(new, dynamics=self._model.dynamics)
+            self._model = HysteresisCreepModel.from_all_weights(s, weights).with_dynamics_of(self._model)
         return self._model
 
     def correct(self, y_measured: float) -> None:
@@ -222,6 +244,7 @@ class Compensator(Stateful):
         constant ``blend_time_s``; with 0 the drive jumps. The new structure may have other ranges; the states are then
         converted by ``OperatorState.rescaled_to``. The inverse of other dynamics begins in balance.
         """
+        checks.instance(HysteresisCreepModel, model=model)
         old, new = self._model.structure, model.structure
         for name in ("play_thresholds", "creep_rates", "sample_time"):
             if getattr(old, name) != getattr(new, name):
@@ -232,18 +255,17 @@ class Compensator(Stateful):
             state = state.rescaled_to(old, new)
             before = (old.x_centre + old.x_scale * before - new.x_centre) / new.x_scale
             drive[0] *= old.x_scale / new.x_scale
-        dynamics, filtered = self._model.dynamics, self._core["prefilter"]
-        self._use(model, state, drive, blend_factor(new, blend_time_s))
-        if model.dynamics == dynamics:
-            self._core["prefilter"][:] = self.prefilter.rescaled(filtered, old, new)
+        goes_on = model.dynamics == self._model.dynamics
+        filtered = self.prefilter.rescaled(self._core["prefilter"], old, new) if goes_on else None
+        self._use(model, state, drive, blend_factor(new, blend_time_s), filtered)
         self.drive[BUMP] = drive[0] + before - bindings.compensator_now(self._core.block) if blend_time_s > 0.0 else 0.0
 
     def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, including the model."""
         return {
             "model": self.model.to_dict(),
-            "play": self.state.play.copy(),
-            "creep": self.state.creep.copy(),
+            "play": self.state.play,
+            "creep": self.state.creep,
             "drive": self.drive[BUMP:].copy(),
             "decay": float(self._core["settings"][DECAY]),
             **({"prefilter": self._core["prefilter"].copy()} if self.prefilter.ring else {}),
@@ -252,20 +274,10 @@ class Compensator(Stateful):
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from :meth:`get_state`; ValueError names what is wrong."""
         saved = json_file.convert(state, CompensatorState)
-        model, drive = HysteresisCreepModel.from_file(saved["model"]), saved["drive"]
-        operators = OperatorState(saved["play"], saved["creep"])
-        OperatorState.require(operators, model.structure)
+        model, drive = HysteresisCreepModel.from_file(saved["model"]), reals("drive", saved["drive"])
         # the last reference is NaN before the first one
         if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
             raise ValueError("the state of the drive must be six finite numbers, but for the last reference")
-        if not (
-            np.all(np.isfinite(operators.play)) and np.all(np.isfinite(operators.creep)) and 0.0 <= saved["decay"] < 1.0
-        ):
-            raise ValueError("the states of the operators must be finite, and the decay at least 0 and below 1")
-        self._use(model, operators, drive, saved["decay"])
-        values, filtered = saved.get("prefilter", np.zeros(0)), self._core["prefilter"]
-        if values.shape != filtered.shape or not np.all(np.abs(values) <= LARGEST):
-            raise ValueError(
-                f"the state of the dynamics must be {filtered.size} numbers of at most {LARGEST:g} in size"
-            )
-        filtered[:] = self.prefilter.with_states(values)
+        checks.require(lambda decay: 0.0 <= decay <= 1.0, "from 0 to 1", decay=saved["decay"])
+        operators = OperatorState(saved["play"], saved["creep"])
+        self._use(model, operators, drive, saved["decay"], reals("prefilter", saved.get("prefilter", [])))

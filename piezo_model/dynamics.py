@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import reduce
 from itertools import pairwise
 from typing import Any
@@ -266,6 +266,14 @@ class Dynamics:
             direct = np.convolve(np.concatenate([begins, [rest * (1.0 - part), rest * part]]), a)
             parts.append((np.polyadd(b[::-1], direct[::-1])[::-1].copy(), a))
         return parts
+
+
+def late(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
+    """Dynamics, or none, with a further delay."""
+    if delay_s == 0.0:
+        return dynamics
+    g = dynamics or Dynamics((), (), (), 0.0)
+    return replace(g, delay_s=g.delay_s + delay_s)
 
 
 class Stream:

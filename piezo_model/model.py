@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeGuard, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeGuard, get_args
 
 import msgspec
 import numpy as np
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from piezo_model import checks, json_file, simulation
 from piezo_model.atomic_file import write_text
 from piezo_model.core import Immutable
-from piezo_model.dynamics import Dynamics
+from piezo_model.dynamics import Dynamics, late
 from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.structure import SMALLEST, ModelStructure
@@ -44,12 +44,27 @@ class ModelError(ValueError):
     """An invalid model, or a file that is not a model; the message is one sentence with the reason."""
 
 
+class EarlierLag(msgspec.Struct):
+    """A lag in the report of files before version 3."""
+
+    samples: Number
+    removed: bool = False
+
+
+class EarlierReport(msgspec.Struct):
+    """What a model needed of its report before version 3."""
+
+    lag: EarlierLag | None = None
+    left_out_dynamics: Dynamics | None = None
+
+
 class ModelFile(json_file.Versioned):
     """The content of :meth:`HysteresisCreepModel.to_dict`."""
 
     FORMAT = "piezobench-model"
-    VERSION = 2
-    EARLIER = frozenset({1})  # without dynamics
+    VERSION = 3
+    EARLIER = frozenset({1, 2})
+    SINCE: ClassVar[Mapping[str, int]] = {"dynamics": 2, "left_out": 3, "sensor_delay_s": 3}
     structure: ModelStructure
     w_H: list[Number]
     w_S_inverse: list[Number]
@@ -57,11 +72,18 @@ class ModelFile(json_file.Versioned):
     offset: Number
     start: States | None = None
     dynamics: Dynamics | None = None
+    left_out: Dynamics | None = None
+    sensor_delay_s: Number = 0.0
     report: dict[str, Any] = msgspec.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.version in self.EARLIER and self.dynamics is not None:
-            raise ValueError("there is no field 'dynamics' before version 2")
+        for name, version in self.SINCE.items():
+            if self.version < version and getattr(self, name):
+                raise ValueError(f"there is no field {name!r} before version {version}")
+        if self.version < 3:
+            earlier = json_file.part(self.report, EarlierReport)
+            self.left_out, lag = earlier.left_out_dynamics, earlier.lag
+            self.sensor_delay_s = lag.samples * self.structure.sample_time if lag and lag.removed else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +107,10 @@ class HysteresisCreepModel(Immutable):
         Identified states before the first sample of the recording that the model was identified from.
     dynamics : Dynamics, optional
         Resonance, delay and lag behind equation (2); none by default.
+    left_out : Dynamics, optional
+        Those of the stage if the model is without them; a loop around the stage meets them all the same.
+    sensor_delay_s : float
+        Delay of the sensor that the recording had, and the model is without; a loop that the sensor closes has it.
 
     Raises
     ------
@@ -100,6 +126,8 @@ class HysteresisCreepModel(Immutable):
     report: Mapping[str, Any] = field(default_factory=dict)
     start: OperatorState | None = None
     dynamics: Dynamics | None = None
+    left_out: Dynamics | None = None
+    sensor_delay_s: float = 0.0
 
     def __post_init__(self) -> None:
         s = self.structure
@@ -116,9 +144,12 @@ class HysteresisCreepModel(Immutable):
         object.__setattr__(self, "report", ReadOnly(self.report))
         if self.start is not None:
             OperatorState.require(self.start, s)
-            checks.finite_arrays(play=self.start.play, creep=self.start.creep)
             object.__setattr__(self, "start", OperatorState(*map(read_only, (self.start.play, self.start.creep))))
-        checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", dynamics=self.dynamics)
+        either = {"dynamics": self.dynamics, "left_out": self.left_out}
+        checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", **either)
+        checks.not_negative(sensor_delay_s=self.sensor_delay_s)
+        if all(either.values()):
+            raise ModelError("dynamics are in the model or left out of it, not both")
         if self.dynamics is not None:
             with checks.refusing(ModelError):
                 self.dynamics.require(s.sample_time)
@@ -246,16 +277,28 @@ class HysteresisCreepModel(Immutable):
         """The model without dynamics, with a warning if it has some."""
         if self.dynamics is None:
             return self
-        left_out = {"left_out": f"the stage has {self.dynamics}", "left_out_dynamics": self.dynamics.to_dict()}
-        return replace(self, dynamics=None, report={**self.report, **left_out})
+        return replace(self, dynamics=None, left_out=self.dynamics)
+
+    @property
+    def seen(self) -> HysteresisCreepModel:
+        """The model as its sensor sees it, with the delay of that."""
+        if self.sensor_delay_s == 0.0:
+            return self
+        return replace(self, dynamics=late(self.dynamics, self.sensor_delay_s), left_out=None, sensor_delay_s=0.0)
+
+    def with_dynamics_of(self, other: HysteresisCreepModel) -> HysteresisCreepModel:
+        """These weights for the stage of another model: with its dynamics, and those that it is without."""
+        own = {name: getattr(other, name) for name in ("dynamics", "left_out", "sensor_delay_s")}
+        return replace(self, **own)
 
     def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
-        """The gain of integral action in 1/s from which on the loop is unstable beside the dynamics of the stage, also
-        those that :attr:`static` has left out, infinite without any; ModelError if the gain is not below it."""
-        dynamics, left_out = self.dynamics, self.report.get("left_out_dynamics")
-        if left_out is not None:
-            with checks.refusing(ModelError, "left_out_dynamics: "):
-                dynamics, inverts = json_file.convert(left_out, Dynamics), False
+        """The gain of integral action in 1/s from which on the loop is unstable beside the dynamics of the stage and
+        its sensor, also those that are left out of the model, infinite without any; ModelError if the gain is not
+        below it."""
+        inverts, dynamics = (
+            inverts and self.dynamics is not None,
+            late(self.dynamics or self.left_out, self.sensor_delay_s),
+        )
         if dynamics is None:
             return math.inf
         most = dynamics.largest_gain(self.structure.sample_time, inverted=inverts)
@@ -270,7 +313,8 @@ class HysteresisCreepModel(Immutable):
     def warning(self) -> str:
         """What speaks against a forced model, one without the dynamics of the stage, or one with a delay at another
         sampling period; "" for any other model."""
-        reasons = {"was forced": self.report.get("refusal"), "is without dynamics": self.report.get("left_out")}
+        left_out = self.report.get("left_out") if self.left_out is None else f"the stage has {self.left_out}"
+        reasons = {"was forced": self.report.get("refusal"), "is without dynamics": left_out}
         sentences = [f"The model {how} although {why}." for how, why in reasons.items() if why is not None]
         now, own = self.structure.sample_time, self.report.get("sample_time_s")
         if self.dynamics is not None and isinstance(own, float) and not math.isclose(now, own, rel_tol=1e-6):
@@ -286,9 +330,8 @@ class HysteresisCreepModel(Immutable):
         """The same model at another sampling period in s, which a controller or a signal may have.
 
         Plays depend on no time, and the rates of creep are in 1/s, so weights and states stay. The report is that of
-        the identification, with its sampling period as ``sample_time_s``; the lag of a sensor is in new samples. The
-        model itself is returned for its own period, and for one that differs by no more than the rounding of a clock,
-        a millionth.
+        the identification, with its sampling period as ``sample_time_s``. The model itself is returned for its own
+        period, and for one that differs by no more than the rounding of a clock, a millionth.
 
         Raises
         ------
@@ -306,10 +349,7 @@ class HysteresisCreepModel(Immutable):
         own, structure = self.structure.sample_time, replace(self.structure, sample_time=sample_time)
         if math.isclose(sample_time, own, rel_tol=1e-6):
             return self
-        report = {"sample_time_s": own, **self.report}
-        if report.get("lag"):
-            report["lag"] = {**report["lag"], "samples": report["lag"]["samples"] * own / sample_time}
-        return replace(self, structure=structure, report=report)
+        return replace(self, structure=structure, report={"sample_time_s": own, **self.report})
 
     def initial_state(self, start: StartChoice | None = None) -> OperatorState:
         """States before a signal: those before the recording of the identification, or of a compensator's stage at
@@ -370,7 +410,8 @@ class HysteresisCreepModel(Immutable):
             "w_K": self.w_K.tolist(),
             "offset": self.offset,
             "start": None if self.start is None else self.start.to_dict(self.structure),
-            "dynamics": None if self.dynamics is None else self.dynamics.to_dict(),
+            **{name: getattr(self, name) and getattr(self, name).to_dict() for name in ("dynamics", "left_out")},
+            "sensor_delay_s": self.sensor_delay_s,
             "report": dict(self.report),
         }
 
@@ -387,6 +428,8 @@ class HysteresisCreepModel(Immutable):
             unpacked(file.report),
             start,
             file.dynamics,
+            file.left_out,
+            file.sensor_delay_s,
         )
 
     def save(self, path: str | Path) -> None:

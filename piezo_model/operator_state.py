@@ -95,7 +95,7 @@ class OperatorState(Stateful):
         )
 
     def require(self, structure: ModelStructure) -> None:
-        """Raise ValueError if the states do not have the size of a structure."""
+        """Raise ValueError if the states do not have the size of a structure, or are not finite."""
         checks.instance(OperatorState, state=self)
         needed = structure.lanes, len(structure.creep_rates) * structure.lanes
         if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
@@ -103,6 +103,7 @@ class OperatorState(Stateful):
                 f"the operator states are those of another structure: {self.play.size} of play and "
                 f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed"
             )
+        checks.finite_arrays(play=self.play, creep=self.creep)
 
     def to_dict(self, structure: ModelStructure) -> States:
         """The states as JSON types."""

@@ -9,6 +9,7 @@ at a sensor fault and resumes by itself.
 """
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Self, TypedDict
@@ -333,12 +334,16 @@ class SelfLearningCompensator(Learner):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a compensator of the same settings."""
-        saved = json_file.convert(state, SavedState)
+        saved, trial = json_file.convert(state, SavedState), copy(self.compensator)
+        trial.restore(saved["compensator"])
+        if trial.operators != self.compensator.operators:
+            raise ValueError("the state of the compensator is that of other operators or dynamics")
+        driven = replace(self._driven, **saved["learning"]["driven"])
         with self._core.exclusive():
-            self.compensator.restore(saved["compensator"])
             self._core.restore(saved["learning"]["core"], bindings.learner_restore)
+            self.compensator.restore(saved["compensator"])
+            self._driven = driven
             self._follow_dynamics()
-            self._driven.restore(saved["learning"]["driven"])
             self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
             self._last_x = saved["last_x"]
             self.log.clear()

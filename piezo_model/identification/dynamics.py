@@ -156,6 +156,8 @@ class Separated:
     prepared: Prepared
     dynamics: Dynamics | None = None
     finding: DynamicsFinding | None = None
+    left_out: Dynamics | None = None
+    """A lag that the recording has, and the model is not to have."""
 
 
 def separate(

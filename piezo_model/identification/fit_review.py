@@ -10,7 +10,6 @@ from scipy.signal import welch
 
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.identification.forward import simulate
-from piezo_model.identification.sensor_lag import with_sensor
 from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -91,7 +90,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         model,
         part.x,
         part.y,
-        simulate(s, model.arrays, part, states, with_sensor(model).dynamics),
+        simulate(s, model.arrays, part, states, model.seen.dynamics),
         skip,
         _weights(problem, model.weights, known),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),

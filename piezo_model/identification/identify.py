@@ -333,8 +333,13 @@ def _reported(
     s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
     straight = verdict.straight and found.line[1] > 0.0
     model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
-    removed = lag is not None and lag.removed
-    model = replace(model, dynamics=None if straight or removed else fit.dynamics)
+    g, removed = fit.dynamics, lag is not None and lag.removed
+    if removed and g is not None:
+        model = replace(model, sensor_delay_s=g.delay_s)
+    elif g is None or straight:
+        model = replace(model, left_out=g or fitting.separated.left_out)
+    else:
+        model = replace(model, dynamics=g)
     if straight:
         errors = recording.y - simulate(s, model.arrays, recording, fit.states)
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)

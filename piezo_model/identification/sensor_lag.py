@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-import piezo_model
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS
 from piezo_model.identification.dynamics import ORDERS, Separated, Trials, found
@@ -164,7 +163,7 @@ def separate_lag(
     amplifier_s, at_most_s = found(late).start.amplifier_lag_s, T * (samples + best.uncertainty)
     lag = Lag(samples, at_most_s, amplifier_s, removed, in_model, without, behind, at_edge, is_significant)
     if not (removed or in_model):
-        return separated, lag
+        return replace(separated, left_out=found(late).start if is_significant else None), lag
     static = best.trials.without_dynamics(recording, late)
     return Separated(static, prepare(static, prepared.skip), found(late).start, separated.finding), lag
 
@@ -177,10 +176,3 @@ def _best_shift(y: Vector, y_model: Vector) -> int:
         return float(pair[0] @ pair[1]) / max(float(np.linalg.norm(pair[0]) * np.linalg.norm(pair[1])), 1e-300)
 
     return max(range(min(int(LONGEST), y.size // 2)), key=correlation)
-
-
-def with_sensor(model: piezo_model.HysteresisCreepModel) -> piezo_model.HysteresisCreepModel:
-    """The model with the lag of the sensor that was removed from it."""
-    if (lag := model.report.get("lag")) is None or not lag["removed"]:
-        return model
-    return replace(model, dynamics=Dynamics((), (), (), lag["samples"] * model.structure.sample_time))

@@ -19,7 +19,6 @@ from piezo_model.identification.error_model import States, counted_from, one_thr
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import simulate
 from piezo_model.identification.known_start import start_and_transient, was_fitted_to
-from piezo_model.identification.sensor_lag import with_sensor
 from piezo_model.identification.start import y_range
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
@@ -95,7 +94,7 @@ class Validation:
 def validate(model: piezo_model.HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     model = model.at(recording.sample_time)
-    s, own, seen = model.structure, was_fitted_to(model, recording), with_sensor(model)
+    s, own, seen = model.structure, was_fitted_to(model, recording), model.seen
     states, skip = start_and_transient(seen, recording)
     recording = recording.in_units(s.input_unit, s.output_unit)
     low, high = y_range(recording, skip)

@@ -50,6 +50,10 @@ class DrivenRange:
     observed: int = 0
     """Number of observations since the last change of the ranges."""
 
+    def __post_init__(self) -> None:
+        if self.observed % self.per_piece and not self.spans:
+            raise ValueError(f"the span of an incomplete piece of {self.observed} observations is missing")
+
     def observe(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
         """Add the span since the last observation; returns a structure of other ranges if they should change."""
         x_low, x_high, y_low, y_high = (float(value) for value in span)
@@ -89,10 +93,6 @@ class DrivenRange:
     def get_state(self) -> RangeState:
         """The state, as it is saved."""
         return {"spans": list(self.spans), "observed": self.observed}
-
-    def restore(self, state: RangeState) -> None:
-        """Continue from a :meth:`get_state`."""
-        self.spans, self.observed = state["spans"], state["observed"]
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:

@@ -7,7 +7,6 @@ the log, calls solvers outside the core, and adapts the ranges. Cyclic and conti
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -181,7 +180,7 @@ class Learner(Stateful):
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
         # these weights may not have been handed over yet
         learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
-        model = replace(carried_over(learned, new), dynamics=self.compensator.model.dynamics)
+        model = carried_over(learned, new).with_dynamics_of(self.compensator.model)
         self.compensator.change_model(model, self.settings.blend_time_s)
         self._begin(state, resets=False)
         if self._cyclic:
