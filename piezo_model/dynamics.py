@@ -37,6 +37,7 @@ from numpy.typing import ArrayLike
 
 from piezo_model import checks
 from piezo_model.core import bindings
+from piezo_model.json_file import LARGEST
 from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
@@ -44,10 +45,8 @@ REFERENCE_DAMPING = 0.7
 LOWEST, HIGHEST = 1e-4, 0.35
 """Lowest and highest frequency of a mode, as shares of the sampling rate; that of a slower one is lost in rounding."""
 LONGEST = 10_000
-"""Longest delay in samples."""
+"""Longest delay and lag in samples."""
 MOST_MODES = 2
-LONGEST_S = 1.0
-"""Longest delay and lag."""
 MARGIN = 4000
 """Samples by which a signal is mirrored at its ends before it is transformed."""
 
@@ -112,11 +111,11 @@ class Dynamics:
             gains=self.gains,
         )
         for name in ("delay_s", "amplifier_lag_s"):
-            checks.require(lambda t: 0.0 <= t <= LONGEST_S, f"from 0 to {LONGEST_S:g} s", **{name: getattr(self, name)})
+            checks.require(lambda t: 0.0 <= t <= LARGEST, f"from 0 to {LARGEST:g} s", **{name: getattr(self, name)})
             object.__setattr__(self, name, float(getattr(self, name)))
 
     def require(self, sample_time: float) -> None:
-        """Raise ValueError if a mode is too fast or too slow, or the delay too long, for a sampling period in s."""
+        """Raise ValueError if a mode is too fast or too slow, or delay or lag too long, for a sampling period in s."""
         for f in self.frequencies_Hz:
             if not LOWEST <= f * sample_time <= HIGHEST:
                 beyond = f"above {HIGHEST:.0%}" if f * sample_time > HIGHEST else f"below {LOWEST:.2%}"
@@ -124,11 +123,12 @@ class Dynamics:
                     f"the resonance at {quantity(f, 'Hz', 3)} is {beyond.replace('%', ' %')} of the sampling rate, "
                     f"{quantity(1.0 / sample_time, 'Hz', 3)}"
                 )
-        if self.delay_s > LONGEST * sample_time:
-            raise ValueError(
-                f"a delay of {quantity(self.delay_s, 's', 3)} is longer than {LONGEST} sampling periods of "
-                f"{quantity(sample_time, 's', 3)}"
-            )
+        for what, late_s in (("a delay", self.delay_s), ("an amplifier lag", self.amplifier_lag_s)):
+            if late_s > LONGEST * sample_time:
+                raise ValueError(
+                    f"{what} of {quantity(late_s, 's', 3)} is longer than {LONGEST} sampling periods of "
+                    f"{quantity(sample_time, 's', 3)}"
+                )
 
     def filter(self, v: ArrayLike, sample_time: float, level: float | None = None) -> Matrix:
         """The output of G (N,) for the output v (N,) of the static model, or columns (N, k) of them.
@@ -139,7 +139,8 @@ class Dynamics:
 
     def stream(self, sample_time: float, level: float | None = None) -> Stream:
         """A filter of the consecutive parts of a signal as of :meth:`filter`."""
-        return Stream(self._parts(sample_time), level)
+        whole, parts = self._parts(sample_time)
+        return Stream([(np.concatenate([np.zeros(int(whole)), b]), a) for b, a in parts], level)
 
     def amplified(self, x: Vector, sample_time: float, level: float | None = None) -> Vector:
         """The drive x_a (N,) behind the amplifier for x (N,), balanced at ``level`` before it."""
@@ -162,9 +163,12 @@ class Dynamics:
 
     def lag_s(self, sample_time: float) -> float:
         """Time by which :meth:`reference` lags a slow reference."""
+        return (self.amplifier_samples(sample_time) + self.delay_behind_inverse(sample_time)) * sample_time
+
+    def amplifier_samples(self, sample_time: float) -> float:
+        """Samples by which the amplifier delays a ramp."""
         periods = sample_time / self.amplifier_lag_s if self.amplifier_lag_s else math.inf
-        samples = -math.exp(-periods) / math.expm1(-periods)
-        return (samples + self.delay_behind_inverse(sample_time)) * sample_time
+        return -math.exp(-periods) / math.expm1(-periods)
 
     def delay_behind_inverse(self, sample_time: float) -> float:
         """Samples by which G F delays a slow signal."""
@@ -174,12 +178,10 @@ class Dynamics:
     def zeros(self, sample_time: float) -> tuple[int, Vector]:
         """Whole samples of the delay, and N(z) / N(1) of G = z^(−delay) N(z) / Π D_i(z), which is the reference model
         behind R_i(1) / R_i(z)."""
-        parts, whole = self._parts(sample_time), int(self.delay_s / sample_time)
+        whole, parts = self._parts(sample_time)
         poles = [a / a.sum() for _, a in parts]
-        over = [
-            reduce(np.convolve, poles[:i] + poles[i + 1 :], b[whole:] / a.sum())[::-1] for i, (b, a) in enumerate(parts)
-        ]
-        return whole, np.asarray(reduce(np.polyadd, over))[::-1]
+        over = [reduce(np.convolve, poles[:i] + poles[i + 1 :], b / a.sum())[::-1] for i, (b, a) in enumerate(parts)]
+        return int(whole), np.asarray(reduce(np.polyadd, over))[::-1]
 
     def pole_pairs(self, sample_time: float) -> list[tuple[Vector, Vector]]:
         """D_i(z) / D_i(1) and R_i(z) / R_i(1) of each mode, three coefficients each."""
@@ -189,8 +191,9 @@ class Dynamics:
 
     def response(self, frequencies_Hz: Vector, sample_time: float) -> Vector:
         """Complex response of G at frequencies (k,)."""
-        q = np.exp(-2j * np.pi * frequencies_Hz * sample_time)
-        return np.asarray(sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in self._parts(sample_time)))
+        q, (whole, parts) = -2j * np.pi * frequencies_Hz * sample_time, self._parts(sample_time)
+        delay, q = np.exp(whole * q), np.exp(q)
+        return np.asarray(delay * sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in parts))
 
     def largest_gain(self, sample_time: float, *, inverted: bool) -> float:
         """Gain of integral action, per second, from which on a loop around the stage is unstable, behind F or without
@@ -253,19 +256,20 @@ class Dynamics:
         }
         return ", ".join(word for word, applies in words.items() if applies)
 
-    def _parts(self, sample_time: float) -> list[tuple[Vector, Vector]]:
-        """Numerator and denominator of each parallel part of G, the last one with the residual compliance."""
+    def _parts(self, sample_time: float) -> tuple[float, list[tuple[Vector, Vector]]]:
+        """Whole samples of the delay; numerator and denominator of each parallel part of G behind them, the last one
+        with the residual compliance."""
         whole, part = divmod(self.delay_s / sample_time, 1.0)
-        begins, parts = np.zeros(int(whole)), []
+        parts: list[tuple[Vector, Vector]] = []
         for f, zeta, gain in zip(self.frequencies_Hz, self.damping, self.gains, strict=True):
             a = poles(f, zeta, sample_time)
             pulse = np.diff(_step_response(sample_time * (np.arange(4.0) - part), f, zeta))
-            parts.append((np.concatenate([begins, gain * np.convolve(a, pulse)[:3]]), a))
+            parts.append((gain * np.convolve(a, pulse)[:3], a))
         if (rest := 1.0 - sum(self.gains)) > 1e-12:
             b, a = parts.pop() if parts else (np.zeros(1), np.ones(1))
-            direct = np.convolve(np.concatenate([begins, [rest * (1.0 - part), rest * part]]), a)
+            direct = np.convolve([rest * (1.0 - part), rest * part], a)
             parts.append((np.polyadd(b[::-1], direct[::-1])[::-1].copy(), a))
-        return parts
+        return whole, parts
 
 
 def late(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:

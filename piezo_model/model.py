@@ -147,7 +147,7 @@ class HysteresisCreepModel(Immutable):
             object.__setattr__(self, "start", OperatorState(*map(read_only, (self.start.play, self.start.creep))))
         either = {"dynamics": self.dynamics, "left_out": self.left_out}
         checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", **either)
-        checks.not_negative(sensor_delay_s=self.sensor_delay_s)
+        checks.require(lambda t: 0.0 <= t <= LARGEST, f"from 0 to {LARGEST:g} s", sensor_delay_s=self.sensor_delay_s)
         if all(either.values()):
             raise ModelError("dynamics are in the model or left out of it, not both")
         if self.dynamics is not None:

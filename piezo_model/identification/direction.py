@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_model.identification.error_model import Solving, one_thread
+from piezo_model.identification.forward import EXACT
 from piezo_model.identification.start import USUAL, prepare, structure_of, y_range
 from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording, RecordingError
@@ -18,7 +19,7 @@ from piezo_model.units import percent
 from solvers.arrays import Vector
 
 SAMPLES = 20_000
-"""Samples from the start to which both directions are fitted."""
+"""Samples from the first motion to which both directions are fitted."""
 CLEAR = 1.15
 """Smallest ratio of the two errors that contradicts a guess."""
 STATED = 2.0
@@ -40,7 +41,8 @@ def errors_both_ways(part: Recording) -> list[float]:
     for way in (part, part.swapped()):
         prepared = prepare(way, structure_of(way, *USUAL), Solving(), fit_range=True)
         low, high = y_range(way, prepared.skip)
-        errors.append(100.0 * abs(prepared.structure.y_scale) * math.sqrt(prepared.fit.cost) / (high - low))
+        scale = abs(prepared.structure.y_scale) / (high - low) if high > low else math.inf
+        errors.append(100.0 * scale * math.sqrt(max(prepared.fit.cost, EXACT)))
     return errors
 
 
@@ -66,7 +68,7 @@ def check_direction(recording: Recording) -> Recording:
     """
     if recording.uncounted.any() or not {recording.reasons.get(role) for role in ("input", "output")} <= {*REASONS}:
         return recording
-    part = recording.head(SAMPLES)
+    part = recording.head(first_motion(recording, 0) + SAMPLES)
     errors = errors_both_ways(part)
     either = f"{percent(errors[0])} of range as they were guessed and {percent(errors[1])} the other way round"
     if is_monotonic(part.x) or is_monotonic(part.y) or errors[1] < errors[0] <= CLEAR * errors[1]:

@@ -21,6 +21,8 @@ FREQUENCY_RATIO, OF_DAMPING, DAMPING_RATIO = 1.02, 0.3, 1.5
 LONGEST = 20.0
 """Longest delay and lag, in samples."""
 SMALLEST_GAIN = 0.01
+MOST_DAMPED, APART = 0.99, 1e-3
+"""Largest damping ratio, and half the smallest distance of the logarithms of two frequencies."""
 STEP = 1e-5
 """Change of a parameter for its derivative."""
 ROUNDING = 1e-9
@@ -50,7 +52,7 @@ class Parameters:
         if not self.free:
             return np.zeros(0)
         gains = [sum(g.gains), *(gain / sum(g.gains) for gain in g.gains[1:])] if self.residual else []
-        late = [1.0 / math.expm1(T / g.amplifier_lag_s) if g.amplifier_lag_s else 0.0] * self.with_lag
+        late = [g.amplifier_samples(T)] * self.with_lag
         return np.array([*np.log(g.frequencies_Hz), *np.log(g.damping), *gains, g.delay_s / T, *late])
 
     @property
@@ -60,8 +62,11 @@ class Parameters:
         gains, widths = modes * self.residual, OF_DAMPING * np.array(self.start.damping[:modes])
         near = np.r_[np.maximum(np.log(FREQUENCY_RATIO), widths), np.full(modes, np.log(DAMPING_RATIO))]
         centre, late = theta[: near.size], theta.size - near.size - gains
-        low = np.r_[centre - near, np.full(gains, SMALLEST_GAIN), np.zeros(late)]
-        return low, np.r_[centre + near, [1.0, 1.0 - SMALLEST_GAIN][:gains], np.full(late, LONGEST)]
+        least, most = centre - near, np.minimum(centre + near, np.repeat([np.inf, np.log(MOST_DAMPED)], modes))
+        if modes == 2:  # their order is that of the bounds
+            least[1], most[0] = max(least[1], centre[:2].mean() + APART), min(most[0], centre[:2].mean() - APART)
+        low = np.r_[least, np.full(gains, SMALLEST_GAIN), np.zeros(late)]
+        return low, np.r_[most, [1.0, 1.0 - SMALLEST_GAIN][:gains], np.full(late, LONGEST)]
 
     def inside(self, found: Dynamics, free: Mask) -> bool:
         """Whether no bound of the search holds a parameter, of which some are ``free`` (k,). Stages without residual
@@ -73,7 +78,7 @@ class Parameters:
         return bool(np.all(inside))
 
     def at(self, theta: Vector) -> Dynamics:
-        """The dynamics of θ (k,)."""
+        """The dynamics of θ (k,) within its bounds."""
         if not self.free:
             return self.start
         modes, T = len(self.start.frequencies_Hz), self.sample_time
@@ -85,4 +90,4 @@ class Parameters:
         lag = self.start.amplifier_lag_s
         if self.with_lag:
             lag = T / math.log1p(1.0 / rest[1]) if rest[1] > 0.0 else 0.0
-        return Dynamics(tuple(f), tuple(np.minimum(zeta, 0.99)), gains, T * max(rest[0], 0.0), lag)
+        return Dynamics(tuple(f), tuple(zeta), gains, T * rest[0], lag)

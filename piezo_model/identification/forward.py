@@ -214,13 +214,15 @@ def fit_forward(
     sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
     n, d, k = s.n * len(free_parts), s.d, further.low.size
     low, high = _bounds(s, n, further, creep_limits, parameters)
+    if weights_known:
+        low[:d] = high[:d] = v
     theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
     unit_y = s.unit_output(recording.y)
 
     def trial(z: Vector, static: Vector | None = None) -> Trial:
-        """The trial of z, of which the output before the dynamics may be known."""
-        begun = list(states)
+        """The trial of z, clipped into its bounds; the output before the dynamics may be known."""
+        z, begun = np.clip(z, low, high), list(states)
         for part, slopes in zip(free_parts, z[d : d + n].reshape(len(free_parts), s.n), strict=True):
             begun[part] = state_with_slopes(sweeps[part], s, slopes)
         arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
@@ -237,11 +239,8 @@ def fit_forward(
         own = error if counted.all() else error[counted]
         return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size)
 
-    known = np.zeros(z.size, dtype=bool)
-    known[:d] = weights_known
-    best = trial(np.clip(z, low, high))
-    P, free = np.eye(z.size), ~known
-    for _ in range(0 if known.all() else steps):
+    best, P, free = trial(z), np.eye(z.size), low < high
+    for _ in range(steps if free.any() else 0):
         solving.passes += 1
         z, nudges = best.z, np.where(best.z + STEP <= high, STEP, -STEP)
         moves = [
@@ -250,7 +249,7 @@ def fit_forward(
         ]
         gram, moved = _gram(recording, counted, s, best, free_parts, np.column_stack([further.signals, *moves]))
         P, Je = gram[:-1, :-1], gram[:-1, -1]
-        determined = (np.diag(P) > 0.0) & ~known
+        determined = (np.diag(P) > 0.0) & (low < high)
         determined[:d] &= moved
         free = determined & (z > low) & (z < high)
         if not determined.any():
@@ -260,7 +259,6 @@ def fit_forward(
         target[determined] = solving.minimise(
             P[at], -Je[determined] - P[at] @ z[determined], low[determined], high[determined], z[determined]
         )
-        target[s.slices[1]] = np.minimum(target[s.slices[1]], MAX_SLOPE)
         step = 1.0
         while not (found := trial(z + step * (target - z))).cost <= best.cost and step >= SHORTEST_STEP:
             step *= 0.5
@@ -297,6 +295,7 @@ def _bounds(
     """Bounds of all unknowns z, among them n initial slopes."""
     ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
     highest = np.full(s.d, np.inf)
+    highest[s.slices[1]] = MAX_SLOPE
     if creep_limits is not None:
         highest[s.slices[2]] = creep_limits
     low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), further.low, ends[0]])
