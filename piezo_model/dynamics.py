@@ -274,10 +274,8 @@ class Dynamics:
 
 def late(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
     """Dynamics, or none, with a further delay."""
-    if delay_s == 0.0:
-        return dynamics
     g = dynamics or Dynamics((), (), (), 0.0)
-    return replace(g, delay_s=g.delay_s + delay_s)
+    return replace(g, delay_s=g.delay_s + delay_s) if delay_s else dynamics
 
 
 class Stream:

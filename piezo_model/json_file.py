@@ -97,14 +97,6 @@ def convert(data: Any, schema: type[T]) -> T:
     return result
 
 
-def part(data: Any, schema: type[T]) -> T:
-    """The fields of decoded JSON that a schema has, whatever else there is; ValueError names a wrong one."""
-    try:
-        return msgspec.convert(data, schema)
-    except msgspec.ValidationError as error:
-        raise ValueError(_sentence(error)) from None
-
-
 class ReadOnly(dict[str, Any]):
     """JSON types that cannot be changed."""
 

@@ -14,10 +14,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeGuard, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeGuard, get_args
 
 import msgspec
 import numpy as np
@@ -44,18 +44,16 @@ class ModelError(ValueError):
     """An invalid model, or a file that is not a model; the message is one sentence with the reason."""
 
 
-class EarlierLag(msgspec.Struct):
-    """A lag in the report of files before version 3."""
+@dataclass(frozen=True)
+class Fitted:
+    """The recording of the identification."""
 
-    samples: Number
-    removed: bool = False
-
-
-class EarlierReport(msgspec.Struct):
-    """What a model needed of its report before version 3."""
-
-    lag: EarlierLag | None = None
-    left_out_dynamics: Dynamics | None = None
+    recording: str
+    """Its digest."""
+    skipped: Annotated[int, msgspec.Meta(ge=0)]
+    """First samples that were not counted."""
+    later: tuple[States, ...]
+    """States before each part but the first."""
 
 
 class ModelFile(json_file.Versioned):
@@ -64,7 +62,7 @@ class ModelFile(json_file.Versioned):
     FORMAT = "piezobench-model"
     VERSION = 3
     EARLIER = frozenset({1, 2})
-    SINCE: ClassVar[Mapping[str, int]] = {"dynamics": 2, "left_out": 3, "sensor_delay_s": 3}
+    SINCE: ClassVar[Mapping[str, int]] = {"dynamics": 2, "left_out": 3, "sensor_delay_s": 3, "fitted": 3}
     structure: ModelStructure
     w_H: list[Number]
     w_S_inverse: list[Number]
@@ -74,6 +72,7 @@ class ModelFile(json_file.Versioned):
     dynamics: Dynamics | None = None
     left_out: Dynamics | None = None
     sensor_delay_s: Number = 0.0
+    fitted: Fitted | None = None
     report: dict[str, Any] = msgspec.field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -81,9 +80,10 @@ class ModelFile(json_file.Versioned):
             if self.version < version and getattr(self, name):
                 raise ValueError(f"there is no field {name!r} before version {version}")
         if self.version < 3:
-            earlier = json_file.part(self.report, EarlierReport)
-            self.left_out, lag = earlier.left_out_dynamics, earlier.lag
-            self.sensor_delay_s = lag.samples * self.structure.sample_time if lag and lag.removed else 0.0
+            self.left_out = json_file.convert(self.report.get("left_out_dynamics"), Dynamics | None)
+            lag = json_file.convert(self.report.get("lag"), dict[str, Any] | None) or {}
+            samples = json_file.convert(lag.get("samples"), Number) if lag.get("removed") else 0.0
+            self.sensor_delay_s = samples * self.structure.sample_time
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class HysteresisCreepModel(Immutable):
     offset : float
         Constant inside S, in normalised units.
     report : mapping
-        Results of the identification; stored with the model.
+        Results of the identification, which inform; stored with the model.
     start : OperatorState, optional
         Identified states before the first sample of the recording that the model was identified from.
     dynamics : Dynamics, optional
@@ -111,6 +111,8 @@ class HysteresisCreepModel(Immutable):
         Those of the stage if the model is without them; a loop around the stage meets them all the same.
     sensor_delay_s : float
         Delay of the sensor that the recording had, and the model is without; a loop that the sensor closes has it.
+    fitted : Fitted, optional
+        The recording that the weights were identified from.
 
     Raises
     ------
@@ -128,6 +130,7 @@ class HysteresisCreepModel(Immutable):
     dynamics: Dynamics | None = None
     left_out: Dynamics | None = None
     sensor_delay_s: float = 0.0
+    fitted: Fitted | None = None
 
     def __post_init__(self) -> None:
         s = self.structure
@@ -145,6 +148,9 @@ class HysteresisCreepModel(Immutable):
         if self.start is not None:
             OperatorState.require(self.start, s)
             object.__setattr__(self, "start", OperatorState(*map(read_only, (self.start.play, self.start.creep))))
+        with checks.refusing(ModelError, "fitted: "):
+            for state in self.starts[1:]:
+                state.require(s)
         either = {"dynamics": self.dynamics, "left_out": self.left_out}
         checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", **either)
         checks.require(lambda t: 0.0 <= t <= LARGEST, f"from 0 to {LARGEST:g} s", sensor_delay_s=self.sensor_delay_s)
@@ -282,14 +288,13 @@ class HysteresisCreepModel(Immutable):
     @property
     def seen(self) -> HysteresisCreepModel:
         """The model as its sensor sees it, with the delay of that."""
-        if self.sensor_delay_s == 0.0:
-            return self
-        return replace(self, dynamics=late(self.dynamics, self.sensor_delay_s), left_out=None, sensor_delay_s=0.0)
+        seen = late(self.dynamics, self.sensor_delay_s)
+        return replace(self, dynamics=seen, left_out=None, sensor_delay_s=0.0) if self.sensor_delay_s else self
 
     def with_dynamics_of(self, other: HysteresisCreepModel) -> HysteresisCreepModel:
         """These weights for the stage of another model: with its dynamics, and those that it is without."""
-        own = {name: getattr(other, name) for name in ("dynamics", "left_out", "sensor_delay_s")}
-        return replace(self, **own)
+        dynamics, left_out = other.dynamics, other.left_out
+        return replace(self, dynamics=dynamics, left_out=left_out, sensor_delay_s=other.sensor_delay_s)
 
     def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
         """The gain of integral action in 1/s from which on the loop is unstable beside the dynamics of the stage and
@@ -364,8 +369,8 @@ class HysteresisCreepModel(Immutable):
     @property
     def starts(self) -> list[OperatorState]:
         """The states before each part of the recording of the identification; empty without one."""
-        later = (OperatorState.from_dict(part, self.structure) for part in self.report.get("parts", ()))
-        return [] if self.start is None else [self.start, *later]
+        later = () if self.fitted is None else self.fitted.later
+        return [] if self.start is None else [self.start, *(OperatorState.from_dict(z, self.structure) for z in later)]
 
     def validate(self, recording: Recording) -> Validation:
         """Judge the model on a recording, other than that of its identification if it is to be evidence.
@@ -412,6 +417,7 @@ class HysteresisCreepModel(Immutable):
             "start": None if self.start is None else self.start.to_dict(self.structure),
             **{name: getattr(self, name) and getattr(self, name).to_dict() for name in ("dynamics", "left_out")},
             "sensor_delay_s": self.sensor_delay_s,
+            "fitted": self.fitted and asdict(self.fitted),
             "report": dict(self.report),
         }
 
@@ -430,6 +436,7 @@ class HysteresisCreepModel(Immutable):
             file.dynamics,
             file.left_out,
             file.sensor_delay_s,
+            file.fitted,
         )
 
     def save(self, path: str | Path) -> None:

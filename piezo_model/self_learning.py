@@ -22,7 +22,7 @@ from piezo_model.compensator import Compensator, CompensatorState
 from piezo_model.core import bindings
 from piezo_model.deployment import Deployment, LearnerFile, read_learner, write_learner
 from piezo_model.json_file import Number
-from piezo_model.learning.driven_range import RangeState
+from piezo_model.learning.driven_range import DrivenRange
 from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
 from piezo_model.learning.learner import Learner
 from piezo_model.learning.settings import LearningSettings, Mode
@@ -36,7 +36,7 @@ class LearnerState(TypedDict):
     """State of the learner."""
 
     core: np.ndarray
-    driven: RangeState
+    driven: DrivenRange
 
 
 class SavedState(TypedDict):
@@ -327,7 +327,7 @@ class SelfLearningCompensator(Learner):
         with self._core.exclusive():
             return {
                 "compensator": self.compensator.get_state(),
-                "learning": {"core": self._core.block.copy(), "driven": self._driven.get_state()},
+                "learning": {"core": self._core.block.copy(), "driven": asdict(self._driven)},
                 "last_x": self._last_x,
                 "log": [asdict(event) for event in self.log],
             }
@@ -338,7 +338,7 @@ class SelfLearningCompensator(Learner):
         trial.restore(saved["compensator"])
         if trial.operators != self.compensator.operators:
             raise ValueError("the state of the compensator is that of other operators or dynamics")
-        driven = replace(self._driven, **saved["learning"]["driven"])
+        driven = replace(saved["learning"]["driven"], per_piece=self._driven.per_piece)
         with self._core.exclusive():
             self._core.restore(saved["learning"]["core"], bindings.learner_restore)
             self.compensator.restore(saved["compensator"])

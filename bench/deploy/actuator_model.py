@@ -114,7 +114,7 @@ def _validated(run: Run, found: ChosenModel) -> ChosenModel:
             "to take the run's"
         )
     of_fitted = found.certificate.get("problem_of_run", "").startswith(f"{Recorded.name}/")
-    last_fifth = HELD_OUT if of_fitted else note["digests"].get(found.model.report.get("recording", ""), UNKNOWN)
+    last_fifth = HELD_OUT if of_fitted else note["digests"].get(getattr(found.model.fitted, "recording", ""), UNKNOWN)
     return replace(found, error_percent=error, last_fifth=last_fifth)
 
 

@@ -10,6 +10,7 @@ from scipy.signal import welch
 
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.identification.forward import simulate
+from piezo_model.identification.known_start import start_and_transient
 from piezo_model.identification.validation import Validation
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
@@ -81,7 +82,8 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         states, skip, shift = validation.states, validation.fit.skipped, validation.shift
         sentences = tuple(validation.sentences())
     else:
-        states, skip, sentences = model.starts, int(report["fit"]["skipped"]), tuple(report["sentences"])
+        states, skip = start_and_transient(model, recording)
+        sentences = tuple(report["sentences"])
     part = replace(part, y=part.y - shift)
     states = states[: len(part.starts)]
     problem = accumulate(part, counted_from(part, skip), s, states, Solving())

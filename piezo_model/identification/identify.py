@@ -52,8 +52,8 @@ from piezo_model.identification.selection import (
 from piezo_model.identification.sensor_lag import Lag, separate_lag
 from piezo_model.identification.start import USUAL, Prepared, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
+from piezo_model.model import Fitted, HysteresisCreepModel
+from piezo_model.operator_state import OperatorState, States
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
@@ -178,7 +178,10 @@ def identify(
     options = Options(structure, n, m, creep_rates, skip, lag, dynamics, state, estimator, force)
 
     model = _identified(recording, options, Solving(solver, proximal), progress)
-    return replace(model, report={**model.report, "recording": recording.digest(), "remarks": [*recording.notes]})
+    later = tuple(States(play=part["play"], creep=part["creep"]) for part in model.report["parts"])
+    fitted = Fitted(recording.digest(), model.report["fit"]["skipped"], later)
+    report = {**model.report, "recording": fitted.recording, "remarks": [*recording.notes]}
+    return replace(model, report=report, fitted=fitted)
 
 
 def _identified(recording: Recording, options: Options, solving: Solving, progress: Progress) -> HysteresisCreepModel:

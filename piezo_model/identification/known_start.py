@@ -29,8 +29,8 @@ def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Reco
     """The states before the first sample of each part of a recording with which a model, and a constant added to it,
     err least, and the number of samples in a transient; those of the identification for its own recording."""
     s, solving = model.structure, Solving()
-    if was_fitted_to(model, recording):
-        return model.starts, int(model.report["fit"]["skipped"])
+    if model.fitted is not None and was_fitted_to(model, recording):
+        return model.starts, model.fitted.skipped
     v, sweeps = s.inverse_slope_map @ model.weights, list(recording.in_units(s.input_unit, s.output_unit).sweeps())
     states, skips = zip(*(_start_and_transient(model, sweep, v, solving) for sweep in sweeps), strict=True)
     return states, skips[0]
@@ -38,7 +38,8 @@ def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Reco
 
 def was_fitted_to(model: piezo_model.HysteresisCreepModel, recording: Recording) -> bool:
     """Whether a model was fitted to exactly these samples."""
-    return bool(model.report.get("recording") == recording.digest())
+    own = model.fitted is not None and model.fitted.recording == recording.digest()
+    return own and len(model.starts) == len(recording.starts) and model.fitted.skipped < recording.length
 
 
 def _start_and_transient(

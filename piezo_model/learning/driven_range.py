@@ -12,7 +12,7 @@ slopes of the old one between the new thresholds, and the constant the shifts.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -23,7 +23,7 @@ from piezo_model.operators import dead_zone
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
-Span = tuple[float, float, float, float]
+Span = tuple[Number, Number, Number, Number]
 """Lowest and highest drive, lowest and highest output, in normalised units."""
 
 OVER, MARGIN = 1.1, 0.05
@@ -33,13 +33,6 @@ discards one cycle of learning, a small gain requires a long observation."""
 LONGEST, PIECE_S = max(UNDER), 10.0
 
 
-class RangeState(TypedDict):
-    """State of a :class:`DrivenRange`, as it is saved."""
-
-    spans: list[tuple[Number, Number, Number, Number]]
-    observed: Annotated[int, Meta(ge=0, le=2**53)]
-
-
 @dataclass
 class DrivenRange:
     """Spans of the last pieces; a piece consists of ``per_piece`` observations."""
@@ -47,7 +40,7 @@ class DrivenRange:
     per_piece: int = 1
     spans: list[Span] = field(default_factory=list)
     """Span of each piece; the last piece may be incomplete."""
-    observed: int = 0
+    observed: Annotated[int, Meta(ge=0, le=2**53)] = 0
     """Number of observations since the last change of the ranges."""
 
     def __post_init__(self) -> None:
@@ -89,10 +82,6 @@ class DrivenRange:
         if self.observed % self.per_piece:
             self.spans.pop()
             self.observed -= self.observed % self.per_piece
-
-    def get_state(self) -> RangeState:
-        """The state, as it is saved."""
-        return {"spans": list(self.spans), "observed": self.observed}
 
 
 def carried_over(model: HysteresisCreepModel, new: ModelStructure) -> HysteresisCreepModel:

@@ -238,16 +238,16 @@ class Recording(Source):
         return (self.length - 1) * self.sample_time
 
     def digest(self) -> str:
-        """SHA-256 of the samples, each as input and output in float64 (little-endian) in their units; it does not
-        depend on the file's format.
+        """SHA-256 of the sampling period in nine digits, the first samples of the parts, and the samples, each as input
+        and output in float64 (little-endian) in their units; it does not depend on the file's format.
 
         Examples
         --------
         >>> Recording.from_arrays([0.0, 1.0], [0.0, 2.0], 1e-3).digest()[:8]
-        '2cdf4361'
+        '2375b46a'
         """
         samples = np.column_stack([self.x, self.counted_y]).astype("<f8")
-        return hashlib.sha256(samples.data).hexdigest()
+        return hashlib.sha256(f"{self.sample_time:.9g} {self.starts}".encode() + samples.tobytes()).hexdigest()
 
     def part(self, samples: slice) -> Self:
         """Return consecutive samples, with the ranges and units of the whole recording.

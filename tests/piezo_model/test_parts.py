@@ -1,10 +1,13 @@
 """Parts of a recording: each has a start of its own, and nothing crosses from one into the next."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from known_models import a_drive, structure, true_model
 from plain_stage import THRESHOLDS, Vector, stage
 
 from piezo_model import HysteresisCreepModel, Recording, identify
@@ -12,6 +15,7 @@ from piezo_model.identification import gram_matrix, start
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples
 from piezo_model.identification.creep import holds
 from piezo_model.identification.fit_errors import alternate_blocks
+from piezo_model.model import ModelError
 
 SAMPLE_TIME = 5e-3
 
@@ -50,8 +54,8 @@ def test_each_part_begins_in_states_of_its_own_and_the_model_keeps_them(tmp_path
     assert first.play[plays].min() < first.play[0]  # after an ascent
     assert second.play[plays].max() > second.play[0]
     error = loaded.simulate(made) - made.y
-    assert np.sqrt(np.mean(error**2)) == pytest.approx(model.report["fit"]["rms"], rel=1e-9)
-    assert loaded.validate(made).fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-9)
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(model.report["fit"]["rms"], rel=1e-4)
+    assert loaded.validate(made).fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-4)
     alone = loaded.validate(made.part(slice(4000, None)))
     assert alone.fit.rms < 0.13
 
@@ -130,3 +134,37 @@ def test_given_states_are_those_of_the_first_part_alone_and_later_ones_begin_whe
     np.testing.assert_array_equal(model.starts[0].play, start.play)
     assert model.report["parts"][0]["start"] == "searched"
     assert model.starts[1].play.max() > model.starts[1].play[0]
+
+
+def test_a_recording_is_that_of_a_model_only_with_its_period_and_its_parts(tmp_path: Path) -> None:
+    x = a_drive(4000)
+    one = Recording.from_arrays(x, true_model(structure()).simulate(x), 5e-3)
+    two = replace(one, starts=(0, 1700))
+    for fitted in (one, two):
+        model = identify(fitted, n=3, m=1, creep_rates=())
+        model.save(tmp_path / "model.json")
+        for recording in (one, two, replace(one, sample_time=0.05), one.part(slice(3999))):
+            own = recording is fitted
+            for same in (model, HysteresisCreepModel.load(tmp_path / "model.json"), replace(model, report={})):
+                assert same.validate(recording).own == own
+                assert not own or same.validate(recording).fit.rms == pytest.approx(
+                    model.report["fit"]["rms"], rel=1e-4
+                )
+    damaged = json.loads((tmp_path / "model.json").read_text())
+    del damaged["fitted"]["later"][0]["creep"]
+    (tmp_path / "model.json").write_text(json.dumps(damaged))
+    with pytest.raises(ModelError, match=r"model\.json: .*creep"):
+        HysteresisCreepModel.load(tmp_path / "model.json")
+
+
+@pytest.mark.parametrize(
+    "report", [{"lag": {"removed": True}}, {"recording": [], "parts": 3}, {"left_out_dynamics": 7}]
+)
+def test_a_report_informs_and_nothing_that_runs_depends_on_it(report: dict[str, Any], tmp_path: Path) -> None:
+    x = a_drive(3000)
+    model = replace(true_model(structure()), report=report)
+    model.save(tmp_path / "model.json")
+    loaded = HysteresisCreepModel.load(tmp_path / "model.json")
+    recording = Recording.from_arrays(x, model.simulate(x), 5e-3)
+    assert loaded.validate(recording).fit.rms_percent < 1.0
+    assert loaded.at(1e-3).require_stable(1.0) == np.inf
