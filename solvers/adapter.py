@@ -85,8 +85,7 @@ class LibrarySolver(Solver):
 
     def setup(self, problem: Problem) -> None:
         """Refuse problems that the library cannot take, convert the others and make the library's object."""
-        b = self.library
-        if self.settings and not (b.tolerances or b.rung_settings or b.fixed_settings):
+        if self.settings and not (self.library.tolerances or self.library.rung_settings or self.fixed_settings):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
         if self.bounds_only:
             only_box(problem, self.name)

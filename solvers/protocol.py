@@ -208,7 +208,7 @@ def box(problem: Problem) -> tuple[Vector, Vector]:
 
 def only_box(problem: Problem, name: str) -> tuple[Vector, Vector]:
     """The bounds of a problem without general rows; :class:`Unsupported` if it has some."""
-    if problem.G is not None or problem.A is not None:
+    if any(part is not None for part in (problem.G, problem.h, problem.A, problem.b)):
         raise Unsupported(f"{name} takes bounds only, and the problem has general rows")
     return box(problem)
 

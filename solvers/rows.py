@@ -227,6 +227,8 @@ def dense_rows(problem: Problem, left: str, right: str, absent: float | None = N
     """Rows and right-hand side of one kind as dense arrays, of 0 rows if the problem has none of that kind; ValueError
     for numbers that are not finite, except for the value of an absent row, and for shapes that do not fit."""
     matrix, sides, d = getattr(problem, left), getattr(problem, right), problem.q.size
+    if (matrix is None) != (sides is None):
+        raise ValueError(f"{left} and {right} come together, and the problem has one of them alone")
     if matrix is None:
         return np.zeros((0, d)), np.zeros(0)
     rows, r = np.atleast_2d(matrix if isinstance(matrix, np.ndarray) else matrix.toarray()), np.ravel(sides)
