@@ -37,7 +37,7 @@ LONGEST, PIECE_S = max(UNDER), 10.0
 class DrivenRange:
     """Spans of the last pieces; a piece consists of ``per_piece`` observations."""
 
-    per_piece: int = 1
+    per_piece: Annotated[int, Meta(ge=1, le=2**53)] = 1
     spans: list[Span] = field(default_factory=list)
     """Span of each piece; the last piece may be incomplete."""
     observed: Annotated[int, Meta(ge=0, le=2**53)] = 0
