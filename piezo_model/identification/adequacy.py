@@ -30,6 +30,7 @@ from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD
 from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording
+from piezo_model.recordings.evidence import TOO_FEW, level_count
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent, quantity
 from solvers.arrays import Matrix, Vector
@@ -61,8 +62,10 @@ ROUGH = 0.3
 """1 − correlation of neighbouring samples of a drive of about eight samples a period."""
 REVERSED = -0.5
 """Largest sense of loops in which the output leads."""
-VALLEY = 0.7
-"""Largest ratio of net change to total variation of a curve that falls and rises again."""
+STRIDE, FOLDED = 0.1, 0.7
+"""Movement of the drive, and largest ratio of net change to total variation of an output that falls and rises again."""
+POOR = 0.04
+"""Smallest error of a model, as a share of the range, of an output that does."""
 PURE = 0.9
 """Smallest share of the drive's power in one tone at which resonance and hysteresis cannot be distinguished."""
 DAMPING = (0.003, 0.7)
@@ -124,7 +127,8 @@ def check_adequacy(
         if resonant and dynamics_ignored:
             refusal, left_out = None, refusal
     unexplained = left_out is None and not on_curve
-    if refusal is None and unexplained and poor and (clause := swapped(recording, skip, 100.0 * error)):
+    few = 0 < level_count(x) <= TOO_FEW  # which have no loops
+    if refusal is None and unexplained and poor and not few and (clause := swapped(recording, skip, 100.0 * error)):
         refusal = f"{clause}: {compared}"
     if refusal is None and unexplained and not good:
         no_better = error >= (NO_BETTER if dynamics_ignored else HARDLY_BETTER) * line
@@ -157,11 +161,12 @@ class _Data:
         self.near_u, self.near_v, self.near_own = u[near], v[near], own[near]
 
     @property
-    def is_valley(self) -> bool:
-        """Whether the best cubic falls and rises again."""
-        columns, grid = chebvander(2.0 * self.thin_u - 1.0, 3), chebvander(np.linspace(-1.0, 1.0, WINDOW), 3)
-        steps = np.diff(grid @ np.linalg.lstsq(columns, self.thin_v, rcond=None)[0])
-        return abs(float(steps.sum())) < VALLEY * float(np.abs(steps).sum())
+    def is_folded(self) -> bool:
+        """Whether the output both rises and falls where the drive has moved on by a share of its range, STRIDE."""
+        travel = np.cumsum(np.abs(np.diff(self.thin_u, prepend=self.thin_u[0])))
+        at = np.searchsorted(travel, np.arange(0.0, travel[-1], STRIDE))
+        moved = np.diff(self.thin_u[at]) * np.diff(self.thin_v[at])
+        return abs(float(moved.sum())) < FOLDED * float(np.abs(moved).sum())
 
 
 def roughness(u: Vector) -> float:
@@ -178,7 +183,7 @@ def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[st
     """The reason against a model that a resonance, a delay, a lack of samples or the sense of the loops gives, None
     without one, and whether it is a resonance."""
     u, v = data.near_u, data.near_v
-    leads = poor and sense(data.thin_u, data.thin_v) < REVERSED
+    leads = poor and not 0 < level_count(u) <= TOO_FEW and sense(data.thin_u, data.thin_v) < REVERSED
     cubic = rms(residual(chebvander(2.0 * u - 1.0, 3), v))
     far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(rms(data.near_own), cubic)
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
@@ -238,7 +243,7 @@ def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit,
             f"the output is noise that does not follow the drive: {compared}",
         ),
         (
-            no_better and cubic < NO_BETTER * line and data.is_valley,
+            error > POOR and data.is_folded,
             "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field: "
             f"{compared}, {percent(100.0 * cubic)} with a cubic",
         ),

@@ -18,6 +18,7 @@ from piezo_model.identification.creep import Determined
 from piezo_model.identification.direction import is_monotonic
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
+from piezo_model.recordings.evidence import TOO_FEW, level_count
 from piezo_model.units import quantity
 from solvers.arrays import Vector
 
@@ -25,9 +26,6 @@ SAMPLES = 1_000_000
 """Samples from the start in which frequencies are sought."""
 SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
 """Segments of a part, and samples of one."""
-BINS, MOST_LEVELS, TOO_FEW, ELSEWHERE = 100, 20, 4, 0.01
-"""Bins of the drive's range, the most of them that are levels, the most that determine no hysteresis, and the largest
-share of the samples beside these, of a drive that says little of what lies between its levels."""
 REVERSAL, END = 0.05, 0.1
 """Smallest movement back, and width of either end, as shares of the drive's range, of turns that leave no loop inside
 the outer one."""
@@ -91,19 +89,6 @@ def has_one_loop(x: Vector) -> bool:
     moving = np.flatnonzero(np.diff(z))
     turns = z[moving[1:]][np.diff(np.sign(np.diff(z)[moving])) != 0.0]
     return bool(turns.size and np.all(np.abs(turns - 0.5) > 0.5 - END))
-
-
-def level_count(x: Vector) -> int:
-    """Number of levels of a drive (N,) with MOST_LEVELS or fewer; 0 for others.
-
-    Examples
-    --------
-    >>> level_count(np.repeat([0.0, 1.0, 0.0, 1.0], 500)), level_count(np.linspace(0.0, 1.0, 2000))
-    (2, 0)
-    """
-    counts = np.sort(np.histogram(x, BINS)[0])[::-1]
-    levels = 1 + int(np.searchsorted(np.cumsum(counts), (1.0 - ELSEWHERE) * x.size))
-    return levels if levels <= MOST_LEVELS else 0
 
 
 def highest_frequency(recording: Recording) -> float:

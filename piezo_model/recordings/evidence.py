@@ -22,6 +22,9 @@ LEAST_ROWS = 16
 LEAST_LOOP = 0.004
 """Smallest area of a loop, as a share of the product of both ranges, whose sense counts."""
 LEAST_NOISE_RATIO = 4.0
+BINS, MOST_LEVELS, TOO_FEW, ELSEWHERE = 100, 20, 4, 0.01
+"""Bins of the drive's range, the most of them that are levels, the most that determine no hysteresis, and the largest
+share of the samples beside these, of a drive that says little of what lies between its levels."""
 REASONS = LAGS, NOISIER = "because the output lags the input", "because the output is the noisier one"
 """Reasons for roles that values tell."""
 
@@ -64,12 +67,28 @@ def _profile(values: Vector) -> Profile:
     )
 
 
+def level_count(x: Vector) -> int:
+    """Number of levels of a drive (N,) with MOST_LEVELS or fewer; 0 for others.
+
+    Examples
+    --------
+    >>> level_count(np.repeat([0.0, 1.0, 0.0, 1.0], 500)), level_count(np.linspace(0.0, 1.0, 2000))
+    (2, 0)
+    """
+    counts = np.sort(np.histogram(x, BINS)[0])[::-1]
+    levels = 1 + int(np.searchsorted(np.cumsum(counts), (1.0 - ELSEWHERE) * x.size))
+    return levels if levels <= MOST_LEVELS else 0
+
+
 def input_first(table: Table, pair: Sequence[int]) -> tuple[Sequence[int], str]:
     """Positions of input and output among two columns, and the reason; empty if the values do not tell."""
     rows = np.stack(table.read(pair, slice(ROWS)))
     rows = rows[:, (np.abs(rows) < ABSURD).all(axis=0)]
     if rows.shape[1] < LEAST_ROWS:
         return (), ""
+    distinct = [np.unique(row).size for row in rows]
+    if min(distinct) <= TOO_FEW < max(distinct):
+        return (pair if distinct[0] <= TOO_FEW else pair[::-1]), f"as the one of {min(distinct)} levels"
     a, b = window = rows - rows[:, :1]
     area, ranges = 0.5 * float(np.sum(a[:-1] * b[1:] - a[1:] * b[:-1])), np.ptp(window, axis=1)
     if not np.all(ranges > 0):

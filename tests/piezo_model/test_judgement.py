@@ -1,20 +1,23 @@
 """Recordings that give a model and recordings that are refused, independent of units, signs and offsets."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_models import structure, true_model
 from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording, resonant
 from scipy.signal import lfilter
 
-from piezo_model import IdentificationError, ModelStructure, Recording, identify
+from piezo_model import IdentificationError, ModelStructure, OperatorState, Recording, identify
 from piezo_model.identification import adequacy
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.start import structure_of
 from piezo_model.model import HysteresisCreepModel
-from piezo_model.recordings import RecordingError
+from piezo_model.operators import play
+from piezo_model.recordings import RecordingError, write_table
 from piezo_model.units import UnitError, quantity
 
 SEED, SEEDS = 11, st.integers(0, 10_000)
@@ -481,3 +484,28 @@ def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
     ):
         identify(spoiled, n=3, m=1)
     assert any("in sample 4711" in sentence for sentence in model.validate(spoiled).sentences())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_drive_of_two_levels_is_never_said_to_be_the_output(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    s = structure(sample_time=1e-2, creep_rates=(3.0, 0.3, 0.05)[: 1 + seed % 3])
+    x = np.repeat(rng.choice([0.0, 100.0], 60), int(rng.integers(8, 60)))
+    y = true_model(s).simulate(x, OperatorState.settled_at(s, float(x[0])))
+    y += 5e-4 * np.ptp(y) * rng.standard_normal(y.size)
+    write_table(tmp_path / "prbs.csv", {"a": y, "b": x})
+    found = Recording.open(tmp_path / "prbs.csv", sample_time=1e-2)
+    np.testing.assert_array_equal(found.x, x)
+    assert identify(found).report["drive"]["levels"] == 2
+
+
+@pytest.mark.parametrize("threshold", [100.0, 300.0, 500.0])
+@pytest.mark.parametrize("shift", [0.0, 150.0])
+def test_a_butterfly_of_any_width_is_refused_by_that_name(threshold: float, shift: float) -> None:
+    t = np.arange(4000)
+    for u in (np.sin(t / 100), np.sin(t / 100) * np.exp(-t / 3000), 0.6 * np.sin(t / 100) + 0.4 * np.sin(t / 37)):
+        y = np.abs(play(1000.0 * u, [threshold], [0.0])[0][:, 0] + shift)
+        with pytest.raises(
+            IdentificationError, match=r"falls and rises again .* as the butterfly of a strain over a field"
+        ):
+            identify(Recording.from_arrays(1000.0 * u, y, 1e-3))
