@@ -178,8 +178,8 @@ class Compensator(Stateful):
     @property
     def operators(self) -> tuple[Any, ...]:
         """What another state must have in common to be of the same learner."""
-        s = self._model.structure
-        return self.shape, s.play_thresholds, s.dead_zone_thresholds, s.creep_rates, s.sample_time
+        names = "play_thresholds", "dead_zone_thresholds", "creep_rates", "sample_time"
+        return self.shape, *(getattr(self._model.structure, name) for name in names)
 
     @property
     def lag_s(self) -> float:

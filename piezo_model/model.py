@@ -80,8 +80,8 @@ class ModelFile(json_file.Versioned):
             if self.version < version and getattr(self, name):
                 raise ValueError(f"there is no field {name!r} before version {version}")
         if self.version < 3:
-            self.left_out = json_file.convert(self.report.get("left_out_dynamics"), Dynamics | None)
-            lag = json_file.convert(self.report.get("lag"), dict[str, Any] | None) or {}
+            earlier = json_file.convert([self.report.get("left_out_dynamics")], list[Dynamics | None])
+            self.left_out, lag = earlier[0], json_file.convert(self.report.get("lag") or {}, dict[str, Any])
             samples = json_file.convert(lag.get("samples"), Number) if lag.get("removed") else 0.0
             self.sensor_delay_s = samples * self.structure.sample_time
 

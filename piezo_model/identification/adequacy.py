@@ -64,7 +64,7 @@ REVERSED = -0.5
 """Largest sense of loops in which the output leads."""
 STRIDE, FOLDED = 0.1, 0.7
 """Movement of the drive, and largest ratio of net change to total variation of an output that falls and rises again."""
-POOR = 0.04
+POOR = 0.06
 """Smallest error of a model, as a share of the range, of an output that does."""
 PURE = 0.9
 """Smallest share of the drive's power in one tone at which resonance and hysteresis cannot be distinguished."""
@@ -127,8 +127,7 @@ def check_adequacy(
         if resonant and dynamics_ignored:
             refusal, left_out = None, refusal
     unexplained = left_out is None and not on_curve
-    few = 0 < level_count(x) <= TOO_FEW  # which have no loops
-    if refusal is None and unexplained and poor and not few and (clause := swapped(recording, skip, 100.0 * error)):
+    if refusal is None and unexplained and poor and (clause := swapped(recording, skip, 100.0 * error)):
         refusal = f"{clause}: {compared}"
     if refusal is None and unexplained and not good:
         no_better = error >= (NO_BETTER if dynamics_ignored else HARDLY_BETTER) * line

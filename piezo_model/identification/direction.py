@@ -14,7 +14,8 @@ from piezo_model.identification.forward import EXACT
 from piezo_model.identification.start import USUAL, prepare, structure_of, y_range
 from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording, RecordingError
-from piezo_model.recordings.evidence import REASONS
+from piezo_model.recordings.evidence import REASONS, TOO_FEW, level_count
+from piezo_model.structure import SMALLEST
 from piezo_model.units import percent
 from solvers.arrays import Vector
 
@@ -41,15 +42,15 @@ def errors_both_ways(part: Recording) -> list[float]:
     for way in (part, part.swapped()):
         prepared = prepare(way, structure_of(way, *USUAL), Solving(), fit_range=True)
         low, high = y_range(way, prepared.skip)
-        scale = abs(prepared.structure.y_scale) / (high - low) if high > low else math.inf
-        errors.append(100.0 * scale * math.sqrt(max(prepared.fit.cost, EXACT)))
+        rms = abs(prepared.structure.y_scale) * math.sqrt(max(prepared.fit.cost, EXACT))
+        errors.append(100.0 * rms / max(high - low, SMALLEST))
     return errors
 
 
 def swapped(recording: Recording, skip: int, error_percent: float) -> str | None:
     """A clause that input and output of a recording, whose model has this error, seem to be swapped; None if they do
     not."""
-    if recording.uncounted.any():
+    if recording.uncounted.any() or 0 < level_count(recording.x) <= TOO_FEW:  # few levels have no loops
         return None
     own, other = errors_both_ways(recording.head(first_motion(recording, skip) + SAMPLES))
     if min(own, error_percent) < STATED * other:

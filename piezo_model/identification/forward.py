@@ -249,8 +249,8 @@ def fit_forward(
         ]
         gram, moved = _gram(recording, counted, s, best, free_parts, np.column_stack([further.signals, *moves]))
         P, Je = gram[:-1, :-1], gram[:-1, -1]
-        determined = (np.diag(P) > 0.0) & (low < high)
-        determined[:d] &= moved
+        determined = np.diag(P) > 0.0
+        determined[:d] &= moved & (not weights_known)
         free = determined & (z > low) & (z < high)
         if not determined.any():
             break
@@ -259,6 +259,7 @@ def fit_forward(
         target[determined] = solving.minimise(
             P[at], -Je[determined] - P[at] @ z[determined], low[determined], high[determined], z[determined]
         )
+        target[s.slices[1]] = np.minimum(target[s.slices[1]], MAX_SLOPE)
         step = 1.0
         while not (found := trial(z + step * (target - z))).cost <= best.cost and step >= SHORTEST_STEP:
             step *= 0.5
@@ -295,7 +296,6 @@ def _bounds(
     """Bounds of all unknowns z, among them n initial slopes."""
     ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
     highest = np.full(s.d, np.inf)
-    highest[s.slices[1]] = MAX_SLOPE
     if creep_limits is not None:
         highest[s.slices[2]] = creep_limits
     low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), further.low, ends[0]])

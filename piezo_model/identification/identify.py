@@ -178,10 +178,10 @@ def identify(
     options = Options(structure, n, m, creep_rates, skip, lag, dynamics, state, estimator, force)
 
     model = _identified(recording, options, Solving(solver, proximal), progress)
-    later = tuple(States(play=part["play"], creep=part["creep"]) for part in model.report["parts"])
-    fitted = Fitted(recording.digest(), model.report["fit"]["skipped"], later)
-    report = {**model.report, "recording": fitted.recording, "remarks": [*recording.notes]}
-    return replace(model, report=report, fitted=fitted)
+    digest = recording.digest()
+    report = {**model.report, "recording": digest, "remarks": [*recording.notes]}
+    later = tuple(States(play=part["play"], creep=part["creep"]) for part in report["parts"])
+    return replace(model, report=report, fitted=Fitted(digest, report["fit"]["skipped"], later))
 
 
 def _identified(recording: Recording, options: Options, solving: Solving, progress: Progress) -> HysteresisCreepModel:
@@ -337,12 +337,8 @@ def _reported(
     straight = verdict.straight and found.line[1] > 0.0
     model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
     g, removed = fit.dynamics, lag is not None and lag.removed
-    if removed and g is not None:
-        model = replace(model, sensor_delay_s=g.delay_s)
-    elif g is None or straight:
-        model = replace(model, left_out=g or fitting.separated.left_out)
-    else:
-        model = replace(model, dynamics=g)
+    apart = {"sensor_delay_s": g.delay_s} if removed and g else {"left_out": g or fitting.separated.left_out}
+    model = replace(model, **({"dynamics": g} if g and not (straight or removed) else apart))
     if straight:
         errors = recording.y - simulate(s, model.arrays, recording, fit.states)
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)

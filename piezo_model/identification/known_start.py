@@ -38,8 +38,12 @@ def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Reco
 
 def was_fitted_to(model: piezo_model.HysteresisCreepModel, recording: Recording) -> bool:
     """Whether a model was fitted to exactly these samples."""
-    own = model.fitted is not None and model.fitted.recording == recording.digest()
-    return own and len(model.starts) == len(recording.starts) and model.fitted.skipped < recording.length
+    return (
+        model.fitted is not None
+        and model.fitted.recording == recording.digest()
+        and model.fitted.skipped < recording.length
+        and len(model.starts) == len(recording.starts)
+    )
 
 
 def _start_and_transient(
