@@ -213,15 +213,21 @@ def test_the_commands_from_a_recording_to_a_controller_work_as_printed(stage: Pa
     assert (stage / "stage.fmu").is_file()
 
 
-def test_every_verb_and_option_that_the_readme_shows_exists() -> None:
+OF_OTHERS = {"--depth", "--help", "--hypothesis-profile", "--quick", "--situations", "--tosses"}
+"""Options that pages name of git, pytest, example scripts, every verb, and the race that a page adds."""
+
+
+def test_every_verb_and_option_that_a_page_names_exists() -> None:
     command = typer.main.get_command(command_line())
     assert isinstance(command, typer.core.TyperGroup)
-    verbs = command.commands
-    shown = [words for block in blocks("sh") for words in documents.commands(block) if words[0] == "piezobench"]
-    assert {words[1] for words in shown} >= {"race", "compare", "deploy", "identify", "export-c"}
-    for words in shown:
-        known = {option for parameter in verbs[words[1]].params for option in parameter.opts}
-        assert {word for word in words if word.startswith("--")} <= known, words
+    parameters = [parameter for verb in command.commands.values() for parameter in verb.params]
+    known = {option for each in parameters for option in (*each.opts, *each.secondary_opts)}
+    named = set[str]()
+    for page in (*(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY", "CHANGELOG")), *PAGES):
+        text = page.read_text(encoding="utf-8")
+        named |= {*re.findall(r"(?:`|^|run: )piezobench ([a-z][a-z-]*)", text, re.MULTILINE)}
+        assert {*re.findall(r"(?<![\w-])--[a-z][a-z-]*", text)} <= known | OF_OTHERS, page.name
+    assert {"race", "compare", "deploy", "identify", "export-c"} <= named <= {*command.commands}
 
 
 def test_every_make_target_that_the_readme_shows_exists() -> None:
