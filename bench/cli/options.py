@@ -65,7 +65,7 @@ def check_writable(out: Path | None, option: str = "--out", others: Iterable[str
     if out is None:
         return
     written = Path(os.path.realpath(out))
-    for other in filter(None, others):
+    for other in (each for each in others if each is not None):
         read = Path(os.path.realpath(other))
         require(written != read, option, f"{out} is another file of this command; name a new one")
         inside = read.is_dir() and written.is_relative_to(read)

@@ -129,7 +129,8 @@ def sentences(comparison: Comparison) -> list[str]:
         if len(tiers)
     ]
     if count := len(comparison.failed):
-        names = [f"{marked(line.solver)} ({line.lane})" for line in comparison.failed[:MOST_NAMED].itertuples()]
+        pairs = comparison.failed[:MOST_NAMED].astype(str).to_numpy().tolist()
+        names = [f"{marked(solver)} ({lane})" for solver, lane in pairs]
         counts.append(
             f"{count} solver lane{'s fail' if count > 1 else ' fails'} on common problems: {', '.join(names)}"
         )
