@@ -7,7 +7,9 @@ qpsolvers, which imports every library that it finds. Nothing is imported from t
 
 import multiprocessing
 import os
+import sys
 import tempfile
+import threading
 from collections.abc import Iterable
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
@@ -29,24 +31,36 @@ PRELOADED = ("bench.processes.forked_child", "bench.processes.worker", "bench.pr
 """Modules that the server always imports; it ignores missing ones."""
 
 
+_starting = threading.Lock()
+
+
 def warm_up(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> None:
     """Start the server, which imports these modules and those that the lanes of these solvers need.
 
     It imports for a second or two in the background; a server that is already running is left unchanged. RaceError if
     the path of its socket is too long.
     """
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"), PYTHONSAFEPATH="1")
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     lanes = {f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}
     forkserver.set_forkserver_preload([*PRELOADED, *modules, *lanes])
-    try:
-        forkserver.ensure_running()
-    except OSError as error:
-        if "AF_UNIX path too long" not in str(error):
-            raise
-        raise RaceError(
-            f"{tempfile.gettempdir()} has too long a name for the sockets of the solvers' processes; "
-            "set TMPDIR to another folder"
-        ) from None
+    # the server, and nothing else that this program starts, imports from where this program does
+    own = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with _starting:
+        before = {name: os.environ.pop(name) for name in own if name in os.environ}
+        os.environ.update(own)
+        try:
+            forkserver.ensure_running()
+        except OSError as error:
+            if "AF_UNIX path too long" not in str(error):
+                raise
+            raise RaceError(
+                f"{tempfile.gettempdir()} has too long a name for the sockets of the solvers' processes; "
+                "set TMPDIR to another folder"
+            ) from None
+        finally:
+            for name in own:
+                del os.environ[name]
+            os.environ.update(before)
 
 
 class ForkedChild(Child):

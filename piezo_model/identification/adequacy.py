@@ -242,7 +242,7 @@ def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit,
             f"the output is noise that does not follow the drive: {compared}",
         ),
         (
-            error > POOR and data.is_folded,
+            error > POOR and data.is_folded and roughness(data.near_v) < ROUGH,
             "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field: "
             f"{compared}, {percent(100.0 * cubic)} with a cubic",
         ),
