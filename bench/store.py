@@ -24,7 +24,6 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NotRequired, Self, TypedDict
 
@@ -136,12 +135,11 @@ class Run:
         self.path = path
 
     @classmethod
-    def create(cls, results: Path, settings: Mapping[str, Any], name: str | None = None) -> Self:
-        """Create the folder with its ``run.json``; its name is the time by default.
+    def create(cls, results: Path, settings: Mapping[str, Any], name: str) -> Self:
+        """Create the folder with its ``run.json``.
 
         It is created under a temporary name and renamed, so that every run with a name can be resumed.
         """
-        name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
         if not name or not name.isprintable() or Path(name).name != name or name.startswith((".", "-")):
             raise RunError(
                 "a run has the name of one folder, on one line, without slash and leading dot or dash, and "

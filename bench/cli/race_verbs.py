@@ -1,8 +1,10 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
+from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -202,12 +204,14 @@ def race_verb(
         **{field.name: values[field.name] for field in fields(race.settings) if field.init and field.name in values}
     )
     race.check(workers)
-    run = race.start(out, made, name)
-    try:
-        _finish(run, workers, as_json)
-    except (RaceError, ProblemSetError):
-        run.discard()
-        raise
+    name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
+    with _resumable(out / name, made.code):
+        run = race.start(out, made, name)
+        try:
+            _finish(run, workers, as_json)
+        except (RaceError, ProblemSetError):
+            run.discard()
+            raise
 
 
 def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
@@ -259,7 +263,8 @@ def resume_verb(
             )
         if rows := opened.rows_so_far():
             opened.check_machines(pd.DataFrame(rows), "tasks")
-        _finish(opened, workers, as_json)
+        with _resumable(run, used):
+            _finish(opened, workers, as_json)
 
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
@@ -299,20 +304,27 @@ def solvers_verb(as_json: AsJson = False) -> None:
     print_result(by_heading(headings, rows), [ours], as_json, (headings, rows, 6))
 
 
-def _finish(run: Run, workers: engine.Workers, as_json: bool) -> None:
-    files = sorted(kind_of(run).settings_of(run).code)
-    words = ["piezobench", "resume", str(run.path), *(word for file in files for word in ("--solver", file))]
+@contextmanager
+def _resumable(run: Path, code: Iterable[str]) -> Iterator[None]:
+    """Say how to continue a run with these Python files, if its folder is there when it ends early."""
+    words = ["piezobench", "resume", str(run), *(word for file in sorted(code) for word in ("--solver", file))]
     resume = f"finished tasks are kept; run '{shlex.join(words)}' to continue"
     try:
-        with progress_bar() as progress:
-            kind_of(run).carry_on(run, progress, workers)
-            progress("writing the report", 0, 1)
-            written = kind_of(run).write(run)
-    except OSError as error:
-        raise RunError(f"{run.path}: {error.strerror or error}; {resume}") from None
-    except KeyboardInterrupt:
+        yield
+    except (OSError, KeyboardInterrupt) as error:
+        if not (run / "run.json").is_file():
+            raise
+        if isinstance(error, OSError):
+            raise RunError(f"{run}: {error.strerror or error}; {resume}") from None
         errors.print(f"Interrupted; {resume}.", soft_wrap=True)
         raise
+
+
+def _finish(run: Run, workers: engine.Workers, as_json: bool) -> None:
+    with progress_bar() as progress:
+        kind_of(run).carry_on(run, progress, workers)
+        progress("writing the report", 0, 1)
+        written = kind_of(run).write(run)
     _show(run, *written, as_json)
 
 

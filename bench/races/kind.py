@@ -62,7 +62,7 @@ class Kind:
         if not (self.race.spreads or workers.is_one):
             raise RaceError(f"the {self.name} race runs on one core; leave the workers to the one-shot race")
 
-    def start(self, results: Path, settings: RaceSettings, name: str | None = None) -> Run:
+    def start(self, results: Path, settings: RaceSettings, name: str) -> Run:
         """Create the folder of a run."""
         self.race.entries(settings)
         return Run.create(results, {"race": self.name, "settings": asdict(settings)}, name)
