@@ -2,7 +2,8 @@
 
 They are lines of what the reports of these races derive from their rows, with the same settings, times and percentiles:
 the setting is the loosest at which cost gap and violation, of first and timed answers, are within the accuracy with a
-margin of ten on every problem, else of three, else of one.
+margin of ten on every problem, else of three, else of one. At least 99 timed answers to each problem are judged, so
+that another misses in at most 3 % of the cases (95 % confidence).
 
 The machine explains some of the deadlines that a candidate misses. A long call is more likely to be interrupted than a
 short one, so the calls of the solver that does nothing (null) are grouped into blocks as long as a call of the
@@ -37,7 +38,7 @@ from bench.messages.task import Tier
 from bench.races.stream import race, summary
 from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
-from bench.timing.percentiles import percentile, rate_bound
+from bench.timing.percentiles import CONFIDENCE, percentile, rate_bound
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
 from piezo_model.learning.solving import require_setting
@@ -48,6 +49,10 @@ QUANTILES = (0.999, 0.99, 0.5)
 UNSEEN = 0.01
 """Largest share of calls that unobserved delays may explain."""
 SHORTEST_US = 1e-3
+MOST_MISSES = 0.03
+"""Largest rate of misses on a problem, at 95 % confidence."""
+ENOUGH = math.ceil(math.log(1.0 - CONFIDENCE) / math.log(1.0 - MOST_MISSES))
+"""Number of judged answers without a miss that show it."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +72,8 @@ class Rule:
     def sentence(self) -> str:
         """The rule in words."""
         return (
-            f"cost gap and violation of at most {self.accuracy:g} on every problem, by first and timed answers, at "
-            f"most {self.misses} "
+            f"cost gap and violation of at most {self.accuracy:g} on every problem, by the first and at least {ENOUGH} "
+            f"timed answers, at most {self.misses} "
             f"deadlines of {self.deadline_us:g} µs missed beyond those that the machine itself misses, then the "
             f"lowest p99.9; lanes {', '.join(self.lanes)}."
         )
@@ -96,6 +101,13 @@ class Candidate:
     """Percentiles of QUANTILES; NaN for one that the calls do not support."""
     calls: int
     """Number of calls of the percentiles."""
+    judged: int
+    """Fewest timed answers to a problem that were judged."""
+
+    @property
+    def miss_rate(self) -> float:
+        """The largest rate of misses on a problem that its judged answers leave open, if none of them misses."""
+        return float(rate_bound(0, self.judged))
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -131,6 +143,11 @@ class Candidate:
             )
         if not self.samples:
             return "has no times"
+        if self.judged < ENOUGH:
+            return (
+                f"was judged on {self.judged} timed answers to a problem, and it takes {ENOUGH} without a miss to show "
+                f"a rate of misses of at most {MOST_MISSES:.0%}; race it with a larger --budget"
+            )
         if self.own_misses[0] > rule.misses:
             return (
                 f"misses {self.missed} of {self.samples} deadlines, {self.own_misses[0]} more than the machine "
@@ -162,6 +179,8 @@ class Candidate:
             "worst_gap_or_violation": self.worst if math.isfinite(self.worst) else None,
             "problems": self.problems,
             "right": self.right,
+            "judged": self.judged,
+            "miss_rate_at_most": self.miss_rate,
             "samples": self.samples,
             "missed": self.missed,
             "missed_beyond_floor": fewest,
@@ -203,6 +222,7 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
             explained(floor, calls, rule.deadline_us),
             (*(percentile(hot, q).value or math.nan for q in QUANTILES[:-1]), float(chosen.answer_us.agg(TYPICAL))),
             hot.size,
+            int(chosen.judged.min()) if len(chosen) else 0,
         )
 
 
@@ -237,6 +257,7 @@ def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
             ),
             tuple(float(line[summary.column("response", q)]) for q in QUANTILES),
             int(line.response_samples),
+            int(line.solves),
         )
 
 

@@ -52,8 +52,9 @@ class Decision:
         found = [
             f"Rule: {self.rule.sentence}",
             f"Chosen: {it.name}: cost gap and violation at most {gap(it.worst)} over {problems}, a "
-            f"margin of {it.margin:g}; {it.missed} of {it.samples} deadlines missed, {own}; {name} of an answer "
-            f"{number(it.times_us[self.by])} µs on the machine of the run ({here}).",
+            f"margin of {it.margin:g}; none of its {it.judged} or more judged answers to a problem misses, so at "
+            f"most {100.0 * it.miss_rate:.2g} % do (95 %); {it.missed} of {it.samples} deadlines missed, {own}; {name} "
+            f"of an answer {number(it.times_us[self.by])} µs on the machine of the run ({here}).",
             "The compensator learns continuously: in C and in piezobench live with box_active_set, in Python with "
             f"{'it, too' if it.solver in EXACT_SOLVERS else marked(it.solver)}.",
         ]

@@ -18,6 +18,7 @@ its calls on all the problems in question.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +28,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.tiers import LANE, applies, measured, right, supported, tier_settings
+from bench.derived.tiers import LANE, MISSES, applies, measured, right, supported, tier_settings
 from bench.messages.columns import (
     COUNT,
     FLAG,
@@ -45,6 +46,7 @@ from bench.messages.task import Status, Tier
 from bench.report.words import gap, marked, number, settings_label, share
 from bench.store import Run, RunError, Schema
 from bench.timing.clock import answers_us
+from bench.timing.percentiles import rate_bound
 from bench.timing.schedule import PERIOD_US
 
 
@@ -61,6 +63,8 @@ ONESHOT = Schema(
         Column("lane", TEXT, heading="lane"),
         Column("tier", None, heading="tier"),
         Column("right", None, "sum", "right"),
+        Column("judged", COUNT, "min", "judged"),
+        Column("miss_rate", None, worst, "misses, at most", share),
         Column("worst_cost_gap", None, worst, "worst cost gap", gap, of="cost_gap"),
         Column("update_us", NUMBER, TYPICAL, "update, µs", number),
         Column("solve_us_p50", NUMBER, TYPICAL, "solve, µs", number),
@@ -91,7 +95,7 @@ ONESHOT = Schema(
         Column("mutates_input", FLAG, "any"),
         Column("message", TEXT, first_text),
         Column("digest", TEXT),
-        Column("judged", COUNT),
+        *(Column(name, COUNT) for name in ("draw_seed", *MISSES.values())),
         Column("timed_call", COUNT),
         *(Column(name, NUMBERS) for name in ("answer", "timed_answer", "timed_shares", "timed_factors")),
         *named("problem", "d", "setting", "is_default", "timed", "repeat", "host"),
@@ -104,11 +108,11 @@ ONESHOT = Schema(
 )
 """One row per measurement. A row is never rewritten: what is measured again, longer or in another way, is a row of its
 own. ``timed`` is hot, long or interleaved. ``answer`` is the first one, and ``timed_answer`` the worst of the
-``judged`` timed ones, to the data of call ``timed_call``: ``timed_shares`` are the shares of the problem and its
-windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time of an answer, ``cpu_us`` the mean
-processor time of a call where that is more than half as long again. A line of the summary is a solver lane at a tier
-and its setting, over all problems of a set; the columns that begin with the solver are those of the large table,
-solver, accuracy and times first, since a screen may cut off the others."""
+``judged`` timed ones, drawn with ``draw_seed``, to the data of call ``timed_call``: ``timed_shares`` are the shares
+of the problem and its windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time of an
+answer, ``cpu_us`` the mean processor time of a call where that is more than half as long again. A line of the summary
+is a solver lane at a tier and its setting, over all problems of a set; the columns that begin with the solver are
+those of the large table, solver, accuracy and times first, since a screen may cut off the others."""
 
 
 def rows_of(run: Run) -> pd.DataFrame:
@@ -224,9 +228,11 @@ def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting"
 
 def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
     rows = rows[applies(rows, tier)]
-    is_right = right(rows, tier)
+    is_right, missed = right(rows, tier), rows[MISSES.get(tier, MISSES[Tier.LOW])]
     return rows.assign(
-        right=is_right, status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED))
+        miss_rate=math.nan if tier is Tier.STAGE else rate_bound(missed, rows.judged),
+        right=is_right,
+        status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED)),
     )
 
 
@@ -243,6 +249,7 @@ def merged(rows: pd.DataFrame) -> pd.DataFrame:
         **{name: every[name].max() for name in WORST},
         solve_us_max=times.solve_us_max.max(),
         samples=times.samples.sum(),
+        **{name: every[name].sum() for name in ("judged", *MISSES.values())},
         preemptions=every.preemptions.sum(),
         mutates_input=every.mutates_input.any(),
         repeatable=every.repeatable.all(),

@@ -4,21 +4,26 @@
 
 is the data basis of all windows with random weights, under the constraints of the problem; V + c stays a sum of
 squares. Without windows every entry of q is reduced by up to a tenth, all entries by the same share if P is singular,
-so that a bounded problem stays bounded. The parent judges some of the answers when the calls are over, against optima
-that are proven then: those that come first in a secret permutation of the calls, which all solvers share. A solver that
-made fewer calls than others is judged on the first of those that it made.
+so that a bounded problem stays bounded. The parent judges the answers when the calls are over (`bench.races.metrics`).
+Where floating point does not decide, proofs are made of the calls that come first in a secret permutation, which all
+solvers share.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+import secrets
+from contextlib import suppress
 from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from qpsolvers import Problem
 
+import solvers
+from bench.problems.gap_bounds import Bounds, gap_bounds, has_bounds_only, least_eigenvalues
 from bench.problems.protocol import CertifiedForm, Window
 from solvers.arrays import Matrix, Vector, product
 from solvers.certificate import NotCertified, certify
+from solvers.protocol import Solver
 
 LEAST = 0.9
 """Smallest factor of q for a problem without windows."""
@@ -60,24 +65,54 @@ class FreshData:
     form : CertifiedForm
     count : int
         Number of calls whose answers may be judged.
-    seed : int or sequence of int, optional
-        Random by default.
+    seed : int, optional
+        Of all draws; secret by default.
     """
 
-    def __init__(self, form: CertifiedForm, count: int, seed: int | Sequence[int] | None = None) -> None:
-        self._form, self.count = form, count
-        self._generator = np.random.default_rng(seed)
+    def __init__(self, form: CertifiedForm, count: int, seed: int | None = None) -> None:
+        self._form, self.count, self.seed = form, count, secrets.randbits(62) if seed is None else seed
+        self._generator = np.random.default_rng(self.seed)
         self._factors_of_q = 0 if form.windows else form.qp.q.size if math.isfinite(form.condition) else 1
         self._shares, self._factors = self._drawn(count)
         self._permutation = self._generator.permutation(count)
         self.certified = cache(lambda call: proven_mixture(form, *self.draw(call)))
         """The program of a call with its certified optimum; None if it cannot be proven."""
+        self._found: dict[int, Vector] = {}
 
-    def judged(self, made: int, few: int) -> Iterator[tuple[int, CertifiedForm]]:
-        """At most ``few`` of the first ``made`` calls, drawn in secret, each with its program and certified optimum;
-        without those whose optimum cannot be proven."""
-        calls = self._permutation[self._permutation < made][:few]
-        return ((int(call), form) for call in calls if (form := self.certified(int(call))) is not None)
+    def in_secret_order(self, chosen: NDArray[np.bool_]) -> list[int]:
+        """The chosen ones of the first n calls, ``chosen`` (n,), as they come in the permutation."""
+        return [int(call) for call in self._permutation if call < chosen.size and chosen[call]]
+
+    def gap_bounds(self, answers: Matrix) -> Bounds:
+        """Bounds of the larger of cost gap and violation of the answers (n, d) to the first n calls, each (n,)."""
+        low, high = np.zeros(len(answers)), np.full(len(answers), math.inf)
+        for first in range(0, len(answers) if has_bounds_only(self._form) else 0, self.calls_at_once):
+            part = slice(first, min(first + self.calls_at_once, len(answers)))
+            P, q = self.block(part.start, part.stop)
+            near = np.array([self._near(call, *data) for call, data in enumerate(zip(P, q, strict=True), first)])
+            shares = self._shares[part]
+            c = shares @ [self._form.c, *(window.c for window in self._form.windows)]
+            low[part], high[part] = gap_bounds(self._form, P, q, c, shares @ self._least, answers[part], near)
+        return low, high
+
+    @cached_property
+    def _least(self) -> Vector:
+        return least_eigenvalues(self._form)
+
+    def _near(self, call: int, P: Matrix, q: Vector) -> Vector:
+        """A point within the bounds, near the optimum of a call; NaN if there is none."""
+        if call not in self._found:
+            self._found[call] = np.full(q.size, math.nan)
+            with suppress(ValueError):  # it refuses a program that is not safely definite, which needs a proof
+                self._solver.update(P=P, q=q)
+                self._found[call] = np.array(self._solver.solve())
+        return self._found[call]
+
+    @cached_property
+    def _solver(self) -> Solver:
+        solver, qp = solvers.get("box_active_set"), self._form.qp
+        solver.setup(Problem(qp.P, qp.q, lb=qp.lb, ub=qp.ub))
+        return solver
 
     def draw(self, call: int) -> tuple[Vector, Vector]:
         """Shares and factors of a call, as of :func:`mixture`."""

@@ -16,6 +16,7 @@ import math
 import numpy as np
 from qpsolvers import Solution
 
+from bench.derived.tiers import MISSES, TOLERANCE
 from bench.messages.solver_info import amount
 from bench.messages.task import Outcome, Row, Status
 from bench.problems.fresh import FreshData
@@ -26,22 +27,31 @@ from solvers.certificate import exact_cost_gap
 
 
 def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: int) -> Row:
-    """Columns of the worst of the timed answers (n, d) that are judged, at most ``few``, drawn from all in secret; with
-    the draw of its data, as of ``FreshData.draw``, from which it can be judged again.
+    """Columns of the timed answers (n, d): how many were judged, how many of them miss each tolerance, and the worst of
+    them with the draw of its data, as of ``FreshData.draw``, from which it can be judged again.
 
-    ``timed_gap`` is the larger of cost gap and violation, infinite if the answer is not finite. ``timed_stage_excess``
-    is as of a first answer, beyond the model of the optimum to the same data.
+    An answer is judged in floating point where the bounds of its error exclude every tolerance; of the others at most
+    ``few``, drawn in secret, are judged in exact arithmetic. ``timed_gap`` is the larger of cost gap and violation,
+    infinite if the answer is not finite. ``timed_stage_excess`` is as of a first answer, beyond the model of the
+    optimum to the same data.
     """
-    forms = dict(fresh.judged(len(answers), few))
-    if not forms:
+    low, high = fresh.gap_bounds(answers)
+    is_open = np.any([(low <= tolerance) & (high > tolerance) for tolerance in TOLERANCE.values()], axis=0)
+    gaps = {int(call): high[call] for call in np.flatnonzero(~is_open)}
+    for call in fresh.in_secret_order(is_open)[:few]:
+        if (proven := fresh.certified(call)) is not None:
+            gaps[call] = max(relative_gap(proven, answers[call]))
+    by_gap = sorted(gaps, key=lambda call: -gaps[call])
+    worst, form = next(((call, form) for call in by_gap if (form := fresh.certified(call))), (-1, None))
+    if form is None:
         return {}
-    gaps = {call: max(relative_gap(form, answers[call])) for call, form in forms.items()}
-    call = max(gaps, key=lambda call: gaps[call])
-    answer, shares, factors = (tuple(map(float, part)) for part in (answers[call], *fresh.draw(call)))
+    answer, shares, factors = (tuple(map(float, part)) for part in (answers[worst], *fresh.draw(worst)))
     return {
-        "judged": len(forms),
-        **timed_measures(problem, forms[call], answers[call]),
-        "timed_call": call,
+        "judged": len(gaps),
+        "draw_seed": fresh.seed,
+        **{name: sum(gap > TOLERANCE[tier] for gap in gaps.values()) for tier, name in MISSES.items()},
+        **timed_measures(problem, form, answers[worst]),
+        "timed_call": worst,
         "timed_answer": answer,
         "timed_shares": shares,
         "timed_factors": factors,

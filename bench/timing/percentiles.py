@@ -22,9 +22,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import betaincinv
 from scipy.stats import binom, binomtest
 
 CONFIDENCE = 0.95
@@ -107,15 +109,19 @@ def tail_cells(sample: ArrayLike, quantiles: Sequence[float] = QUANTILES, digits
     return ["–" if value is None else f"{value:.{digits}f}" for value in values]
 
 
-def rate_bound(events: int, samples: int) -> float:
-    """Clopper and Pearson's upper bound of the rate of events, after ``events`` in ``samples``.
+def rate_bound(events: ArrayLike, samples: ArrayLike) -> Any:
+    """Clopper and Pearson's upper bound of the rate of events, after ``events`` in ``samples``; 1 without samples.
 
     Examples
     --------
     >>> round(rate_bound(0, 2995), 6)
     0.001
+    >>> rate_bound([0, 1], [100, 100]).round(4)
+    array([0.0295, 0.0466])
     """
-    return float(binomtest(events, samples, alternative="less").proportion_ci(CONFIDENCE, method="exact").high)
+    events, samples = np.asarray(events), np.asarray(samples)
+    bound = betaincinv(events + 1.0, np.maximum(samples - events, 1.0), CONFIDENCE)
+    return np.where(events < samples, bound, 1.0)[()]
 
 
 def rate_ratio(events: int, samples: int, others: int, other_samples: int) -> tuple[float, float]:

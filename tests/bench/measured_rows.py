@@ -37,6 +37,7 @@ ORDINARY: Row = {
     "update_us": 0.0,
     "solve_us_p50": 1.0,
     "repeatable": True,
+    "judged": 300,
 }
 
 

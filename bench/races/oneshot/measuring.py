@@ -164,7 +164,7 @@ def interleave(
 
 
 def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData | None, few: int) -> Row:
-    """The row of a task; ``few`` of its timed answers are judged, on ``fresh`` data.
+    """The row of a task, whose timed answers are to ``fresh`` data; at most ``few`` are judged in exact arithmetic.
 
     A percentile is NaN if the sample is too small for it.
     """

@@ -48,6 +48,8 @@ NEAR = 2.0
 """Largest ratio of a candidate's time to that of the fastest of its lane."""
 CANDIDATE_CALLS = 3_000
 """Calls of a candidate over all problems, enough for p99.9."""
+ENOUGH_JUDGED = 100
+"""Calls of a candidate on a problem, all of which are judged."""
 PLAN = ["scaling", "solver", "lane"]
 
 
@@ -74,8 +76,8 @@ class Pass(Part):
     settings: OneshotSettings
     problem: RaceProblem
     scaling: Scaling
-    judged: int
-    """Number of timed answers of each task that are judged."""
+    proven: int
+    """Most timed answers of each task that are judged in exact arithmetic."""
     calls: int = 0
     """Number of calls of the tasks that are measured longer."""
 
@@ -139,7 +141,7 @@ class Pass(Part):
 
     def _save(self, run: Run, task: Task, outcome: Outcome, fresh: FreshData | None = None) -> Row:
         """Judge an outcome, and save its row and its raw times."""
-        row = row_of(self.problem, task, outcome, fresh, self.judged)
+        row = row_of(self.problem, task, outcome, fresh, self.proven)
         run.save(task, [row], outcome.times)
         return row
 
@@ -157,7 +159,8 @@ def second_pass(
     """The parts of the second pass, planned from the cold hot rows, all of which are there."""
     rows = pd.DataFrame(run.rows_so_far())
     rows = rows[(rows.timed == HOT) & (rows.start == "cold")]
-    calls = math.ceil(CANDIDATE_CALLS / max(1, len({part.problem.name for part in first}) * settings.repeats))
+    tasks = max(1, len({part.problem.name for part in first}) * settings.repeats)
+    calls = max(ENOUGH_JUDGED, math.ceil(CANDIDATE_CALLS / tasks))
     answered = rows[(rows.status == Status.OK) | (rows.solver == FLOOR)]
     lines = answered.merge(planned(rows, calls), on=[*PLAN, "setting"])
     plan = {(line["task"], line["repeat"]): line for line in lines.to_dict("records")}

@@ -40,8 +40,8 @@ from solvers.registry import FAMILIES, Described, Entry
 
 EXPONENT = 8.0
 """Exponent of the cost gap at which wrappers are compared."""
-FEWEST_JUDGED, JUDGED = 3, 24
-"""Number of timed answers of a task that are judged at least, and of a setting over all problems."""
+FEWEST_PROVEN, PROVEN = 3, 24
+"""Most timed answers of a task that are judged in exact arithmetic: this many, or as many over all problems."""
 
 
 class OneshotRace(Race[OneshotSettings]):
@@ -86,7 +86,7 @@ class OneshotRace(Race[OneshotSettings]):
                 settings,
                 problem,
                 scaling,
-                max(FEWEST_JUDGED, math.ceil(JUDGED / len(self.problems))),
+                max(FEWEST_PROVEN, math.ceil(PROVEN / len(self.problems))),
             )
             for repeat in range(settings.repeats)
             for problem in self.problems
