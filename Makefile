@@ -6,7 +6,7 @@ BIN    := $(VENV)/bin
 RUN    ?= results/reference
 
 .DEFAULT_GOAL := help
-.PHONY: help core debug bench test nightly fuzz lint docs perf report compare settings experiment clean
+.PHONY: help core debug bench test nightly fuzz lint docs perf report compare experiment clean
 
 help:                 ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 12
@@ -76,9 +76,6 @@ report: $(VENV)/.field ## write the report of RUN=results/<run> again
 compare: $(VENV)/.field ## compare the runs A=results/<run> and B=results/<run>
 	@test -n "$(A)" -a -n "$(B)" || { echo "name two runs: make compare A=results/<run> B=results/<run>" >&2; exit 2; }
 	$(BIN)/piezobench compare $(A) $(B) $(if $(OUT),--out $(OUT))
-
-settings: $(VENV)/.field ## use the settings of the one-shot race RUN=results/<run> for streams
-	$(BIN)/python -m bench.races.chosen_settings $(RUN)
 
 experiment: $(VENV)/.field ## the paper's Fig. 4 on a simulated stage, into results/paper
 	$(BIN)/python examples/paper/staircase.py

@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.measurements import rows_of
+from bench.derived.measurements import ROWS
 from bench.messages.task import ChildSettings, Progress, Setting, Status, Task, default_setting, settings_ladder, silent
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import measures, relative_gap, timed_measures
-from bench.races.oneshot.worker import OneShot
+from bench.races.worker import OneShot
 from bench.report.words import settings_label
 from bench.store import Run
 from solvers import Entry
@@ -130,8 +130,8 @@ class Verified:
 
 
 def verify_run(run: Run, progress: Progress = silent) -> Verified:
-    """Judge every stored answer of a one-shot race again; RunError for another run or a missing problem."""
-    rows = rows_of(run)
+    """Judge every stored answer of a run again; RunError for a missing problem."""
+    rows = run.rows(ROWS)
     by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
     for done, ((problem_set, name), part) in enumerate(by_problem):
         progress(f"{problem_set}/{name}", done, len(by_problem))

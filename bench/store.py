@@ -43,7 +43,7 @@ from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName, decoded, packed, unpacked
 
-VERSION = 5
+VERSION = 6
 """Version of the run folder; raise it when the settings, the columns or their meaning change."""
 TIMES = columns.schema(named("task", "timed", "repeat", "what", "ns"))
 SENTINEL = columns.schema(named("host", "core", "at_s", "ns", "level_ns", "ratio"))
@@ -51,7 +51,7 @@ SENTINEL = columns.schema(named("host", "core", "at_s", "ns", "level_ns", "ratio
 
 @dataclass(frozen=True)
 class Schema:
-    """The table of one kind of race."""
+    """The table of a race."""
 
     file: str
     columns: tuple[Column, ...]
@@ -111,12 +111,9 @@ class ModelNote(TypedDict):
 
 
 class RunFile(TypedDict):
-    """``run.json``; the settings depend on the kind of race."""
+    """``run.json``."""
 
-    race: NotRequired[str]
     settings: dict[str, Any]
-    machine: NotRequired[Machine]
-    """Of an older run, which has one; others have the folder ``machines``."""
     version: NotRequired[int]
     problems: NotRequired[dict[FileName, list[FileName]]]
     there_are: NotRequired[dict[str, int]]
@@ -178,11 +175,6 @@ class Run:
         """Remove the folder of a race that was refused, unless a task is done."""
         if (self.path / "tasks").is_dir() and not self._task_files():
             shutil.rmtree(self.path)
-
-    @property
-    def race(self) -> str:
-        """The kind of its race."""
-        return self.settings.get("race", "oneshot")
 
     @contextmanager
     def exclusive(self) -> Iterator[None]:
@@ -301,19 +293,17 @@ class Run:
     @property
     def machines(self) -> dict[str, Machine]:
         """The machines that made rows, with their versions and instruction sets, by the column ``machine``."""
-        settings, folder = self.settings, self.path / "machines"
-        older = {machine.name(settings["machine"]): settings["machine"]} if "machine" in settings else {}
+        folder = self.path / "machines"
         found = {path: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
         if changed := [path for path, each in found.items() if machine.key(each) != path.stem]:
             raise RunError(f"{changed[0]}: is not what its name, a digest, was made of; restore it, or race again")
-        if not (older or found):
+        if not found:
             raise RunError(f"{folder} has no machine, and each that made rows of a run is described there")
-        return older | {path.stem: each for path, each in found.items()}
+        return {path.stem: each for path, each in found.items()}
 
     def check_machines(self, rows: pd.DataFrame, file: str) -> None:
-        """RunError unless each machine that made the rows is described; an older run describes only one."""
-        unknown = sorted(set(rows.machine).difference(self.machines))
-        if unknown and "machine" not in self.settings:
+        """RunError unless each machine that made the rows is described."""
+        if unknown := sorted(set(rows.machine).difference(self.machines)):
             raise RunError(
                 f"{self.path / file}: column 'machine' has {unknown[0]!r}, and {self.path / 'machines'} has "
                 f"no {unknown[0]}.json; restore it, or race again"
@@ -332,9 +322,7 @@ class Run:
 
     def rows(self, schema: Schema) -> pd.DataFrame:
         """The table of a finished run, each row with a machine that the run describes."""
-        table, settings = self._table(schema.file, schema.arrow, ("task", *schema.order)), self.settings
-        if "machine" in settings:
-            table["machine"] = table.machine.replace("", machine.name(settings["machine"]))
+        table = self._table(schema.file, schema.arrow, ("task", *schema.order))
         self.check_machines(table, schema.file)
         return table
 

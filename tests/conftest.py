@@ -26,7 +26,6 @@ settings.load_profile("repeated")
 SHARING = {
     "small races": (
         "border",
-        "chosen_settings",
         "cli",
         "conditions",
         "engine",
@@ -40,7 +39,7 @@ SHARING = {
     "wide race": ("compare", "deploy", "html_report", "oneshot_race"),
 }
 """Files whose tests share an expensive fixture: one process runs them all."""
-LONGEST = ("export_c", "small races", "wide race", "stream", "figure_4_staircase", "export_fmu", "fleet", "live_ends")
+LONGEST = ("export_c", "small races", "wide race", "figure_4_staircase", "export_fmu", "fleet", "live_ends")
 """Groups that start first, so that all processes end together; any other file is a group of its own."""
 LONG_TO_MAKE = {"drift_race", "scheduler", "slowed_races", "watched"}
 """Fixtures that take more than ten seconds for a few tests, which count as slow."""

@@ -24,8 +24,7 @@ LEVELS = (
     {"rendering"},
     {"report"},  # common parts of all reports
     {"derived"},  # computed from a table of measurements
-    {"races"},  # shared by the kinds of race
-    {"a race"},  # one kind of race
+    {"races"},
     {"accuracy", "comparison", "deploy", "export", "fleet", "live"},
     {"cli"},
 )
@@ -68,15 +67,11 @@ def circle(root: Path, package: str) -> list[str]:
     return []
 
 
-def part_of(root: Path, name: str) -> tuple[int, str]:
+def part_of(name: str) -> tuple[int, str]:
     """Level and name of the part that a module of ours belongs to."""
-    package, part, race, *_ = *name.split("."), "", ""
-    if package != "bench":
-        part = package
-    is_race = part == "races" and race != "" and (root / "bench" / "races" / race).is_dir()
-    return next(
-        i for i, parts in enumerate(LEVELS) if ("a race" if is_race else part) in parts
-    ), race if is_race else part
+    package, part, *_ = *name.split("."), ""
+    part = part if package == "bench" else package
+    return next(i for i, parts in enumerate(LEVELS) if part in parts), part
 
 
 def upward_imports(root: Path) -> list[str]:
@@ -86,10 +81,10 @@ def upward_imports(root: Path) -> list[str]:
         place = path.relative_to(root).with_suffix("").parts
         if place in (("bench", "__init__"), ("bench", "__main__")):
             continue
-        level, own = part_of(root, ".".join(place))
+        level, own = part_of(".".join(place))
         for name in sorted(imports(path)):
             if name.partition(".")[0] in PACKAGES:
-                other_level, other = part_of(root, name)
+                other_level, other = part_of(name)
                 if other != own and other_level >= level:
                     found.append(f"{path.relative_to(root)} imports {name}")
     return found
@@ -103,23 +98,19 @@ def test_no_modules_of_the_model_library_import_each_other_in_a_circle() -> None
     assert circle(ROOT, "piezo_model") == []
 
 
-def test_an_import_that_points_up_or_into_another_race_is_found(tmp_path: Path) -> None:
+def test_an_import_that_points_up_or_sideways_is_found(tmp_path: Path) -> None:
     for name, line in {
         "solvers/a.py": "import piezo_model.b",
         "piezo_model/b.py": "from bench import store",
-        "bench/store.py": "from bench.races import kind",
-        "bench/races/kind.py": "def f():\n import bench.races.one.race",
-        "bench/races/one/race.py": "from bench.races.two.race import x",
+        "bench/store.py": "def f():\n from bench.races import race",
         "bench/deploy.py": "import bench.export.fmu",
-        "bench/races/two/race.py": "from bench.races.kind import Kind\nfrom bench.messages import task",
+        "bench/races/race.py": "from bench.races.settings import Settings\nfrom bench.messages import task",
     }.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(line)
     assert upward_imports(tmp_path) == [
         "bench/deploy.py imports bench.export.fmu",
-        "bench/races/kind.py imports bench.races.one.race",
-        "bench/races/one/race.py imports bench.races.two.race.x",
-        "bench/store.py imports bench.races.kind",
+        "bench/store.py imports bench.races.race",
         "piezo_model/b.py imports bench.store",
         "solvers/a.py imports piezo_model.b",
     ]

@@ -3,26 +3,29 @@
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import fields
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import pandas as pd
 import typer
 
-from bench.cli.options import SET_OPTIONS, AsJson, Seed, grouped, on_workers, refuse, require, set_options
-from bench.messages.task import RaceError, Tier
+from bench.cli.options import SET_OPTIONS, AsJson, Seed, grouped, on_workers, require, set_options
+from bench.derived.measurements import ROWS
+from bench.messages.task import RaceError
 from bench.problems import ProblemSetError
 from bench.processes import engine, forked_child, solver_child
-from bench.races.kind import DEFAULT, Kind, kind_of, kinds, open_run
 from bench.races.run_problems import left_out
+from bench.races.runs import carry_on, open_run, settings_of, start, write
+from bench.races.settings import RaceSettings
 from bench.report.console import console, errors, lines_of, print_report, print_result, progress_bar
 from bench.report.report import Report
-from bench.report.words import by_heading, joined
+from bench.report.words import by_heading
 from bench.store import Run, RunError
 from bench.timing import machine
+from bench.timing.clock import Effort
 from piezo_model.json_file import decoded
 from solvers import Lane, entries
 from solvers.registry import OURS
@@ -35,59 +38,34 @@ FEW = 3
 FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
 """Option with the files of a problem set; the option alone selects the set."""
 
-SETTING_OF = {"settings": "settings_run or given", "budget": "effort", **dict.fromkeys(SET_OPTIONS, "set_options")}
-"""Setting, or settings, of a race that an option sets; any other option of a race has the name of its setting."""
 Scale = StrEnum("Scale", ["scaled", "raw"])
 """Scalings; typer takes a list of an enumeration but not of a ``Literal``."""
 
 
-KIND_OPTIONS: dict[str, Any] = {
+NUMBERS: dict[str, Any] = {
     field.name: Annotated[
-        type(field.default) | None,
-        typer.Option(
-            metavar="N",
-            min=field.metadata["least"],
-            help=f"{field.metadata['help'].rstrip('.')}; {field.default} by default.",
-        ),
+        int | None, typer.Option(metavar="N", min=0, help=f"{field.metadata['help']}; {field.default} by default.")
     ]
-    for kind in kinds().values()
-    for field in fields(kind.settings)
+    for field in fields(RaceSettings)
     if "help" in field.metadata
 }
-"""Options that the kinds of race declare in their settings."""
-
-
-def refuse_unused(context: typer.Context, kind: str) -> None:
-    """Refuse an option for a setting that this kind of race does not have, or has fixed."""
-    settings = {name: {field.name: field.init for field in fields(each.settings)} for name, each in kinds().items()}
-    for option in context.params:
-        names = SETTING_OF.get(option, option).split(" or ")
-        users = [name for name, has in settings.items() if any(map(has.get, names))]
-        if users and kind not in users:
-            refuse(context, [option], f"is for the race {' or '.join(users)}; the race {kind} does not use it")
+"""Options that the settings of a race declare."""
 
 
 @on_workers
 @grouped("options", SET_OPTIONS, set_options)
-@grouped("own", KIND_OPTIONS)
+@grouped("own", NUMBERS)
 def race_verb(
-    context: typer.Context,
     options: dict[str, str],
     own: dict[str, int | None],
     workers: engine.Workers,
-    kind: Annotated[
-        Literal[*kinds()],  # type: ignore[valid-type]
-        typer.Option(
-            "--race", help=f"Kind of race: {joined(f'{each.summary} ({name})' for name, each in kinds().items())}."
-        ),
-    ] = DEFAULT,
     problem_sets: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="SET",
             help="Problem set, repeatable; by default paper and measured, or those of a given "
-            "--recording, --folder or --test-set. A stream and a loop have their own problems.",
+            "--recording, --folder or --test-set.",
         ),
     ] = None,
     problems: Annotated[
@@ -111,23 +89,12 @@ def race_verb(
             "object (direct), through qpsolvers or through cvxpy; all by default.",
         ),
     ] = None,
-    tiers: Annotated[
-        list[Tier] | None,
-        typer.Option(
-            "--tier",
-            metavar="|".join(Tier),
-            help="Accuracy that the solvers of a stream or a loop are set to, repeatable: a cost gap of 1e-3 (low), "
-            "1e-6 (mid), 1e-9 (high, the default) or 1e-12 (exact), no measurable effect on the stage (stage), or the "
-            "library's defaults (default).",
-        ),
-    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="RUN|SOLVER={...}",
-            help="For a stream or a loop: the run of a one-shot race from which the solvers' settings are taken; the "
-            "reference run by default. For a one-shot race SOLVER='{\"eps_abs\": 1e-6}', repeatable: settings of a "
-            "solver to measure beside its defaults, in place of its ladder.",
+            metavar="SOLVER={...}",
+            help="Settings of a solver to measure beside its defaults, in place of its ladder, repeatable: "
+            "SOLVER='{\"eps_abs\": 1e-6}'.",
         ),
     ] = None,
     scalings: Annotated[
@@ -174,8 +141,6 @@ def race_verb(
 
     Every answer is compared with an optimum that is proven in exact arithmetic. The run is a folder with a report.
     """
-    race = kinds()[kind]
-    refuse_unused(context, kind)
     sets = problem_sets or [name for name, option in FILE_OF.items() if option in options]
     given: dict[str, Any] = {
         "problem_sets": sets,
@@ -183,16 +148,15 @@ def race_verb(
         "solvers": [text for text in solvers or () if not text.endswith(".py")],
         "solver_files": [str(Path(text).resolve()) for text in solvers or () if text.endswith(".py")],
         "lanes": lanes,
-        "tiers": tiers,
         "scalings": [scale.value for scale in scalings or ()],
-        "limit": FEW if limit is None and kind == DEFAULT and not sets else limit,
+        "limit": FEW if limit is None and not sets else limit,
         "seed": seed,
-        "effort": replace(race.settings().effort, budget_s=budget),
+        "effort": Effort(budget_s=budget),
         "time_limit_s": time_limit_s,
         "memory_mb": memory_mb,
         "repeats": repeats,
         "set_options": options,
-        **_settings(settings or [], race),
+        "given": _given(settings or []),
         **own,
     }
     values: dict[str, Any] = {
@@ -200,13 +164,11 @@ def race_verb(
         for name, value in given.items()
         if value not in (None, [])
     }
-    made = race.settings(
-        **{field.name: values[field.name] for field in fields(race.settings) if field.init and field.name in values}
-    )
-    race.check(workers)
+    made = RaceSettings(**values)
+    workers.check()
     name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
     with _resumable(out / name, made.code):
-        run = race.start(out, made, name)
+        run = start(out, made, name)
         try:
             _finish(run, workers, as_json)
         except (RaceError, ProblemSetError):
@@ -214,19 +176,18 @@ def race_verb(
             raise
 
 
-def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
-    """The run that ``--settings`` names, or the settings that it gives by solver."""
-    if "given" not in {field.name for field in fields(race.settings)}:
-        require(len(texts) < 2, "--settings", "names one run")
-        return {"settings_run": str(Path(texts[0]).resolve()) if texts else None}
-    given = dict(text.partition("=")[::2] for text in texts)
-    for solver, text in given.items():
+def _given(texts: Sequence[str]) -> dict[str, str]:
+    """Settings by solver, as JSON; refused if they are no JSON or given twice."""
+    given: dict[str, str] = {}
+    for solver, _, text in (each.partition("=") for each in texts):
+        require(solver not in given, "--settings", f"gives settings for {solver} twice")
         try:
             decoded(text, dict[str, Any])
         except ValueError as error:
             why = f"{solver}: must be SOLVER={{...}} with settings in JSON: {error}"
             raise typer.BadParameter(why, param_hint="--settings") from None
-    return {"given": given}
+        given[solver] = text
+    return given
 
 
 @on_workers
@@ -247,13 +208,13 @@ def resume_verb(
 ) -> None:
     """Continue an interrupted race; finished tasks are kept."""
     opened = open_run(run)
-    if opened.is_finished(kind_of(opened).schema):
+    if opened.is_finished(ROWS):
         if not as_json:
             console.print(f"{run} is finished already.")
         report_verb(run, as_json)
     else:
-        kind_of(opened).check(workers)
-        used = kind_of(opened).settings_of(opened).code
+        workers.check()
+        used = settings_of(opened).code
         for file in sorted(used ^ {str(path.resolve()) for path in code or ()}):
             raise RunError(
                 f"{run / 'run.json'} names the Python file {file}, whose code would run; if you trust it, add "
@@ -272,7 +233,7 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     opened = open_run(run)
     with progress_bar() as progress:
         progress("writing the report", 0, 1)
-        written = kind_of(opened).write(opened)
+        written = write(opened)
     _show(opened, *written, as_json)
 
 
@@ -322,9 +283,9 @@ def _resumable(run: Path, code: Iterable[str]) -> Iterator[None]:
 
 def _finish(run: Run, workers: engine.Workers, as_json: bool) -> None:
     with progress_bar() as progress:
-        kind_of(run).carry_on(run, progress, workers)
+        carry_on(run, progress, workers)
         progress("writing the report", 0, 1)
-        written = kind_of(run).write(run)
+        written = write(run)
     _show(run, *written, as_json)
 
 

@@ -13,7 +13,7 @@ from bench.comparison import report as comparison_report
 from bench.comparison import versions
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
 from bench.deploy import actuator_model, candidates, decision
-from bench.races.kind import open_run
+from bench.races.runs import open_run
 from bench.report import words
 from bench.report.console import lines_of, print_report, print_result, progress_bar
 from bench.store import RunError
@@ -137,7 +137,7 @@ def _compare_versions(
 
 def deploy_verb(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(help="Folder of a one-shot race or of a stream.")],
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE.json", help="File for the compensator; compensator.json in the run by default."),

@@ -111,7 +111,7 @@ class Comparison:
 
 
 def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
-    """Compare run b with run a; RunError if one is not a finished one-shot race. ``smallest`` is above 1."""
+    """Compare run b with run a; RunError if one is not a finished race. ``smallest`` is above 1."""
     first, second = Measurements.of(a), Measurements.of(b)
     times, field = compare_times(
         levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest

@@ -22,8 +22,8 @@ from bench.messages.task import Progress, RaceError, Task, default_setting, sile
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file
+from bench.races.measuring import interleave
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.measuring import interleave
 from bench.timing import cores
 from bench.timing.clock import answers_us
 from solvers import Lane

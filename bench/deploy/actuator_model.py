@@ -15,7 +15,6 @@ import numpy as np
 from bench import problems
 from bench.problems.recorded import FITTED, HELD_OUT, Recorded, kept_back
 from bench.races.metrics import relative_gap
-from bench.races.stream.race import SET as STREAM_SET
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel
 
@@ -75,8 +74,6 @@ def model_for(
     """
     if model is not None:
         return _validated(run, ChosenModel(model, source, dict(model.report.get("certificate") or {})))
-    if run.race == STREAM_SET:
-        raise RunError(f"{run.path}: a stream holds no model; give one with --model, as identify writes it")
     if problem is None and not simulated and Recorded.name in run.settings.get("models", {}):
         return _stored(run)
     key = _find_problem(run, problem, simulated)

@@ -1,6 +1,6 @@
-"""The rule of a decision, and the candidates of a one-shot race or a stream: solver lanes at a setting each.
+"""The rule of a decision, and the candidates of a race: solver lanes at a setting each.
 
-They are lines of what the reports of these races derive from their rows, with the same settings, times and percentiles:
+They are lines of what its report derives from its rows, with the same settings, times and percentiles:
 the setting is the loosest at which cost gap and violation, of first and timed answers, are within the accuracy with a
 margin of ten on every problem, else of three, else of one. At least 99 timed answers to each problem are judged, so
 that another misses in at most 3 % of the cases (95 % confidence).
@@ -32,10 +32,10 @@ from typing import Any
 import numpy as np
 
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements, Microseconds
-from bench.derived.tiers import PROBLEM, TOLERANCE, choice, chosen_settings, distance, margin, measured, supported
+from bench.derived.schedule import LATE, on_schedule
+from bench.derived.tiers import PROBLEM, TOLERANCE, chosen_settings, distance, measured, supported
 from bench.messages.columns import TYPICAL
 from bench.messages.task import Tier
-from bench.races.stream import race, summary
 from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
 from bench.timing.percentiles import CONFIDENCE, percentile, rate_bound
@@ -103,6 +103,8 @@ class Candidate:
     """Number of calls of the percentiles."""
     judged: int
     """Fewest timed answers to a problem that were judged."""
+    is_late: bool
+    """Whether it was raced on the schedule and is late there."""
 
     @property
     def miss_rate(self) -> float:
@@ -148,6 +150,8 @@ class Candidate:
                 f"was judged on {self.judged} timed answers to a problem, and it takes {ENOUGH} without a miss to show "
                 f"a rate of misses of at most {MOST_MISSES:.0%}; race it with a larger --budget"
             )
+        if self.is_late:
+            return "is late on the schedule of 8 kHz more often than the machine itself"
         if self.own_misses[0] > rule.misses:
             return (
                 f"misses {self.missed} of {self.samples} deadlines, {self.own_misses[0]} more than the machine "
@@ -191,12 +195,15 @@ class Candidate:
         }
 
 
-def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
+def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
     """Candidates on scaled data from a cold start, as the compensator solves them; times include update and solve.
 
     Deadlines count hot and interleaved calls; percentiles hot calls only, since only one setting is interleaved.
     """
     found = Measurements.of(run)
+    at_8_khz = on_schedule(found)
+    at_8_khz = at_8_khz[(at_8_khz.scaling == "scaled") & (at_8_khz.schedule == LATE)]
+    late = {*at_8_khz[["solver", "lane", "setting"]].itertuples(index=False, name=None)}
     here = found.rows[(found.rows.scaling == "scaled") & (found.rows.start == "cold")]
     nothing = found.rows.task[found.rows.solver == FLOOR]
     floor = [found.pooled([task], way) for task in nothing for way in (HOT, INTERLEAVED)]
@@ -223,41 +230,7 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
             (*(percentile(hot, q).value or math.nan for q in QUANTILES[:-1]), float(chosen.answer_us.agg(TYPICAL))),
             hot.size,
             int(chosen.judged.min()) if len(chosen) else 0,
-        )
-
-
-def of_stream(run: Run, rule: Rule) -> Iterator[Candidate]:
-    """Candidates by the answer to each sample, and the time from its due time to its answer.
-
-    Of two settings of a lane, the less exact one is looser.
-    """
-    times = run.times()
-    table = summary.summary(summary.for_deadline(run.rows(race.STREAM), times, rule.deadline_us), times)
-    floor, field = table[table.is_floor], table[~table.is_floor & table.lane.isin([*map(str, rule.lanes)])]
-    _require_useful_deadline(run, rule, int(floor.missed.sum()), int(floor.samples.sum()))
-    gaps = field.own_gap_max.where(field.unanswered == 0).fillna(math.inf)
-    lines = field.assign(gap=gaps).sort_values("gap", ascending=False).drop_duplicates(["solver", "lane", "setting"])
-    for _, part in lines.groupby(["solver", "lane"], sort=False):
-        errors = part.gap.to_numpy()[None, :]
-        at = choice(errors, rule.accuracy)
-        line = part.iloc[-1 if at is None else at]
-        yield Candidate(
-            line.solver,
-            line.lane,
-            line.setting,
-            0.0 if at is None else margin(errors[:, at], rule.accuracy),
-            float(line.gap),
-            1,
-            int(line.gap <= rule.accuracy),
-            int(line.response_samples),
-            int(line.missed),
-            (
-                math.floor(line.missed / max(1.0, line.bouts_ratio_high)),
-                math.ceil(line.missed / max(1.0, line.bouts_ratio_low)),
-            ),
-            tuple(float(line[summary.column("response", q)]) for q in QUANTILES),
-            int(line.response_samples),
-            int(line.solves),
+            (line["solver"], line["lane"], line["furthest"]) in late,
         )
 
 

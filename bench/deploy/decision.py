@@ -2,8 +2,8 @@
 
 1. Cost gap and violation of the answers to every problem are within the required accuracy, with a margin.
 2. No deadline is missed that the machine's floor does not explain (`candidates`).
-3. Of the remaining candidates, the one with the lowest p99.9 of the answer's time (in a stream: of the response time)
-   is chosen. If one of them has too few calls for that, p99 decides, or the median.
+3. Of the remaining candidates, the one with the lowest p99.9 of the answer's time is chosen. If one of them has too few
+   calls for that, p99 decides, or the median.
 
 A deadline that the machine itself misses more often than not is refused, because the run is no evidence for it.
 """
@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.deploy.actuator_model import ChosenModel
-from bench.deploy.candidates import QUANTILES, Candidate, Rule, of_oneshot, of_stream
-from bench.races.stream.race import SET as STREAM_SET
+from bench.deploy.candidates import QUANTILES, Candidate, Rule, candidates
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
 from bench.timing.percentiles import Percentile, needed
@@ -75,7 +74,6 @@ class Decision:
         settings = self.run.settings
         return {
             "run": self.run.path.name,
-            "race": self.run.race,
             "machines": self.run.machines,
             "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
             "rule": self.rule.sentence,
@@ -99,9 +97,8 @@ class Decision:
 
 
 def decide(run: Run, rule: Rule) -> Decision:
-    """Apply the rule; RunError if no solver qualifies, or the run is of a kind without deadlines."""
-    candidates = of_stream(run, rule) if run.race == STREAM_SET else of_oneshot(run, rule)
-    verdicts = [(each, each.failing(rule)) for each in candidates]
+    """Apply the rule; RunError if no solver qualifies."""
+    verdicts = [(each, each.failing(rule)) for each in candidates(run, rule)]
     qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
     refused.sort(key=lambda pair: (not pair[0].margin, pair[0].own_misses[0] / max(pair[0].samples, 1), pair[0].worst))
     if not qualified:

@@ -1,10 +1,10 @@
-"""The table of a one-shot race, from which all results are derived: its columns, the measurements of a run, read once,
+"""The table of a race, from which all results are derived: its columns, the measurements of a run, read once,
 and their rows at each tier.
 
 Accuracy does not depend on the machine, so a setting is judged by the rows of all hosts; times are those of the host
 with most rows. All rows of a solver at one setting on one problem become one: repeats in fresh processes, and hot,
-long and interleaved calls. It has the medians of the times, the largest maximum, the total number of samples, and the
-spread of the answer over the repeats,
+long, interleaved and scheduled calls. It has the medians of the times, the largest maximum, the total number of
+samples, and the spread of the answer over the repeats,
 
     (max − min) / median.
 
@@ -12,7 +12,8 @@ Its answer is that of the first row whose status is not ok, so that an occasiona
 the largest of all rows; a row that was not run counts only if none was run.
 
 *Hot* calls follow each other directly, and a longer measurement of them replaces a shorter one. *Interleaved* calls
-alternate with those of other solvers, and find the caches that these left. A percentile of a solver is taken over all
+alternate with those of other solvers, and find the caches that these left. *Scheduled* calls come at 8 kHz, as in a
+controller (`bench.derived.schedule`). A percentile of a solver is taken over all
 its calls on all the problems in question.
 """
 
@@ -22,7 +23,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Self, get_args
 
 import numpy as np
 import pandas as pd
@@ -42,9 +43,9 @@ from bench.messages.columns import (
     typical_of_all,
     worst,
 )
-from bench.messages.task import Status, Tier
+from bench.messages.task import Status, Tier, Timed
 from bench.report.words import gap, marked, number, settings_label, share
-from bench.store import Run, RunError, Schema
+from bench.store import Run, Schema
 from bench.timing.clock import answers_us
 from bench.timing.percentiles import rate_bound
 from bench.timing.schedule import PERIOD_US
@@ -56,7 +57,7 @@ def status_counts(statuses: pd.Series) -> str:
     return str(counts.index[0]) if len(counts) == 1 else ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
-ONESHOT = Schema(
+ROWS = Schema(
     "rows.parquet",
     (
         Column("solver", TEXT, heading="solver", format=marked),
@@ -95,7 +96,7 @@ ONESHOT = Schema(
         Column("mutates_input", FLAG, "any"),
         Column("message", TEXT, first_text),
         Column("digest", TEXT),
-        *(Column(name, COUNT) for name in ("draw_seed", *MISSES.values())),
+        *(Column(name, COUNT) for name in ("draw_seed", "due", "late", "bouts", *MISSES.values())),
         Column("timed_call", COUNT),
         *(Column(name, NUMBERS) for name in ("answer", "timed_answer", "timed_shares", "timed_factors")),
         *named("problem", "d", "setting", "is_default", "timed", "repeat", "host"),
@@ -107,26 +108,20 @@ ONESHOT = Schema(
     ("problem_set", "problem", "scaling", "solver", "lane", "rung", "start", "timed", "repeat", "host"),
 )
 """One row per measurement. A row is never rewritten: what is measured again, longer or in another way, is a row of its
-own. ``timed`` is hot, long or interleaved. ``answer`` is the first one, and ``timed_answer`` the worst of the
-``judged`` timed ones, drawn with ``draw_seed``, to the data of call ``timed_call``: ``timed_shares`` are the shares
-of the problem and its windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time of an
-answer, ``cpu_us`` the mean processor time of a call where that is more than half as long again. A line of the summary
-is a solver lane at a tier and its setting, over all problems of a set; the columns that begin with the solver are
-those of the large table, solver, accuracy and times first, since a screen may cut off the others."""
-
-
-def rows_of(run: Run) -> pd.DataFrame:
-    """The rows of a one-shot race; RunError for a run of another kind."""
-    if run.race != "oneshot":
-        raise RunError(f"{run.path} is a {run.race} race, and this needs the rows of a one-shot race")
-    return run.rows(ONESHOT)
+own. ``timed`` is hot, long, interleaved or scheduled; ``late`` answers of those that were ``due`` missed their
+deadline, in ``bouts``. ``answer`` is the first one, and ``timed_answer`` the worst of the ``judged`` timed ones,
+drawn with ``draw_seed``, to the data of call ``timed_call``: ``timed_shares`` are the shares of the problem and its
+windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time of an answer, ``cpu_us`` the
+mean processor time of a call where that is more than half as long again. A line of the summary is a solver lane at a
+tier and its setting, over all problems of a set; the columns that begin with the solver are those of the large table,
+solver, accuracy and times first, since a screen may cut off the others."""
 
 
 FLOOR = "null"
 """Name of the solver that does nothing."""
 MEDIANS = ["setup_us", "update_us", "solve_us_p50", "solve_us_p99", "answer_us", "cpu_us", "periods", "reported_us"]
 WORST = ["cost_gap", "violation", "timed_gap", "timed_violation", "stage_excess", "timed_stage_excess"]
-HOT, INTERLEAVED = "hot", "interleaved"
+HOT, INTERLEAVED, SCHEDULED = "hot", "interleaved", "scheduled"
 MEASUREMENT = ["task", "timed", "repeat"]
 """Columns that identify a measurement in the tables of rows and of times of one host."""
 Microseconds = NDArray[np.float64]
@@ -141,8 +136,8 @@ class Measurements:
 
     @classmethod
     def of(cls, run: Run) -> Self:
-        """Read those of a one-shot race; RunError for a run of another kind."""
-        return cls(rows_of(run), run.times())
+        """Read those of a finished run."""
+        return cls(run.rows(ROWS), run.times())
 
     @cached_property
     def host(self) -> str:
@@ -166,7 +161,7 @@ class Measurements:
         raw = self.every_time.set_index([*MEASUREMENT, "what"]).ns.unstack().reset_index()
         parts: dict[tuple[str, str], list[Microseconds]] = {}
         for line in rows[~_is_replaced(rows)].merge(raw, on=MEASUREMENT).to_dict("records"):
-            way = INTERLEAVED if line["timed"] == INTERLEAVED else HOT
+            way = line["timed"] if line["timed"] in (INTERLEAVED, SCHEDULED) else HOT
             us = answers_us(line["update"], line["solve"], line["cpu_us"])
             parts.setdefault((line["task"], way), []).append(us)
         return {key: np.concatenate(calls) for key, calls in parts.items()}
@@ -239,10 +234,10 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
 def merged(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per task, with the number of ``repeats`` that were run, ``answer_us_spread`` and ``interleaved_us``."""
     rows = measured(rows)
-    order = rows.assign(ok=rows.status == Status.OK, way=rows.timed.map(["hot", "long", "interleaved"].index))
+    order = rows.assign(ok=rows.status == Status.OK, way=rows.timed.map([*get_args(Timed)].index))
     answers = order.sort_values(["ok", "repeat", "way"]).groupby("task", sort=False).head(1)
-    every, hot = rows.groupby("task", sort=False), rows[~_is_replaced(rows) & (rows.timed != INTERLEAVED)]
-    times = hot.groupby("task", sort=False)
+    every, apart = rows.groupby("task", sort=False), rows.timed.isin([INTERLEAVED, SCHEDULED])
+    times = rows[~_is_replaced(rows) & ~apart].groupby("task", sort=False)
     us = times.answer_us
     found = answers.set_index("task").assign(
         **{name: times[name].median() for name in MEDIANS},

@@ -1,4 +1,4 @@
-"""Tables of the figures of a one-shot race.
+"""Tables of the figures of a race.
 
 All are of cold starts. Except in the work–precision picture, each solver lane has one setting for all problems: that of
 the tier 1e-9, or the one that is right on most problems. A *view* is one problem set in one scaling. Times are those of

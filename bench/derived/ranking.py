@@ -1,4 +1,4 @@
-"""The short table of a one-shot race: time to each accuracy, over all problem sets together.
+"""The short table of a race: time to each accuracy, over all problem sets together.
 
 A row is a solver lane in the first scaling, from a cold start. For each tier it has the median time of update plus
 solve over the problems at the tier's setting. Rows are ordered by the most accurate tier reached among 1e-9, 1e-6 and

@@ -1,4 +1,4 @@
-"""The large table of a one-shot race.
+"""The large table of a race.
 
 A row is a solver lane at one tier and its setting, in one scaling, from a cold or warm start, over all problems of a
 set: the number of right answers, the worst cost gap, medians over the problems of the median times, and the p99 of an
@@ -18,7 +18,7 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, ONESHOT, Measurements, at_tiers
+from bench.derived.measurements import FLOOR, ROWS, Measurements, at_tiers
 from bench.derived.tiers import LANE, distance
 from bench.messages.columns import Column, combined
 from bench.messages.task import Status, Tier
@@ -52,7 +52,7 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     nothing = measurements.rows[measurements.rows.solver == FLOOR].assign(tier=str(Tier.DEFAULT), right=False)
     rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
     tasks = rows.groupby(GROUP, dropna=False).task
-    table = combined(rows, ONESHOT.columns, GROUP).assign(
+    table = combined(rows, ROWS.columns, GROUP).assign(
         answer_us_p99=[percentile(measurements.pooled(of_line), 0.99).value or math.nan for _, of_line in tasks]
     )
     table = table.assign(

@@ -1,4 +1,4 @@
-"""The result of a one-shot race in sentences: the fastest solver of each lane, the paper's method, the effect on the
+"""The result of a race in sentences: the fastest solver of each lane, the paper's method, the effect on the
 stage.
 
 Solvers are compared within a lane, ours with the best of the others, and the machine's instruction set, compiler and

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import parquet
 
-from bench.messages.task import Start, Status, Tier, Timed
+from bench.messages.task import Start, Tier, Timed
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane
 
@@ -42,7 +42,6 @@ SHARED = {
             "settings",
             "status",
             "message",
-            "basis",
             "what",
             "host",
             "machine",
@@ -78,11 +77,6 @@ def typical_of_all(values: pd.Series) -> float:
 def worst(values: pd.Series) -> float:
     """The largest value, or NaN if any is NaN: a failed problem must not look like an accurate one."""
     return float(values.max(skipna=False))
-
-
-def least_good(statuses: pd.Series) -> str:
-    """The first failure, else missed if any answer missed, else ok."""
-    return str(max(statuses, key=lambda status: (status != Status.OK) + (status not in (Status.OK, Status.MISSED))))
 
 
 def first_text(texts: pd.Series) -> str:
@@ -128,11 +122,9 @@ def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame
     try:
         with parquet.ParquetFile(path) as file:
             missing = [column for column in wanted.names if column not in file.schema_arrow.names]
-            if missing and missing != ["machine"]:
+            if missing:
                 raise TableError(f"has no column {missing[0]!r}")
             table = file.read(wanted.names)
-            for column in missing:  # of an older run, whose machine is in its run.json
-                table = table.append_column(column, pa.array([""] * table.num_rows))
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise TableError(f"cannot be read ({error})") from None
     if key and not table.num_rows:

@@ -31,9 +31,9 @@ Row = dict[str, Any]
 Start = Literal["cold", "warm", "line"]
 """Whether a solve starts from nothing, from the optimum of the previous problem, or from the straight line through the
 ranges, with which a self-learning compensator begins."""
-Timed = Literal["hot", "long", "interleaved"]
-"""Whether the calls of a task follow each other directly, do so for many more calls, or alternate with those of other
-solvers."""
+Timed = Literal["hot", "long", "interleaved", "scheduled"]
+"""Whether the calls of a task follow each other directly, do so for many more calls, alternate with those of other
+solvers, or follow the clock of a controller."""
 Progress = Callable[[str, int, int], None]
 """Reports the progress of long work: the current step, the number of finished steps and the total."""
 PAPER = "projected_difference"
@@ -93,8 +93,6 @@ class Status(StrEnum):
     """Its process opened files of the race or of other processes, or sent what nobody had asked for."""
     NOT_RUN = "not_run"
     """A looser setting of the same solver crashed, was stopped or took too long on this problem."""
-    LATE = "late"
-    """The answer is right, but came after its deadline."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +128,6 @@ class Task:
     timed: Timed = "hot"
     d: int = 0
     """Number of variables of the problem."""
-    basis: Mapping[Tier, str] = field(default_factory=dict)
-    """The tiers that the setting was chosen for, with the basis of each choice; empty if every setting is measured."""
 
     def __str__(self) -> str:
         """Name for the progress bar."""
@@ -187,11 +183,6 @@ def settings_ladder(solver: Described) -> Sequence[Setting]:
 def default_setting(solver: Described) -> Setting:
     """A solver's defaults."""
     return next(setting for setting in settings_ladder(solver) if setting.is_default)
-
-
-def tightest(solver: Described) -> Setting:
-    """The last setting of a solver's ladder."""
-    return settings_ladder(solver)[-1]
 
 
 @dataclass

@@ -15,13 +15,12 @@ from contextlib import suppress
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from qpsolvers import Problem
 
 import solvers
 from bench.problems.gap_bounds import Bounds, gap_bounds, has_bounds_only, least_eigenvalues
 from bench.problems.protocol import CertifiedForm, Window
-from solvers.arrays import Matrix, Vector, product
+from solvers.arrays import Index, Matrix, Vector, product
 from solvers.certificate import NotCertified, certify
 from solvers.protocol import Solver
 
@@ -79,18 +78,18 @@ class FreshData:
         """The program of a call with its certified optimum; None if it cannot be proven."""
         self._found: dict[int, Vector] = {}
 
-    def in_secret_order(self, chosen: NDArray[np.bool_]) -> list[int]:
-        """The chosen ones of the first n calls, ``chosen`` (n,), as they come in the permutation."""
-        return [int(call) for call in self._permutation if call < chosen.size and chosen[call]]
+    def in_secret_order(self, calls: Index) -> list[int]:
+        """Some calls, as they come in the permutation."""
+        return [int(call) for call in self._permutation[np.isin(self._permutation, calls)]]
 
-    def gap_bounds(self, answers: Matrix) -> Bounds:
-        """Bounds of the larger of cost gap and violation of the answers (n, d) to the first n calls, each (n,)."""
+    def gap_bounds(self, calls: Index, answers: Matrix) -> Bounds:
+        """Bounds of the larger of cost gap and violation of the answers (n, d) to these calls (n,), each (n,)."""
         low, high = np.zeros(len(answers)), np.full(len(answers), math.inf)
         for first in range(0, len(answers) if has_bounds_only(self._form) else 0, self.calls_at_once):
-            part = slice(first, min(first + self.calls_at_once, len(answers)))
-            P, q = self.block(part.start, part.stop)
-            near = np.array([self._near(call, *data) for call, data in enumerate(zip(P, q, strict=True), first)])
-            shares = self._shares[part]
+            part = slice(first, first + self.calls_at_once)
+            here, shares = calls[part], self._shares[calls[part]]
+            P, q = mixed(self._form, shares, self._factors[here])
+            near = np.array([self._near(int(call), *data) for call, *data in zip(here, P, q, strict=True)])
             c = shares @ [self._form.c, *(window.c for window in self._form.windows)]
             low[part], high[part] = gap_bounds(self._form, P, q, c, shares @ self._least, answers[part], near)
         return low, high

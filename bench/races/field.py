@@ -9,8 +9,7 @@ from bench.problems import ProblemSetError, check_options, make
 from bench.processes.forked_child import warm_up
 from bench.processes.solver_child import SolverPool, entry_of_file
 from bench.races import null_solver
-from bench.races.chosen_settings import table_of
-from bench.races.settings import RaceSettings, TierSettings
+from bench.races.settings import RaceSettings
 from bench.store import Run
 from solvers import Described, Entry, entries
 
@@ -56,9 +55,10 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
         if missing := [name for name in settings.problems if name not in known]:
             listed = "; ".join(f"{set_name}: {', '.join(of_set)}" for set_name, of_set in names.items())
             raise ProblemSetError(f"there is no problem {missing[0]!r} in these sets; {listed}")
-    if isinstance(settings, TierSettings):
-        table_of(settings.settings_run)
-    return chosen(settings, preload)
+    selected = chosen(settings, preload)
+    for name in settings.given.keys() - {entry.name for entry in selected}:
+        raise RaceError(f"settings are given for {name!r}, which does not race")
+    return selected
 
 
 def described_by(run: Run, pool: SolverPool) -> list[Described]:

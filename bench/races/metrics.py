@@ -22,35 +22,37 @@ from bench.messages.task import Outcome, Row, Status
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from piezo_model.identification_problem import Scaling
-from solvers.arrays import Matrix, Vector, product
+from solvers.arrays import Index, Matrix, Vector, product
 from solvers.certificate import exact_cost_gap
 
 
-def judge_timed(problem: RaceProblem, fresh: FreshData, answers: Matrix, few: int) -> Row:
-    """Columns of the timed answers (n, d): how many were judged, how many of them miss each tolerance, and the worst of
-    them with the draw of its data, as of ``FreshData.draw``, from which it can be judged again.
+def judge_timed(problem: RaceProblem, fresh: FreshData, calls: Index, answers: Matrix, few: int) -> Row:
+    """Columns of the timed answers (n, d) to the data of these calls (n,): how many were judged, how many of them miss
+    each tolerance, and the worst of them with the draw of its data, as of ``FreshData.draw``, from which it can be
+    judged again.
 
     An answer is judged in floating point where the bounds of its error exclude every tolerance; of the others at most
     ``few``, drawn in secret, are judged in exact arithmetic. ``timed_gap`` is the larger of cost gap and violation,
     infinite if the answer is not finite. ``timed_stage_excess`` is as of a first answer, beyond the model of the
     optimum to the same data.
     """
-    low, high = fresh.gap_bounds(answers)
+    low, high = fresh.gap_bounds(calls, answers)
     is_open = np.any([(low <= tolerance) & (high > tolerance) for tolerance in TOLERANCE.values()], axis=0)
-    gaps = {int(call): high[call] for call in np.flatnonzero(~is_open)}
-    for call in fresh.in_secret_order(is_open)[:few]:
+    given = dict(zip(map(int, calls), answers, strict=True))
+    gaps = dict(zip(map(int, calls[~is_open]), high[~is_open], strict=True))
+    for call in fresh.in_secret_order(calls[is_open])[:few]:
         if (proven := fresh.certified(call)) is not None:
-            gaps[call] = max(relative_gap(proven, answers[call]))
+            gaps[call] = max(relative_gap(proven, given[call]))
     by_gap = sorted(gaps, key=lambda call: -gaps[call])
     worst, form = next(((call, form) for call in by_gap if (form := fresh.certified(call))), (-1, None))
     if form is None:
         return {}
-    answer, shares, factors = (tuple(map(float, part)) for part in (answers[worst], *fresh.draw(worst)))
+    answer, shares, factors = (tuple(map(float, part)) for part in (given[worst], *fresh.draw(worst)))
     return {
         "judged": len(gaps),
         "draw_seed": fresh.seed,
         **{name: sum(gap > TOLERANCE[tier] for gap in gaps.values()) for tier, name in MISSES.items()},
-        **timed_measures(problem, form, answers[worst]),
+        **timed_measures(problem, form, given[worst]),
         "timed_call": worst,
         "timed_answer": answer,
         "timed_shares": shares,

@@ -5,7 +5,6 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from bench.messages.task import Tier
 from bench.problems.protocol import SCALINGS
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
@@ -15,21 +14,16 @@ MOST = 10**9
 Positive = Annotated[int, Meta(ge=1, le=MOST)]
 
 
-def option(default: float, text: str, least: float = 1) -> Any:
-    """A number that is an option of one kind of race on the command line; an integer if its default is one."""
-    return field(default=default, metadata={"help": text, "least": least})
-
-
-def fixed(value: Any) -> Any:
-    """A setting that is constant for a kind of race; the command line refuses its option."""
-    return field(default_factory=lambda: value, init=False)
+def option(default: int, text: str) -> Any:
+    """A number from 0 that is an option of the command line under its own name."""
+    return field(default=default, metadata={"help": text})
 
 
 @dataclass(frozen=True)
 class RaceSettings:
-    """Settings that all kinds of race share; a kind marks those that do not apply with :func:`fixed`."""
+    """Settings of a race; the command line has an option for each."""
 
-    problem_sets: tuple[str, ...] = ("paper",)
+    problem_sets: tuple[str, ...] = ("paper", "measured")
     solvers: tuple[str, ...] = ()
     """Names to race; empty for all."""
     lanes: tuple[Lane, ...] = tuple(Lane)
@@ -47,36 +41,22 @@ class RaceSettings:
     """Number of fresh processes of each solver lane."""
     set_options: dict[str, str] = field(default_factory=dict)
     """Files and columns for the problem sets, by name."""
+    rounds: int = option(10, "Rounds in which the solvers are interleaved, 0 for none")
+    """Rounds of interleaved solves, one update and solve of each solver a round."""
+    schedule: int = option(0, "Samples on a schedule of 8 kHz, where answers may be late, 0 for none")
+    """Samples of each problem that come due every 125 µs, whether the solver is ready or not."""
+    keep_misses: int = option(5, "Solver lanes whose worst miss of 1e-9 is kept as a file")
+    """Most solver lanes of which a missed answer is saved with its program."""
+    given: dict[str, str] = field(default_factory=dict)
+    """Settings of the user's for solvers by name, as JSON, which are measured in place of the ladder."""
 
     def __post_init__(self) -> None:
         """ValueError if an option is outside its range."""
         for each in fields(self):
-            if "least" in each.metadata and not each.metadata["least"] <= getattr(self, each.name) <= MOST:
-                raise ValueError(
-                    f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}"
-                )
+            if "help" in each.metadata and not 0 <= getattr(self, each.name) <= MOST:
+                raise ValueError(f"{each.name} must be from 0 to {MOST}, not {getattr(self, each.name)}")
 
     @property
     def code(self) -> set[str]:
         """Paths of the Python files that a race executes: solvers, and a test set of qpbenchmark."""
         return {*self.solver_files, *(path for name, path in self.set_options.items() if name == "test_set")}
-
-
-@dataclass(frozen=True)
-class OwnProblemSettings(RaceSettings):
-    """Settings of a race that has its own problems instead of problem sets."""
-
-    problem_sets: tuple[str, ...] = fixed(("paper",))
-    scalings: tuple[Scaling, ...] = fixed(SCALINGS)
-    set_options: dict[str, str] = fixed({})
-    problems: tuple[str, ...] = fixed(())
-
-
-@dataclass(frozen=True)
-class TierSettings(OwnProblemSettings):
-    """Settings of a race in which the solvers' settings are those chosen for a tier in a one-shot race."""
-
-    limit: int = fixed(0)
-    tiers: tuple[Tier, ...] = (Tier.HIGH,)
-    settings_run: str = ""
-    """Folder of the one-shot race; "" for the reference run."""

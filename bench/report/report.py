@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bench.messages.columns import Column
-from bench.report.words import by_heading, marked
+from bench.report.words import by_heading
 
 LEAST_GAP = 1e-17
 """Smallest cost gap on a plot; smaller ones are drawn at this value."""
@@ -167,17 +167,6 @@ class Table:
             if name in self.headings
         }
         return {name: texts for name, texts in found.items() if len(texts) > 1}
-
-
-def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
-    """The given columns of the rows with a message, one row for each combination of values in the columns ``once``."""
-    wrong = rows[rows.message != ""].drop_duplicates([*once])[[*columns]]
-    return Table(
-        "What went wrong",
-        columns,
-        wrong.assign(solver=wrong.solver.map(marked)).astype(str).values.tolist(),
-        len(columns),
-    )
 
 
 @dataclass(frozen=True)

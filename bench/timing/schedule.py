@@ -7,7 +7,7 @@ includes it, begun at b_j and ended at e_j,
     service time   e_j − b_j,      response time   e_j − t_k  ≥  e_j − b_j,
 
 and the answer is late if the response time is above T. A loop without a schedule never sees the difference of the two
-(coordinated omission). The answer in use at the deadline t_k + T is the newest one that ended by then.
+(coordinated omission).
 
 Between samples the loop sleeps while more than SPIN_NS remain, and then spins: a sleep may end some 60 µs late (slack
 of the system's timers and the way back to the core), which at 8 kHz leaves no time to sleep.
@@ -38,8 +38,6 @@ class Timeline:
     """Number of samples that came due."""
     solved: Index
     """The newest sample of each solve. Shape (M,)."""
-    data_ns: Nanoseconds
-    """Time to bring P and q up to that sample, apart from the solver. Shape (M,)."""
     began: Nanoseconds
     updated: Nanoseconds
     ended: Nanoseconds
@@ -47,30 +45,10 @@ class Timeline:
     period_ns: int = PERIOD_NS
 
     @property
-    def service_ns(self) -> Nanoseconds:
-        """Time from begin to end of each solve, shape (M,)."""
-        return self.ended - self.began
-
-    @property
     def response_ns(self) -> Nanoseconds:
         """Time from the due time of each sample to the end of the first solve that includes it, shape (samples,)."""
         k = np.arange(self.samples)
         return self.ended[np.searchsorted(self.solved, k)] - k * self.period_ns
-
-    @property
-    def late(self) -> NDArray[np.bool_]:
-        """Whether the answer to each sample missed its deadline, shape (samples,)."""
-        return self.response_ns > self.period_ns
-
-    def in_use(self, usable: NDArray[np.bool_]) -> Index:
-        """The solve whose answer is in use at each deadline, shape (samples,); −1 before the first answer.
-
-        ``usable`` (M,) is whether a solve gave an answer.
-        """
-        answered = np.flatnonzero(usable)
-        deadlines = np.arange(1, self.samples + 1) * self.period_ns
-        newest = np.searchsorted(self.ended[answered], deadlines, side="right") - 1
-        return np.append(answered, -1)[newest]
 
 
 def runs(late: NDArray[np.bool_]) -> int:
@@ -95,13 +73,11 @@ def wait_until(moment: int, clock: Callable[[], int], sleep: Callable[[float], N
 
 def follow(
     samples: int,
-    absorb: Callable[[int, int], None],
-    update: Callable[[int, int], None],
+    update: Callable[[int], None],
     solve: Callable[[], object],
     keep: Callable[[int], None],
     *,
     period_ns: int = PERIOD_NS,
-    give_up: int = 0,
     clock: Callable[[], int] = time.perf_counter_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Timeline:
@@ -111,38 +87,26 @@ def follow(
     ----------
     samples : int
         Number of samples on the schedule.
-    absorb : callable (first, last)
-        Add the samples from first to last, both included, to the data: before the due time if the solver leaves time
-        for it, and never part of the service time.
-    update : callable (first, last)
-        Pass the new data to the solver.
+    update : callable (k)
+        Pass the data of sample k to the solver.
     solve : callable
         Solve.
     keep : callable (j)
         Save the answer of solve j; not timed.
-    give_up : int
-        Number of samples after which to stop if all their answers were late; 0 for never.
     clock, sleep : callable
         Clock in nanoseconds, and sleep in seconds.
     """
-    solved, data, began, updated, ended = (np.full(samples, -1, dtype=np.int64) for _ in range(5))
-    start, k, count, hopeless = clock() + LEAD_NS, -1, 0, give_up > 0
+    solved, began, updated, ended = (np.full(samples, -1, dtype=np.int64) for _ in range(4))
+    start, k, count = clock() + LEAD_NS, -1, 0
     while k + 1 < samples:
-        first = k + 1
-        before = clock()
-        k = min(max(first, (before - start) // period_ns), samples - 1)
-        absorb(first, k)
-        data[count] = clock() - before
+        k = min(max(k + 1, (clock() - start) // period_ns), samples - 1)
         wait_until(start + k * period_ns, clock, sleep)
         begin = clock()
-        update(first, k)
+        update(k)
         between = clock()
         solve()
         end = clock()
         solved[count], began[count], updated[count], ended[count] = k, begin - start, between - start, end - start
         keep(count)
         count += 1
-        hopeless = hopeless and end - (start + k * period_ns) > period_ns
-        if hopeless and k + 1 >= give_up:
-            break
-    return Timeline(k + 1, solved[:count], data[:count], began[:count], updated[:count], ended[:count], period_ns)
+    return Timeline(samples, solved[:count], began[:count], updated[:count], ended[:count], period_ns)

@@ -1,7 +1,6 @@
 /* The exact solver as Python calls it; see box.h. */
 #include "box.h"
 #include "clock.h"
-#include "forgetting.h"
 #include "bindings_timed.h"
 
 enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than releasing the interpreter's lock */
@@ -35,13 +34,6 @@ static int solve_from(Box *s, const double *start, double *x, int warm)
 static int solve_cold(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 0); }
 static int solve_warm(void *solver, const double *start, double *x) { return solve_from(solver, start, x, 1); }
 
-static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, const double *rows, double forgetting)
-{
-    for (int64_t k = 0; k < count; ++k) {
-        absorb(P, q, c, d, rows + k * (d + 1), forgetting);
-    }
-}
-
 #define BINDINGS(F)                                                                                                    \
     F(box_bytes, "d#0:10000", "size of the state of the exact solver.", 0, WHOLE_RESULT = box_bytes(INT(0)))           \
     F(box_field_offsets, "state@BOX1", "offsets of its vectors and counters.", 0, field_offsets(&a, BOX))              \
@@ -53,7 +45,5 @@ static void absorb_rows(double *P, double *q, double *c, int d, int64_t count, c
     F(box_solve, "state@BOX1, warm#0:1", "solve; a status.", SIZE(d) >= LONG_FROM,                                     \
       WHOLE_RESULT = box_solve(BOX, INT(1)))                                                                           \
     F(time_box, "state@BOX1, warm#0:1, " TIMED, "time updates and solves; a status.", 1,                               \
-      WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))          \
-    F(absorb, "P[d,d]=, q[d]=, c[1]=, rows[n,d+1], forgetting", "take rows into P, q and c.", LENGTH(n) > 10,          \
-      absorb_rows(REALS(0), REALS(1), REALS(2), SIZE(d), LENGTH(n), REALS(3), NUMBER(4)))
+      WHOLE_RESULT = TIMED_BY(2, (&(TimedSolver){BOX, SIZE(d), update, WHOLE(1) ? solve_warm : solve_cold})))
 MAKE_BINDINGS(box)

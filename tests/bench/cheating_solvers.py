@@ -134,7 +134,7 @@ def update(self, P=None, q=None):
 """,
     "patches_and_mends": """
 def update(self, P=None, q=None):
-    from bench.races.oneshot import worker
+    from bench.races import worker
     time_block = vars(worker).setdefault("kept", worker.time_block)
     def forged(*arguments):
         updates, solves, answers = time_block(*arguments)
@@ -148,7 +148,7 @@ def update(self, P=None, q=None):
 def setup(self, problem):
     self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
     self.set_data(problem.P, problem.q)
-    from bench.races.oneshot import worker
+    from bench.races import worker
     known = worker.TimedSolver.block
     def forged(bench, P, q, most_ns):
         found = known(bench, P, q, most_ns)

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import ROWS
 from bench.messages.task import NO_SETTING, Task
 from bench.store import Run, RunError, Schema
 from solvers.protocol import Lane
 
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING, d=18) for i in range(2)]
-PLAIN = Schema("rows.parquet", ONESHOT.columns, ("problem",))
+PLAIN = Schema("rows.parquet", ROWS.columns, ("problem",))
 
 
 def kill_before_step(n: int, folder: Path) -> None:

@@ -19,7 +19,7 @@ from browser import Browser
 from command_line import CommandLine, Finished
 from programs import library
 
-from bench.derived.measurements import ONESHOT, Measurements
+from bench.derived.measurements import ROWS, Measurements
 from bench.store import Run, Schema
 from bench.timing import cores
 
@@ -80,7 +80,7 @@ def commit_of(folder: Path) -> str:
 def commits(run: Run) -> pd.Series:
     """The commit that made each row."""
     machines = run.machines
-    return run.rows(ONESHOT).machine.map(lambda key: machines[key]["environment"]["commit"])
+    return run.rows(ROWS).machine.map(lambda key: machines[key]["environment"]["commit"])
 
 
 SMALL = (
@@ -140,7 +140,7 @@ def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Ra
     """A finished one-shot race with these options."""
     call = piezobench.run("race", "--out", out, "--name", name, *words)
     run = Run.open(out / name)
-    return Race(run, run.rows(ONESHOT), call)
+    return Race(run, run.rows(ROWS), call)
 
 
 def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:

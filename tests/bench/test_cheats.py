@@ -14,8 +14,8 @@ from bench.problems.fresh import FreshData, mixture
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
+from bench.races.measuring import row_of, timed
 from bench.races.metrics import relative_gap
-from bench.races.oneshot.measuring import row_of, timed
 from bench.timing.clock import Effort
 from solvers import Lane, find
 from solvers.certificate import certify

@@ -17,11 +17,8 @@ from command_line import CommandLine
 from small_races import Race
 from typer.main import get_command
 
-from bench.cli.app import VERBS, command_line, run
-from bench.cli.options import RECORDING
-from bench.cli.race_verbs import KIND_OPTIONS, SETTING_OF
+from bench.cli.app import VERBS, command_line
 from bench.problems import sets
-from bench.races.kind import kinds
 from piezo_model import plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
@@ -190,75 +187,6 @@ def test_a_closed_error_output_or_input_changes_neither_status_nor_output(
     assert in_bash(f"piezobench problems --set none {closed}", tmp_path)[:2] == (2, "")
 
 
-# Options that a call would not use.
-
-EVERY_RACE = ("solver", "lane", "seed", "time-limit", "memory")
-OF_PROBLEMS = {
-    "set",
-    "recording",
-    "time",
-    "sheet",
-    "folder",
-    "test-set",
-    "work",
-    "scaling",
-    "limit",
-    "budget",
-    "repeats",
-}
-READS = {
-    "oneshot": OF_PROBLEMS | {"problem", "rounds", "keep-misses", "settings"},
-    "stream": {"tier", "settings", "repeats", "samples"},
-}
-"""Options of each kind of race, besides those of every kind."""
-VALUES = {
-    "set": "paper",
-    "problem": "nowhere",
-    "recording": "stage.csv",
-    "time": "time_s",
-    "sheet": "one",
-    "folder": ".",
-    "test-set": "some.py",
-    "work": 1e6,
-    "scaling": "raw",
-    "tier": "high",
-    "settings": "nobody={}",
-    "budget": 0.005,
-    "repeats": 1,
-    "rounds": 0,
-    "keep-misses": 0,
-    "samples": 100,
-    "solver": "nobody",
-    "lane": "direct",
-    "seed": 1,
-    "time-limit": 5,
-    "memory": 64,
-    "limit": 1,
-}
-
-
-def test_every_option_of_a_race_is_in_the_table_of_a_kind() -> None:
-    assert {name for name, kind in READS.items()} == set(kinds())
-    known = {option for options in READS.values() for option in options}.union(EVERY_RACE)
-    assert known == set(VALUES)
-    settings = {name.replace("_", "-") for name in KIND_OPTIONS}
-    assert settings <= known
-    others = RECORDING.keys() - {"time", "sheet"}  # which stand for all of a recording
-    assert {option.replace("_", "-") for option in SETTING_OF.keys() - others} <= known
-
-
-@pytest.mark.parametrize("option", VALUES)
-@pytest.mark.parametrize("kind", READS)
-def test_options_that_a_race_does_not_use_are_refused_and_no_others(
-    capsys: pytest.CaptureFixture[str], kind: str, option: str
-) -> None:
-    assert run(["race", "--race", kind, f"--{option}", str(VALUES[option]), "--solver", "nobody"]) == 2
-    refusal = capsys.readouterr().err
-    users = [name for name in kinds() if option in READS[name]]
-    unused = f"Invalid value for --{option}: is for the race {' or '.join(users)}; the race {kind} does not use it"
-    assert (unused in refusal) == (option not in READS[kind] and option not in EVERY_RACE)
-
-
 # Refusals.
 
 OWN = "The model was fitted to this recording, so the errors say little about other recordings."
@@ -276,10 +204,8 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         (["race", "--quick"], ["piezobench race: No such option: --quick; see piezobench race --help"]),
         (["race", "--limit", "some"], ["--limit"]),
         (["race", "--limit", "-1"], ["--limit"]),
-        (["race", "--tier", "best"], ["'default', "]),
         (["race", "--lane", "fast"], ["'kernel', 'direct'"]),
-        (["race", "--race", "stream", "--samples", "0"], ["--samples"]),
-        (["race", "--race", "marathon"], ["'oneshot', "]),
+        (["race", "--schedule", "-1"], ["--schedule"]),
         (["race", "--problem", "nowhere"], ["there is no problem 'nowhere'"]),
         (["resume"], ["Missing argument 'run'"]),
         (["report"], ["Missing argument 'run'"]),

@@ -31,7 +31,7 @@ from bench.comparison.compare import (
     lost_tiers,
 )
 from bench.messages.task import Status
-from bench.store import Run, RunError
+from bench.store import Run
 
 SLOWED = ("osqp", "direct")
 
@@ -284,11 +284,6 @@ def test_the_page_shows_what_differs_and_markdown_survives_any_name(
 
 def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Race) -> None:
     assert "two runs or more" in piezobench("compare", wide_race.run.path).refusal
-
-
-def test_runs_of_another_kind_are_refused_in_one_sentence(wide_race: Race, tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="needs the rows of a one-shot race"):
-        compare_runs(wide_race.run, wide_race.copied(tmp_path / "other", race="stream"))
 
 
 PAIRS = 15

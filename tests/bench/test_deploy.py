@@ -21,11 +21,10 @@ from small_races import Race, raced
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import QUANTILES, UNSEEN, Candidate, Rule, explained
 from bench.deploy.decision import Decision, decide
-from bench.derived.measurements import ONESHOT, Measurements
+from bench.derived.measurements import ROWS, Measurements
 from bench.derived.summary import summary
 from bench.messages.task import Row
-from bench.races.stream.race import STREAM
-from bench.store import TIMES, Run, RunError, Schema
+from bench.store import TIMES, Run, RunError
 from bench.timing import machine
 from bench.timing.percentiles import rate_bound
 from piezo_model import ModelError, ModelStructure, SelfLearningCompensator, plants
@@ -77,19 +76,19 @@ def nothing(us: Us | float = 0.1, calls: int = CALLS) -> list[tuple[Row, np.ndar
 def run_of(
     folder: Path,
     *parts: Iterable[tuple[Row, np.ndarray]],
-    race: str = "oneshot",
-    schema: Schema = ONESHOT,
-    what: str = "solve",
 ) -> Run:
     """A finished run with these rows and times."""
-    made = Run.create(folder, {"race": race, "settings": {}, "machine": machine.describe()}, "run")
+    made, here = Run.create(folder, {"settings": {}}, "run"), machine.describe()
     (made.path / "tasks").rmdir()
+    (made.path / "machines").mkdir()
+    (made.path / "machines" / f"{machine.key(here)}.json").write_text(json.dumps(here))
     both = [each for part in parts for each in part]
-    parquet.write_table(pa.Table.from_pylist([one for one, _ in both], schema.arrow), made.path / schema.file)
+    rows = [{**one, "machine": machine.key(here)} for one, _ in both]
+    parquet.write_table(pa.Table.from_pylist(rows, ROWS.arrow), made.path / ROWS.file)
     times = [
         {**{name: one.get(name) for name in TIMES.names[:4]}, "what": name, "ns": np.round(1e3 * ns).astype(np.int64)}
         for one, us in both
-        for name, ns in ((what, us), ("update", 0.0 * us))
+        for name, ns in (("solve", us), ("update", 0.0 * us), *([("response", us)] if one["due"] else []))
     ]
     parquet.write_table(pa.Table.from_pylist(times, TIMES), made.path / "times.parquet")
     return made
@@ -286,89 +285,26 @@ def test_a_percentile_is_the_same_in_the_decision_and_in_the_report(tmp_path: Pa
     assert decide(run, LENIENT).chosen.times_us[QUANTILES.index(0.99)] == pytest.approx(p99)
 
 
-def streamed(
-    solver: str, gap: float, us: float, setting: str, repeats: int = 2, **known: Any
-) -> list[tuple[Row, np.ndarray]]:
-    """Rows of a stream with response times in µs."""
-    ordinary = {
-        "problem_set": "stream",
-        "problem": "p",
-        "d": 18,
-        "solver": solver,
-        "lane": "direct",
-        "tier": "high",
-        "setting": setting,
-        "basis": "reference",
-        "scaling": "scaled",
-        "settings": "{}",
-        "status": "ok",
-        "samples": 1500,
-        "own_gap_max": gap,
-        **dict.fromkeys(("unanswered", "missed", "stalls"), 0.0),
-    }
-    return [
-        (
-            STREAM.row(**{**ordinary, "task": f"{solver}-{setting}-{repeat}", "repeat": repeat, **known}),
-            np.full(1500, us),
-        )
-        for repeat in range(repeats)
-    ]
-
-
-@pytest.mark.parametrize(("deadline_us", "own"), [(125.0, 0), (20.0, 100)])
-def test_in_a_stream_the_machine_is_judged_by_the_deadline_of_the_rule_and_by_bouts(
-    tmp_path: Path, deadline_us: float, own: int
+@pytest.mark.parametrize(("bouts", "chosen"), [(2, "daqp"), (40, "quadprog")])
+def test_a_solver_that_is_late_on_the_schedule_more_often_than_the_machine_does_not_qualify(
+    tmp_path: Path, bouts: int, chosen: str
 ) -> None:
-    bouts = np.where(np.arange(1500) % 15, 5.0, 30.0)
-
-    def with_bouts(solver: str, us: np.ndarray, setting: str) -> list[tuple[Row, np.ndarray]]:
-        return [(one, us) for one, _ in streamed(solver, 0.0, 0.0, setting, repeats=1)]
+    def on_schedule(solver: str, setting: str, bouts: int) -> list[tuple[Row, np.ndarray]]:
+        at_8_khz = {"timed": "scheduled", "due": 3000, "late": bouts, "bouts": bouts, "samples": 3000}
+        return [(row(problem="p0", solver=solver, setting=setting, **at_8_khz), np.full(3000, 2.0))]
 
     run = run_of(
         tmp_path,
-        with_bouts("null", np.full(1500, 0.1), "{}"),
-        with_bouts("daqp", bouts, ladder_of("daqp")[0]),
-        race="stream",
-        schema=STREAM,
-        what="response",
+        nothing(),
+        racer("daqp", us=1.0),
+        racer("quadprog", us=2.0),
+        on_schedule("null", "{}", 2),
+        on_schedule("daqp", ladder_of("daqp")[0], bouts),
+        on_schedule("quadprog", ladder_of("quadprog")[0], 2),
     )
-    found = decide(run, Rule(deadline_us=deadline_us, misses=10**6)).chosen
-    assert found.own_misses[1] == own
-    busy = run_of(
-        tmp_path / "busy",
-        with_bouts("null", bouts - 4.0, "{}"),
-        with_bouts("daqp", bouts, ladder_of("daqp")[0]),
-        race="stream",
-        schema=STREAM,
-        what="response",
-    )
-    assert decide(busy, Rule(deadline_us=20.0)).chosen.own_misses[0] == 0
-
-
-def test_in_a_stream_the_loosest_setting_that_is_right_at_every_sample_is_the_candidate_of_a_solver(
-    tmp_path: Path,
-) -> None:
-    loose, middle, tight, *_ = ladder_of("osqp")
-    run = run_of(
-        tmp_path,
-        streamed("null", math.nan, 0.1, "{}"),
-        streamed("osqp", 1e-5, 1.0, loose),
-        streamed("osqp", 9e-11, 5.0, middle),
-        streamed("osqp", 1e-14, 9.0, tight),
-        streamed("daqp", 0.0, 2.0, ladder_of("daqp")[0], unanswered=1),
-        streamed("box_active_set", 1e-16, 7.0, "{}"),
-        race="stream",
-        schema=STREAM,
-        what="response",
-    )
-    decision = decide(run, Rule())
-    assert (decision.chosen.solver, decision.chosen.setting, decision.chosen.margin) == ("osqp", middle, 10.0)
-    assert names_of(decision.runners_up) == ["box_active_set"]
-    assert "above 1e-09 on 1 of 1 problems" in why(decision, "daqp")
-    exact = decide(run, Rule(accuracy=1e-15))
-    assert exact.chosen.solver == "box_active_set"
-    with pytest.raises(RunError, match="a stream holds no model; give one with --model"):
-        model_for(run)
+    decision = decide(run, LENIENT)
+    assert decision.chosen.solver == chosen
+    assert (chosen == "daqp") or "is late on the schedule" in why(decision, "daqp")
 
 
 def test_the_reference_run_gives_a_compensator_that_runs_and_learns(piezobench: CommandLine, tmp_path: Path) -> None:
@@ -479,7 +415,7 @@ def test_a_solver_of_a_users_file_is_not_deployed_however_good(piezobench: Comma
 
 def test_a_problem_can_be_named_and_an_unknown_one_is_refused(wide_race: Race) -> None:
     run = wide_race.run
-    names = ["/".join(name) for name in run.rows(ONESHOT)[["problem_set", "problem"]].drop_duplicates().to_numpy()]
+    names = ["/".join(name) for name in run.rows(ROWS)[["problem_set", "problem"]].drop_duplicates().to_numpy()]
     for name in names:
         assert model_for(run, problem=name, simulated=True).certificate["problem_of_run"] == name
     with pytest.raises(RunError, match="has no problem 'paper/none'; there are "):

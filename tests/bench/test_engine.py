@@ -13,7 +13,7 @@ from programs import library
 from small_races import MACHINES, SMALL, THIRD, TWO_CORES, Race, checkout, commit_of, commits, saved
 from test_store import of_first_answers
 
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import ROWS
 from bench.messages.task import RaceError
 from bench.processes.engine import check_cores
 from bench.store import Run
@@ -21,7 +21,7 @@ from bench.timing import cores
 
 
 def same_but_for_times_and_hosts(run: Run, race: Race) -> None:
-    here, there = (of_first_answers(rows).drop(columns=["host", "machine"]) for rows in (run.rows(ONESHOT), race.rows))
+    here, there = (of_first_answers(rows).drop(columns=["host", "machine"]) for rows in (run.rows(ROWS), race.rows))
     pd.testing.assert_frame_equal(here, there)
 
 
@@ -63,7 +63,7 @@ def test_a_race_whose_workers_were_killed_is_resumed_by_one_and_each_row_knows_t
     kept = saved(run, "rows")
     piezobench.run("resume", run.path, folder=second)
     same_but_for_times_and_hosts(run, clean_race)
-    rows = run.rows(ONESHOT)
+    rows = run.rows(ROWS)
     keys = rows.task + "-" + rows.timed + "-" + rows.repeat.astype(str)
     assert commits(run).tolist() == [commit_of(first if key in kept else second) for key in keys]
     assert {commit_of(first), commit_of(second)} <= {*(run.path / "report.md").read_text().split()}
@@ -154,7 +154,7 @@ def test_a_dask_cluster_of_two_machines_gives_the_rows_of_a_local_race_repeatedl
         same_but_for_times_and_hosts(run, clean_race)
         hosts = [host for host, _ in hosts_and_cores(run)]
         assert sorted(hosts) in ([*MACHINES], 2 * [os.uname().nodename])
-        rows = run.rows(ONESHOT)
+        rows = run.rows(ROWS)
         assert {*rows.host} == {*hosts}
         assert len({*zip(rows.host, commits(run), strict=True)}) == commits(run).nunique() == 2
 

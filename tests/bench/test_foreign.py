@@ -23,7 +23,7 @@ from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
 
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import ROWS
 from bench.derived.tiers import right
 from bench.messages.task import Outcome, Status, Tier
 from bench.problem_files import read
@@ -255,7 +255,7 @@ def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(raced:
 
 
 def test_solvers_answer_foreign_problems_or_report_them_as_unsupported(raced: tuple[Run, str]) -> None:
-    rows = raced[0].rows(ONESHOT)
+    rows = raced[0].rows(ROWS)
     rows = rows[rows.is_default & (rows.start == "cold")]
     ours, others = rows[rows.solver == "box_active_set"], rows[rows.solver.isin(["daqp", "clarabel"])]
     assert set(ours.status) == {"unsupported"}

@@ -16,9 +16,9 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
+from bench.races.measuring import interleave, timed
 from bench.races.metrics import judge_timed
-from bench.races.oneshot.measuring import interleave, timed
-from bench.races.oneshot.passes import LONGEST_INTERLEAVED_US, NEAR, planned
+from bench.races.passes import LONGEST_INTERLEAVED_US, NEAR, planned
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, find
@@ -187,7 +187,7 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     assert not outcome.mutated
     assert outcome.times["solve"].size == 7
     problem = RaceProblem("none", "none", {"scaled": form})
-    assert judge_timed(problem, fresh, outcome.answers, 3)["timed_gap"] <= 1e-9
+    assert judge_timed(problem, fresh, np.arange(7), outcome.answers, 3)["timed_gap"] <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 

@@ -11,10 +11,10 @@ from browser import WIDTHS, Browser
 from command_line import CommandLine
 from small_races import Race, assert_harmless
 
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import ROWS
 from bench.derived.summary import summary
 from bench.messages.task import Status
-from bench.races.kind import kind_of
+from bench.races.runs import write
 from bench.report import vega
 from bench.report.report import BEST, Axis, Figure, Mark, Plot, Report, best_lines
 from bench.report.words import marked
@@ -27,7 +27,7 @@ EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.ti
 
 def written(run: Run) -> Path:
     """Write the page of a run again."""
-    return kind_of(run).write(run)[1].with_suffix(".html")
+    return write(run)[1].with_suffix(".html")
 
 
 def column(browser: Browser, heading: str) -> list[str]:
@@ -241,4 +241,4 @@ def test_the_best_lines_of_a_crowd_have_names_and_colours_that_differ_and_the_ot
 def test_no_text_of_a_one_shot_race_is_evaluated_in_its_report(
     piezobench: CommandLine, browser: Browser, wide_race: Race, tmp_path: Path, labels: bool
 ) -> None:
-    assert_harmless(piezobench, browser, wide_race.run, ONESHOT, tmp_path, labels)
+    assert_harmless(piezobench, browser, wide_race.run, ROWS, tmp_path, labels)

@@ -15,8 +15,8 @@ from small_races import Race
 from bench.messages.task import NO_SETTING, RaceError, Status, Task, Tier
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.field import checked
-from bench.races.oneshot.worker import OneShot
 from bench.races.settings import RaceSettings
+from bench.races.worker import OneShot
 
 STATUS = {
     "segfaults": Status.CRASHED,

@@ -13,11 +13,10 @@ from command_line import CommandLine
 from qpsolvers import Problem
 from small_races import Race, race_of, saved
 
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import ROWS
 from bench.messages.task import PAPER, settings_ladder
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.races.oneshot.passes import OneshotSettings
-from bench.races.oneshot.race import EXPONENT, first_pass_settings, tasks_of
+from bench.races.race import EXPONENT, first_pass_settings, tasks_of
 from bench.races.settings import RaceSettings
 from bench.store import Run
 from solvers import Lane, find
@@ -162,7 +161,7 @@ def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the
     (tmp_path / "crashes.py.log").write_text("")
     done = piezobench.run("resume", run.path, *files)
     assert logged(tmp_path, "crashes").isdisjoint({6, 8, 10})
-    resumed = Race(run, run.rows(ONESHOT), done)
+    resumed = Race(run, run.rows(ROWS), done)
     both = ended.race.rows[ended.race.rows.solver.isin(["crashes", "goes_on", "daqp", "null"])]
     assert names(resumed) == names(replace(ended.race, rows=both))
     assert resumed.rows.status.tolist() == both.status.tolist()
@@ -199,14 +198,14 @@ def test_a_wrapper_has_the_looser_of_two_near_settings_others_all_and_a_default_
     assert [setting.rung for setting in first_pass_settings(without)] == [-1, 0, 1]
     ours = describe(find("box_active_set", "kernel"))
     assert [(setting.text, setting.rung, setting.is_default) for setting in settings_ladder(ours)] == [("{}", 0, True)]
-    raw = tasks_of(OneshotSettings(scalings=("raw",)), [described("a", "direct")], problem_of_one("p"), "raw")
+    raw = tasks_of(RaceSettings(scalings=("raw",)), [described("a", "direct")], problem_of_one("p"), "raw")
     assert [task.setting.rung for task in raw] == [-1, *range(8)]  # raw data alone are the first scaling
 
 
 def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from_the_straight_line() -> None:
     field = [described("a", "cvxpy"), described("a", "qpsolvers"), described(PAPER, "direct")]
     problems = [problem_of_one(f"p{i}", line) for i, line in enumerate((True, False))]
-    tasks = [task for problem in problems for task in tasks_of(OneshotSettings(), field, problem, "scaled")]
+    tasks = [task for problem in problems for task in tasks_of(RaceSettings(), field, problem, "scaled")]
     assert Counter((task.lane, task.problem) for task in tasks if task.setting.is_default and task.start == "cold") == {
         (lane, problem.name): 1 for lane in (Lane.CVXPY, Lane.QPSOLVERS, Lane.DIRECT) for problem in problems
     }

@@ -18,7 +18,6 @@ from bench.problems import RaceProblem, all_sets, find, make, sets
 from bench.problems.measured import FOLDER, read
 from bench.problems.protocol import SCALINGS, Scaling
 from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed
-from bench.races.oneshot.passes import OneshotSettings
 from bench.races.run_problems import raced
 from bench.races.settings import RaceSettings
 from piezo_model import DataBasis, HysteresisCreepModel, plants
@@ -331,7 +330,7 @@ def by_seed() -> list[dict[str, RaceProblem]]:
 
 
 def test_measured_actuators_are_raced_by_default_and_have_sources_and_licences() -> None:
-    assert OneshotSettings().problem_sets == ("paper", "measured")
+    assert RaceSettings().problem_sets == ("paper", "measured")
     files = list(FOLDER.glob("*.npz"))
     assert len(files) == len(make("measured").names()) >= 3
     assert all(path.stat().st_size < 30_000 for path in files)

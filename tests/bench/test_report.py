@@ -14,7 +14,7 @@ from small_races import Race
 
 from bench import rendering
 from bench.derived.ranking import PACE
-from bench.races.kind import kind_of
+from bench.races.runs import write
 from solvers.registry import OURS
 
 
@@ -62,14 +62,14 @@ def test_the_limits_say_on_how_many_hosts_was_raced(clean_race: Race, tmp_path: 
     assert limit.format("One machine") in (clean_race.run.path / "report.md").read_text()
     first, *others = clean_race.run.settings["conditions"]["parts"]
     run = clean_race.copied(tmp_path / "two", conditions={"parts": [first | {"host": "elsewhere"}, *others]})
-    _, path = kind_of(run).write(run)
+    _, path = write(run)
     assert limit.format("2 hosts") in path.read_text()
 
 
 def test_writing_a_report_again_writes_the_same(clean_race: Race) -> None:
     names = ("report.md", "report.html", "summary.csv", "work_precision.svg")
     before = [(clean_race.run.path / name).read_bytes() for name in names]
-    kind_of(clean_race.run).write(clean_race.run)
+    write(clean_race.run)
     assert [(clean_race.run.path / name).read_bytes() for name in names] == before
 
 

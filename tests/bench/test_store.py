@@ -24,15 +24,15 @@ from killed_run import PLAIN
 from small_races import SMALL, TASKS, THIRD, Race
 
 from bench import problems
-from bench.derived.measurements import ONESHOT
+from bench.derived.measurements import ROWS
 from bench.messages.task import silent
-from bench.races.kind import kinds
 from bench.races.run_problems import problems_of
+from bench.races.runs import settings_of
 from bench.store import VERSION, Run, RunError
 from bench.timing import machine
 from piezo_model.atomic_file import write_text
 
-SETTINGS = {"settings": {}, "machine": machine.describe()}
+SETTINGS = {"settings": {}}
 KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
 SEED = int(os.environ.get("PIEZOBENCH_KILL_SEED", "0"))
 TIMES = [
@@ -48,7 +48,7 @@ TIMES = [
     "reported_us",
     "preemptions",
     "judged",
-    *(name for name in ONESHOT.arrow.names if name.startswith("timed_")),
+    *(name for name in ROWS.arrow.names if name.startswith("timed_")),
 ]
 
 
@@ -78,7 +78,7 @@ def test_a_race_killed_at_random_moments_leaves_no_process_or_file_and_ends_like
             call = piezobench.start("resume", run.path)
         else:
             call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
-        while call.running() and not run.is_finished(ONESHOT) and len(list((run.path / "tasks").glob("[!.]*"))) < after:
+        while call.running() and not run.is_finished(ROWS) and len(list((run.path / "tasks").glob("[!.]*"))) < after:
             time.sleep(0.002)
         time.sleep(chance.choice([0.0, chance.uniform(0.0, 0.05), chance.uniform(0.0, 1.0)]))
         call.kill()
@@ -86,7 +86,7 @@ def test_a_race_killed_at_random_moments_leaves_no_process_or_file_and_ends_like
         wait_until_gone(call.pid)
         assert temporary(piezobench) == before
     piezobench.run("resume", run.path)
-    assert_same(run.rows(ONESHOT), clean_race)
+    assert_same(run.rows(ROWS), clean_race)
     for name in ("report.md", "summary.csv"):
         assert (run.path / name).is_file()
 
@@ -152,18 +152,18 @@ def test_a_full_disk_is_one_sentence_and_the_race_is_resumed_when_there_is_space
     assert f"piezobench resume {run.path}" in call.refusal
     assert not [path for path in run.path.rglob("*") if path.is_file() and path.name.startswith(".")]
     with pytest.raises(RunError, match="was not finished"):
-        run.rows(ONESHOT)
+        run.rows(ROWS)
     if full:
         subprocess.run(["mount", "-o", "remount,size=10m", str(small_disk)], check=True)
     assert piezobench("resume", run.path).status == 0
-    assert_same(run.rows(ONESHOT), clean_race)
+    assert_same(run.rows(ROWS), clean_race)
 
 
 def test_only_one_process_may_work_on_a_run(clean_race: Race, piezobench: CommandLine, tmp_path: Path) -> None:
     run = Run.create(tmp_path, clean_race.run.settings, "run")
     with run.exclusive():
         assert "another process is at work on this run" in piezobench("resume", run.path).refusal
-        assert not run.is_finished(ONESHOT)
+        assert not run.is_finished(ROWS)
     with run.exclusive():
         pass
 
@@ -176,10 +176,10 @@ def test_a_run_is_named_like_one_folder(tmp_path: Path, name: str) -> None:
 
 
 def test_an_existing_run_is_not_overwritten(tmp_path: Path) -> None:
-    Run.create(tmp_path, {**SETTINGS, "race": "first"}, "run")
+    Run.create(tmp_path, {**SETTINGS, "there_are": {"first": 1}}, "run")
     with pytest.raises(RunError, match="already exists; give another name or resume it"):
         Run.create(tmp_path, SETTINGS, "run")
-    assert Run.open(tmp_path / "run").settings["race"] == "first"
+    assert Run.open(tmp_path / "run").settings["there_are"] == {"first": 1}
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
@@ -209,7 +209,6 @@ def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_
         ["resume", run.path],
         ["compare", run.path, clean_race.run.path, "--out", tmp_path / "c"],
         ["deploy", run.path, "--out", tmp_path / "d.json"],
-        ["race", "--race", "stream", "--settings", run.path, "--out", tmp_path],
     ):
         assert (
             f"{run.path / 'run.json'}: version {version} is not {VERSION}, the one this program reads"
@@ -231,7 +230,7 @@ def test_a_resumed_run_generates_no_saved_problem(
     clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = unfinished(clean_race, tmp_path)
-    settings = kinds()["oneshot"].settings_of(run)
+    settings = settings_of(run)
 
     def made(self: problems.ProblemSet) -> None:
         raise AssertionError("a saved problem is generated again")
@@ -245,7 +244,7 @@ def test_a_problem_whose_file_is_missing_is_generated_again(clean_race: Race, tm
     run = unfinished(clean_race, tmp_path)
     (path,) = (run.path / "problems").iterdir()
     path.unlink()
-    (loaded,) = problems_of(run, kinds()["oneshot"].settings_of(run), silent)
+    (loaded,) = problems_of(run, settings_of(run), silent)
     assert path.is_file()
     assert [loaded.name] == run.settings["problems"]["paper"]
 
@@ -306,4 +305,4 @@ def test_a_run_knows_the_machine_of_each_of_its_rows_and_is_refused_without_it(
     older = Run(tmp_path / "run")
     older.note(machine={**described, "processor": "An abacus"})
     assert {each["processor"] for each in older.machines.values()} == {"An abacus", described["processor"]}
-    assert older.machine_of(older.rows(ONESHOT)) == described
+    assert older.machine_of(older.rows(ROWS)) == described

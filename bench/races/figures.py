@@ -1,4 +1,4 @@
-"""The figures of a one-shot race."""
+"""The figures of a race."""
 
 import pandas as pd
 

@@ -9,6 +9,8 @@ and interleaved solves. Each solver lane has one setting here: the one chosen fo
 defaults, by first answers alone. Timed answers are not used for this choice, since each race draws their data anew: two
 races of the same problems would then be interleaved at different settings, and could not be compared.
 
+*Scheduled* calls, if wanted, follow the clock of `bench.timing.schedule`: each sample brings data of its own.
+
 Interleaved solvers are each ready in their own process, all on the same core. In every round each of them does one
 update and solve, in a shuffled order, so that it finds the caches as the others left them. Cold and warm solves have
 separate rounds. A compensator with other work in its sampling period lies between these figures and the hot ones. A
@@ -16,14 +18,16 @@ problem is therefore never divided between workers.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby
+from pathlib import Path
 
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, at_tiers
+from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, SCHEDULED, at_tiers
 from bench.derived.tiers import supported, tier_settings
 from bench.messages.task import Outcome, Row, Start, Status, Task, Tier, Timed
 from bench.problems.fresh import FreshData
@@ -31,14 +35,17 @@ from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.sentinel import EVERY_S
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
-from bench.races.driver import Part, Tell
-from bench.races.oneshot.measuring import interleave, row_of, timed
-from bench.races.settings import RaceSettings, option
+from bench.races.field import described_by
+from bench.races.measuring import interleave, row_of, scheduled, timed
+from bench.races.settings import RaceSettings
 from bench.store import Run
+from bench.timing import machine
 from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
 from solvers.registry import FAMILIES, Described
 
+Tell = Callable[[Task], None]
+"""Called with each task before it starts."""
 LONGEST_US = 1e5
 """Longest answer after which tighter settings are tried."""
 LONGEST_INTERLEAVED_US = 1000.0
@@ -54,26 +61,20 @@ PLAN = ["scaling", "solver", "lane"]
 
 
 @dataclass(frozen=True)
-class OneshotSettings(RaceSettings):
-    """Settings of a one-shot race."""
-
-    problem_sets: tuple[str, ...] = ("paper", "measured")
-    rounds: int = option(10, "Rounds in which the solvers are interleaved.", least=0)
-    """Rounds of interleaved solves, one update and solve of each solver a round; 0 for none."""
-    keep_misses: int = option(5, "Solver lanes whose worst miss of 1e-9 is kept as a file.", least=0)
-    """Most solver lanes of which a missed answer is saved with its program."""
-    given: dict[str, str] = field(default_factory=dict)
-    """Settings of the user's for solvers by name, as JSON, which are measured in place of the ladder."""
-
-
-@dataclass(frozen=True)
-class Pass(Part):
-    """One problem in one scaling and one repeat.
+class Pass:
+    """One problem in one scaling and one repeat, which one worker does in one go, on any host that can access the run's
+    folder.
 
     The tasks of a solver lane follow each other; the null solver comes first.
     """
 
-    settings: OneshotSettings
+    run: Path
+    name: str
+    """File name of its notes."""
+    tasks: tuple[Task, ...]
+    repeat: int
+    """Number of the repeat; each has fresh processes."""
+    settings: RaceSettings
     problem: RaceProblem
     scaling: Scaling
     proven: int
@@ -86,13 +87,37 @@ class Pass(Part):
         """The problem in this scaling."""
         return self.problem.forms[self.scaling]
 
-    def work(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
-        """Measure one ladder after the other, then interleave the tasks that are."""
+    def do(self, pool: SolverPool, tell: Tell) -> None:
+        """Do the tasks that are not done yet, monitor the machine, and save notes at the end."""
+        run = Run(self.run)
+        if run.has_notes(self.name):
+            return
+        pool.begin(self.repeat)
+        described_by(run, pool)
+        pool.sentinel.sample()
+        before = machine.counters()
+        rows = self._work(run, pool, tell)
+        between = machine.between(before, machine.counters())
+        pool.sentinel.sample()
+        run.save_notes(
+            self.name,
+            {
+                "host": os.uname().nodename,
+                "core": pool.core,
+                "sentinel": pool.sentinel.take_samples(),
+                **between,
+                "preemptions": sum(row["preemptions"] for row in rows),
+                "timed_calls": sum(row["samples"] for row in rows),
+            },
+        )
+
+    def _work(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
+        """Measure one ladder after the other, then interleave the tasks that are; returns the rows."""
 
         @cache
         def fresh(place: int, way: Timed, start: Start) -> FreshData:
             """Data of a task, other for each setting of a solver, so that answers kept from another are of no use."""
-            return FreshData(self.form, self._effort(way).most)
+            return FreshData(self.form, self.settings.schedule if way == SCHEDULED else self._effort(way).most)
 
         rows: list[Row] = []
         for (_, _, way, start), ladder in groupby(
@@ -122,7 +147,11 @@ class Pass(Part):
                 rows.append(self._save(run, task, Outcome(str(Status.NOT_RUN), why)))
             else:
                 idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
-                outcome = timed(pool.child(task), idle, task, self.form, fresh, self._effort(task.timed))
+                outcome = (
+                    scheduled(pool.child(task), task, self.form, fresh)
+                    if task.timed == SCHEDULED
+                    else timed(pool.child(task), idle, task, self.form, fresh, self._effort(task.timed))
+                )
                 rows.append(self._save(run, task, outcome, fresh))
                 pool.sentinel.sample(unless_within_s=EVERY_S)
             if task.setting.rung >= 0:
@@ -153,9 +182,7 @@ def _end_of_ladder(row: Row) -> str:
     return "took longer than 0.1 s" if row["answer_us"] > LONGEST_US else ""
 
 
-def second_pass(
-    run: Run, settings: OneshotSettings, field: Sequence[Described], first: Sequence[Pass]
-) -> Iterator[Pass]:
+def second_pass(run: Run, settings: RaceSettings, field: Sequence[Described], first: Sequence[Pass]) -> Iterator[Pass]:
     """The parts of the second pass, planned from the cold hot rows, all of which are there."""
     rows = pd.DataFrame(run.rows_so_far())
     rows = rows[(rows.timed == HOT) & (rows.start == "cold")]
@@ -178,6 +205,8 @@ def second_pass(
             more += starts[1:]
             if line["interleaved"] and settings.rounds:
                 more += [replace(each, timed="interleaved") for each in starts]
+            if line["interleaved"] and settings.schedule:
+                more.append(replace(task, timed="scheduled"))
         yield replace(part, name=f"{part.name}--second", tasks=tuple(more), calls=calls)
 
 

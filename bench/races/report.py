@@ -1,4 +1,4 @@
-"""The report of a one-shot race."""
+"""The report of a race."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -6,14 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.derived import ranking, summary, verdict
-from bench.derived.measurements import ONESHOT, Measurements
+from bench.derived import ranking, schedule, summary, verdict
+from bench.derived.measurements import ROWS, Measurements
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
-from bench.races.kind import Kind
-from bench.races.oneshot.figures import figures
-from bench.races.oneshot.passes import OneshotSettings
-from bench.races.oneshot.race import OneshotRace
+from bench.races.figures import figures
+from bench.races.settings import RaceSettings
 from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_label
 from bench.store import Run, RunError
@@ -71,7 +69,9 @@ DEFINITIONS = (
     "that no setting reaches on every problem is not reached.",
     "leave-one-out: the setting is chosen on the problems that it is judged on. This is the share of them on which the "
     "setting that the others choose is right; – where there are fewer than three problems.",
-    "right: on how many problems the answer is as exact as the tier asks.",
+    "right: on how many problems the first answer and all judged timed ones are as exact as the tier asks. judged: the "
+    "fewest timed answers to a problem that were judged. misses, at most: the rate of misses on any problem that they "
+    "leave open (95 %); 3 % after 100 answers without a miss.",
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
     "|V*| / cost scale: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative "
     "to V* is that much looser.",
@@ -97,7 +97,7 @@ REPEATED = (
 )
 
 
-def report(run: Run, race: OneshotSettings) -> Report:
+def report(run: Run, race: RaceSettings) -> Report:
     """The report of a finished run."""
     measurements, settings = Measurements.of(run), run.settings
     lines, table, costs = summary.summary(measurements), ranking.ranking(measurements), optima(run, measurements.rows)
@@ -106,6 +106,7 @@ def report(run: Run, race: OneshotSettings) -> Report:
     shown = lines.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
     misses = dict(summary.kept(run, measurements, race.keep_misses))
+    at_8_khz = schedule.on_schedule(measurements)
     beside, missed = ranking.like_with_like(measurements), summary.misses(measurements)
     versions = settings.get("field", {})
     return Report(
@@ -118,6 +119,7 @@ def report(run: Run, race: OneshotSettings) -> Report:
         notes=[
             *verdict.below_rounding(costs),
             *verdict.notes(measurements, lines),
+            *schedule.sentences(at_8_khz),
             *remarks(run, measurements, misses),
         ],
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
@@ -126,7 +128,7 @@ def report(run: Run, race: OneshotSettings) -> Report:
             Table.of(
                 "Every solver at every tier",
                 shown.assign(right=right.mask(shown.status == summary.NOTHING, "–")),
-                ONESHOT.columns,
+                ROWS.columns,
                 3,
                 filters=("problem set", "scaling", "lane", "tier", "start", "status"),
                 file="summary.csv",
@@ -149,6 +151,11 @@ def report(run: Run, race: OneshotSettings) -> Report:
                 filters=("lane", "timed", "unknowns"),
                 note="Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
                 f"first; a ratio below 1 is in our favour. {SIMD}",
+            ),
+            *(
+                [Table.of("On the schedule of 8 kHz", at_8_khz, schedule.COLUMNS, 3, note=schedule.NOTE)]
+                if len(at_8_khz)
+                else []
             ),
             Table.of(
                 "Wrapper overhead",
@@ -246,6 +253,3 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
 def _span(values: pd.Series) -> str:
     low, high = number(float(values.min())), number(float(values.max()))
     return low if low == high else f"{low} to {high}"
-
-
-KIND = Kind("oneshot", "One-shot race", "full solves", OneshotSettings, OneshotRace, report)

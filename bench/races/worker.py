@@ -1,9 +1,9 @@
-"""The child's side of the one-shot race: solve one problem, then be timed on data that arrive block by block.
+"""The child's side of the race: solve one problem, then be timed on data that arrive block by block.
 
 *Hot*: the same solver updates and solves again and again, so that its code is in the caches. *Interleaved*: one update
 and solve at a time, and other solvers run on the same core in between. In both cases the clock runs in the child; the
 child receives the data of a block only when it is timed, and returns its answers with the times. The parent has its own
-clock and its own certificates.
+clock and its own certificates. *Scheduled*: each sample of a block comes due at its time (`bench.timing.schedule`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from bench.messages.solver_info import real, solver_info
 from bench.messages.task import Outcome, Request, Task, attempt
 from bench.problem_files.program import copied, fields_of
 from bench.processes.worker import forbidden_actions
-from bench.timing.clock import time_block, time_call, time_kernel
+from bench.timing.clock import no_garbage_collection, time_block, time_call, time_kernel
+from bench.timing.schedule import follow
 from solvers.protocol import Matrix, Solver, Vector
 
 
@@ -112,6 +113,29 @@ class TimedSolver:
             preemptions=preemptions() - before,
             times={"update": updates, "solve": solves},
             answers=answers,
+        )
+
+    def scheduled(self, P: Matrix, q: Matrix) -> Outcome:
+        """Update and solve on the schedule, sample k with P[k] (n, d, d) and q[k] (n, d); the answer of each solve is
+        copied within its time. ``sample`` says to which sample it is, and ``response`` when each sample was
+        answered."""
+        answers, x = np.full(q.shape, np.nan), np.zeros(q.shape[1])
+
+        def solve() -> None:
+            x[:] = self._solve()
+
+        def keep(j: int) -> None:
+            answers[j] = x
+
+        before = preemptions()
+        with no_garbage_collection():
+            t = follow(len(q), lambda k: self.solver.update(P[k], q[k]), solve, keep)
+        times = {"update": t.updated - t.began, "solve": t.ended - t.updated, "sample": t.solved}
+        return Outcome(
+            found=True,
+            preemptions=preemptions() - before,
+            times={**times, "response": t.response_ns},
+            answers=answers[: t.solved.size],
         )
 
     def end(self, budget_s: float) -> Outcome:

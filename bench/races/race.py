@@ -1,4 +1,4 @@
-"""The one-shot race: every problem, in each scaling, by every solver in every lane at every setting of its ladder.
+"""The race: every problem, in each scaling, by every solver in every lane at every setting of its ladder.
 
 For each problem and scaling the solvers are timed one after the other, each hot in its own process on the same core
 at every setting; a second pass follows at one setting of each (`passes`). The null solver, which does nothing, is
@@ -12,17 +12,15 @@ one for a cost gap nearest to 1e-8.
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from bench.derived.measurements import ONESHOT
 from bench.messages import user_cache
 from bench.messages.task import (
     NO_SETTING,
     PAPER,
     ChildSettings,
-    RaceError,
+    Progress,
     Setting,
     Task,
     default_setting,
@@ -30,46 +28,44 @@ from bench.messages.task import (
 )
 from bench.problems.protocol import RaceProblem
 from bench.races import null_solver
-from bench.races.driver import Part, Race
-from bench.races.oneshot.passes import OneshotSettings, Pass, second_pass
+from bench.races.field import checked
+from bench.races.passes import Pass, second_pass
 from bench.races.run_problems import problems_of, save_certificates
+from bench.races.settings import RaceSettings
+from bench.store import Run
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import decoded
 from solvers.protocol import setting_text
-from solvers.registry import FAMILIES, Described, Entry
+from solvers.registry import FAMILIES, Described
 
 EXPONENT = 8.0
 """Exponent of the cost gap at which wrappers are compared."""
 FEWEST_PROVEN, PROVEN = 3, 24
 """Most timed answers of a task that are judged in exact arithmetic: this many, or as many over all problems."""
+PRELOAD = ("bench.races.worker",)
+"""Modules that requests need in a solver's process."""
 
 
-class OneshotRace(Race[OneshotSettings]):
-    """Two passes, each divided by problem, scaling and repeat."""
+class Race:
+    """Two passes over the problems of a run, each divided by problem, scaling and repeat."""
 
-    schema = ONESHOT
-    preload = ("bench.races.oneshot.worker",)
-    floor = spreads = True
-
-    @classmethod
-    def entries(cls, settings: OneshotSettings) -> Sequence[Entry]:
-        """The selected solvers; RaceError if settings are given for one that does not race."""
-        selected = super().entries(settings)
-        for name in settings.given.keys() - {entry.name for entry in selected}:
-            raise RaceError(f"settings are given for {name!r}, which does not race")
-        return selected
+    def __init__(self, run: Run, settings: RaceSettings, progress: Progress) -> None:
+        self.run, self.settings, self.progress = run, settings, progress
+        self.entries = (null_solver.ENTRY, *checked(settings, PRELOAD))
 
     @property
     def child(self) -> ChildSettings:
-        """Hide the certificates from the solvers."""
-        return replace(super().child, hidden=(str(self.run.path.resolve()), str(user_cache.folder())))
+        """Limits of a solver's process, from which the certificates are hidden."""
+        hidden = (str(self.run.path.resolve()), str(user_cache.folder()))
+        return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb, hidden, PRELOAD)
 
     def prepare(self, resources: ExitStack) -> None:
         """Generate or load the problems."""
         self.problems = list(problems_of(self.run, self.settings, self.progress))
 
-    def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Part]]:
-        """The first pass and the second; each part begins with the null solver."""
+    def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Pass]]:
+        """The first pass and the second; each part begins with the null solver. A pass is requested when the one
+        before is done."""
         settings, nothing = self.settings, null_solver.ENTRY
 
         def tasks(problem: RaceProblem, scaling: Scaling, repeat: int) -> Iterator[Task]:
@@ -101,7 +97,7 @@ class OneshotRace(Race[OneshotSettings]):
 
 
 def tasks_of(
-    settings: OneshotSettings,
+    settings: RaceSettings,
     solvers: Sequence[Described],
     problem: RaceProblem,
     scaling: Scaling,

@@ -19,16 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.derived.measurements import FLOOR, ONESHOT
+from bench.derived.measurements import FLOOR, ROWS
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge, judge_timed
-from bench.races.oneshot.worker import Further, OneShot, TimedSolver
+from bench.races.worker import Further, OneShot, TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
+from bench.timing.schedule import PERIOD_NS, runs
 from solvers.protocol import Lane, Matrix
 
 UNSEEN_NS = 250_000
@@ -86,6 +87,33 @@ def timed(
         return Outcome("tampered", "; ".join(end.forbidden_actions))
     outcome = replace(outcome, times=end.times, repeatable=end.repeatable, mutated=end.mutated)
     return with_calls(outcome, blocks, lambda: _idle_ns(idle, task, form, fresh, blocks))
+
+
+def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData) -> Outcome:
+    """Run a task on the schedule, as many samples at once as fit into a message. Waiting takes processor time, so that
+    the child's clock is not checked."""
+    outcome, blocks, ends = set_up(child, task, form), list[Outcome](), range(0, fresh.count, fresh.calls_at_once)
+    if outcome.failure:
+        return outcome
+    for first in ends:
+        P, q = fresh.block(first, min(first + fresh.calls_at_once, fresh.count))
+        block = child.ask(Further(task.key, TimedSolver.scheduled, (P, q)))
+        if block.failure:
+            return block
+        sample, n = block.times.get("sample", np.zeros(0, dtype=np.int64)), len(block.answers)
+        shapes = {name: ns.shape for name, ns in block.times.items()}
+        if shapes != dict.fromkeys(("update", "solve", "sample"), (n,)) | {"response": (len(q),)} or not (
+            sample.min(initial=0) >= 0 and sample.max(initial=0) < len(q) and (np.diff(sample) > 0).all()
+        ):
+            return Outcome("tampered", "its process sent an answer that was not requested")
+        blocks.append(replace(block, times={**block.times, "sample": sample + first}))
+    names = ("update", "solve", "sample", "response")
+    return replace(
+        outcome,
+        times={name: np.concatenate([block.times[name] for block in blocks]) for name in names},
+        answers=np.concatenate([block.answers for block in blocks]),
+        preemptions=sum(block.preemptions for block in blocks),
+    )
 
 
 def with_calls(outcome: Outcome, blocks: Sequence[Outcome], idle_ns: Callable[[], float]) -> Outcome:
@@ -172,10 +200,11 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
     setup, update, solve = (
         outcome.times.get(name, np.zeros(0, dtype=np.int64)) for name in ("setup", "update", "solve")
     )
+    calls, response = outcome.times.get("sample", np.arange(solve.size)), outcome.times.get("response", np.zeros(0))
     cpu_us, steps, x = outcome.cpu_ns / max(solve.size, 1) / 1e3, outcome.settings.get("steps"), outcome.x
     us, solve_us = answers_us(update, solve, cpu_us), solve / 1e3
     span_um = math.nan if validation is None else validation.span_um
-    return ONESHOT.row(
+    return ROWS.row(
         **{
             **task.columns(outcome.settings),
             "task": task.subject,
@@ -183,7 +212,7 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
             "period_us": problem.period_us,
             **judgement,
             "timed_call": -1,
-            **(judge_timed(problem, fresh, outcome.answers, few) if fresh is not None else {}),
+            **(judge_timed(problem, fresh, calls, outcome.answers, few) if fresh is not None else {}),
             "answer": () if x is None or x.ndim != 1 else tuple(map(float, x)),
             "model_error_um": judgement.get("model_error_percent", math.nan) / 100.0 * span_um,
             "optimum_error_um": problem.optimum_error_percent / 100.0 * span_um,
@@ -202,6 +231,9 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
             "mutates_input": outcome.mutated,
             "repeatable": outcome.repeatable,
             "preemptions": outcome.preemptions,
+            "due": response.size,
+            "late": int((response > PERIOD_NS).sum()),
+            "bouts": runs(response > PERIOD_NS),
         }
     )
 

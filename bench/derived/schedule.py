@@ -1,0 +1,93 @@
+"""Who keeps the schedule: late answers and response times at 8 kHz, beside those of the null solver.
+
+Late answers come in bouts, since a delay of the machine makes one sample after the other late; so bouts (runs of late
+samples) are compared with those of the null solver, the machine itself: their rates have a ratio with a 95 % interval.
+A solver is late if the whole interval is above 1. If the machine itself misses too many deadlines, nothing is known.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from bench.derived.measurements import FLOOR, MEASUREMENT, SCHEDULED, Measurements
+from bench.messages.columns import Column, combined
+from bench.report.words import marked, number, settings_label, solver_lanes
+from bench.timing.percentiles import percentile, rate_ratio
+from bench.timing.schedule import PERIOD_NS, PERIOD_US
+
+GROUP = ["scaling", "solver", "lane", "setting"]
+TOLERATED = 0.01
+"""Largest share of deadlines missed by the machine itself in a run that can tell who keeps the schedule."""
+FLOOR_LINE, KEPT, LATE, UNKNOWN = "floor", "kept", "late", "unknown"
+QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
+COLUMNS = (
+    Column("solver", heading="solver", format=marked),
+    Column("lane", heading="lane"),
+    Column("settings", None, "first", "settings", settings_label),
+    Column("schedule", heading="schedule"),
+    *(Column(name, heading=f"{name}, µs", format=number) for name in QUANTILES),
+    Column("longest", heading="longest, µs", format=number),
+    Column("due", None, "sum", "samples"),
+    Column("late", None, "sum", "late"),
+    Column("bouts", None, "sum", "bouts"),
+    Column("beside", heading="times the machine's"),
+    Column("scaling", heading="scaling"),
+)
+
+
+def on_schedule(measurements: Measurements) -> pd.DataFrame:
+    """COLUMNS and GROUP, one row per solver lane with its setting in one scaling, over all problems: the null solver
+    first, then those that keep the schedule, by median response time."""
+    rows, times = measurements.every, measurements.every_time
+    rows = rows[(rows.timed == SCHEDULED) & (rows.host == measurements.host)]
+    rows = rows.merge(times.loc[times.what == "response", [*MEASUREMENT, "ns"]], on=MEASUREMENT)
+    table = combined(rows, COLUMNS, GROUP)
+    floors = table[table.solver == FLOOR].set_index("scaling")
+    figures = []
+    for line, (_, part) in zip(table.to_dict("records"), rows.groupby(GROUP), strict=True):
+        us, floor = np.concatenate([*part.ns]) / 1e3, floors.loc[line["scaling"]]
+        low, high = rate_ratio(line["bouts"], line["due"], int(floor.bouts), int(floor.due))
+        known = {name: percentile(us, q).value or math.nan for name, q in QUANTILES.items()}
+        schedule = UNKNOWN if floor.late > TOLERATED * floor.due else LATE if low > 1.0 else KEPT
+        is_floor = line["solver"] == FLOOR
+        figures.append(
+            {
+                **known,
+                "longest": float(us.max()),
+                "beside": "–" if is_floor else f"{number(low)} to {number(high)}",
+                "schedule": FLOOR_LINE if is_floor else schedule,
+            }
+        )
+    table = table.join(pd.DataFrame(figures, columns=[*QUANTILES, "longest", "beside", "schedule"]))
+    order = table.schedule.map([FLOOR_LINE, KEPT, UNKNOWN, LATE].index)
+    return table.assign(order=order).sort_values(["scaling", "order", "p50"], ignore_index=True).drop(columns="order")
+
+
+def sentences(table: pd.DataFrame) -> Iterator[str]:
+    """Which solver lanes keep the schedule, in the scaling with most of them, if the machine permits any."""
+    for scaling, lines in table.groupby("scaling", sort=False):
+        field, kept = lines[lines.schedule != FLOOR_LINE], lines[lines.schedule == KEPT]
+        floor = lines[lines.schedule == FLOOR_LINE].iloc[0]
+        if (field.schedule == UNKNOWN).any():
+            yield (
+                f"On {scaling} data this run cannot say who keeps the schedule of {1e6 / PERIOD_NS:g} kHz: the machine "
+                f"itself misses {100.0 * floor.late / floor.due:.2g} % of the deadlines; it was busy or is too slow."
+            )
+        elif len(field):
+            best = f"; the fastest is {marked(kept.solver.iloc[0])} ({kept.lane.iloc[0]})" if len(kept) else ""
+            yield (
+                f"On {scaling} data {solver_lanes(len(kept), len(field), 'keep')} the schedule of "
+                f"{1e6 / PERIOD_NS:g} kHz: their bouts of late answers are not shown to be more frequent than the "
+                f"machine's own{best}."
+            )
+
+
+NOTE = (
+    f"Sample k is due at t₀ + k · {PERIOD_US:g} µs, whatever happened before; a solver that is still busy then "
+    "continues with the newest due sample. Response time: from the due time of a sample to the end of the first solve "
+    f"that includes it; an answer is late above {PERIOD_US:g} µs, and a bout is a run of late answers. Floor: a solver that "
+    "answers at once, the machine itself; a solver is late if the whole 95 % interval of the ratio of the rates of "
+    "bouts is above 1. Every lane, the kernel's too, is called from Python for each sample."
+)

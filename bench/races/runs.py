@@ -1,0 +1,107 @@
+"""A run of a race: how it is started, resumed and reported."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from bench.derived.measurements import ROWS
+from bench.messages.task import Progress
+from bench.processes.engine import Workers
+from bench.races.driver import drive
+from bench.races.field import checked
+from bench.races.race import PRELOAD, Race
+from bench.races.report import report
+from bench.races.run_problems import left_out
+from bench.races.settings import RaceSettings
+from bench.report.report import Report
+from bench.report.words import joined
+from bench.report.writing import write_report
+from bench.store import Run, RunError
+from piezo_model.json_file import brief, convert
+
+
+def settings_of(run: Run) -> RaceSettings:
+    """The settings of a run; RunError if they are not those of a race."""
+    try:
+        return convert(run.settings["settings"], RaceSettings)
+    except ValueError as error:
+        raise RunError(
+            f"{run.path / 'run.json'}: does not hold the settings of a race: {brief(error)}; if an earlier version "
+            "of piezobench made the run, race again"
+        ) from None
+
+
+def open_run(path: Path) -> Run:
+    """Open a run and check its settings; RunError if they do not fit."""
+    run = Run.open(path)
+    settings_of(run)
+    return run
+
+
+def start(results: Path, settings: RaceSettings, name: str) -> Run:
+    """Create the folder of a run; RaceError, RunError or ProblemSetError if the race cannot be run."""
+    checked(settings, PRELOAD)
+    return Run.create(results, {"settings": asdict(settings)}, name)
+
+
+def carry_on(run: Run, progress: Progress, workers: Workers) -> None:
+    """Do the tasks that are not done yet, and gather the tables."""
+    workers.check()
+    with run.exclusive():
+        drive(Race(run, settings_of(run), progress), workers)
+        progress("gathering the tables", 0, 1)
+        run.finish(ROWS)
+
+
+def write(run: Run) -> tuple[Report, Path]:
+    """Write ``report.md``, ``report.html`` and their files; returns the report and the path of ``report.md``."""
+    found = report(run, settings_of(run))
+    machines, conditions = [*run.machines.values()], run.settings.get("conditions", {})
+    hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
+    scope = [found.scope, joined(sorted({f"{each['processor']}, {each['core']}" for each in machines}))]
+    if "sentinel_drift" in conditions:
+        scope.append(f"the machine's speed drifted by {100.0 * conditions['sentinel_drift']:.0f} %")
+    limits = [
+        f"{'One machine' if len(hosts) == 1 else f'{len(hosts)} hosts'}, one run: compare ratios, not microseconds.",
+        *dict.fromkeys(warning for each in machines for warning in each["warnings"]),
+        *conditions.get("warnings", []),
+    ]
+    found = replace(
+        found,
+        title=f"Race {run.path.name}",
+        scope="; ".join(filter(None, scope)) + ".",
+        limits=limits,
+        environment=environment(run),
+    )
+    return found, write_report(found, run.path)
+
+
+def environment(run: Run) -> list[tuple[str, str]]:
+    """Names and texts about machine, versions and settings."""
+    settings = run.settings
+    field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
+    absent = ", ".join(settings.get("absent", {}))
+    chosen = ", ".join(
+        f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], {}, None, "")
+    )
+    told: list[tuple[str, str]] = []
+    for each in run.machines.values():
+        told += [
+            ("machine", f"{each['processor']}, {each['cores']} cores, {each['system']}"),
+            ("Python", f"{each['python']}; {', '.join(map(' '.join, each['versions'].items()))}"),
+            ("commit", each.get("environment", {}).get("commit", "")),
+        ]
+    told += [
+        ("settings", chosen),
+        ("solvers", field),
+        ("absent", absent),
+        ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
+    ]
+    return [(name, text) for name, text in told if text]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | dict):
+        items = value.items() if isinstance(value, dict) else ((None, item) for item in value)
+        return "(" + ", ".join(f"{name} {item}" if name else str(item) for name, item in items) + ")"
+    return str(value)

@@ -1,0 +1,119 @@
+"""A race on the schedule of 8 kHz: every answer is judged by its own sample, and late ones are counted."""
+
+from pathlib import Path
+
+import cheating_solvers
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import CommandLine
+from measured_rows import row
+from small_races import Race, raced
+
+from bench.derived.measurements import Measurements
+from bench.derived.schedule import FLOOR_LINE, KEPT, LATE, UNKNOWN, on_schedule, sentences
+from bench.messages.task import Status
+
+SAMPLES = 600
+SLOW = """
+import time
+from solvers.direct.daqp import Daqp
+
+class Slow(Daqp):
+    name = "{name}"
+
+    def solve(self, warm_start=None):
+        time.sleep({sleep})
+        return super().solve(warm_start) {wrong}
+"""
+
+
+@pytest.fixture(scope="module")
+def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    folder = tmp_path_factory.mktemp("schedule")
+    files = []
+    for name, sleep, wrong in (("slow", 4e-4, ""), ("outside", 0.0, "- 1.0")):
+        path = folder / f"{name}.py"
+        path.write_text(SLOW.format(name=name, sleep=sleep, wrong=wrong))
+        files += ["--solver", path]
+    return raced(piezobench, folder, "run", *files, "--schedule", SAMPLES, "--scaling", "scaled")
+
+
+def test_a_solver_gets_the_data_of_each_sample_and_a_slow_one_the_newest(race: Race) -> None:
+    rows = race.rows[race.rows.timed == "scheduled"].set_index("solver")
+    assert {"null", "daqp", "slow"} <= set(rows.index)
+    assert (rows.due == SAMPLES).all()
+    assert (rows.samples <= SAMPLES).all()
+    assert rows.samples["slow"] <= SAMPLES / 3
+    assert rows.late["slow"] >= 0.9 * SAMPLES
+    times = race.run.times()
+    times = times[(times.timed == "scheduled") & times.task.isin(rows.task)].set_index(["task", "what"]).ns
+    for one in rows.itertuples():
+        sample, response = times[one.task, "sample"], times[one.task, "response"]
+        assert sample.size == one.samples
+        assert sample[-1] == SAMPLES - 1
+        assert (np.diff(sample) > 0).all()
+        assert response.size == SAMPLES
+        assert (response > 125_000).sum() == one.late
+
+
+def test_late_and_early_answers_are_judged_by_the_optimum_of_their_own_sample_before_they_are_clipped(
+    race: Race,
+) -> None:
+    rows = race.rows[race.rows.timed == "scheduled"].set_index("solver")
+    assert (rows.judged == rows.samples).all()
+    assert max(rows.timed_gap[["daqp", "slow"]]) <= 1e-6
+    assert rows.timed_violation["outside"] >= 0.1
+    assert rows.misses_low["outside"] == rows.samples["outside"]
+
+
+def test_the_report_says_who_keeps_the_schedule_and_times_on_it_are_no_hot_times(race: Race) -> None:
+    page = (race.run.path / "report.md").read_text()
+    assert "## On the schedule of 8 kHz" in page
+    table = on_schedule(race.found).set_index("solver")
+    assert table.schedule["null"] == FLOOR_LINE
+    assert table.schedule["slow"] in (LATE, UNKNOWN)  # on a busy machine nothing is known
+    hot = race.rows[(race.rows.timed.isin(["hot", "long"])) & (race.rows.solver == "daqp")]
+    merged = race.found.rows
+    assert merged.samples[merged.task.isin(hot.task)].sum() <= hot.samples.sum()
+
+
+@pytest.mark.parametrize(
+    ("machine", "bouts", "expected"), [(0, 0, KEPT), (2, 5, KEPT), (0, 40, LATE), (60, 60, UNKNOWN)]
+)
+def test_a_solver_is_late_if_its_bouts_are_more_frequent_than_those_of_the_machine(
+    machine: int, bouts: int, expected: str
+) -> None:
+    rows, times = [], []
+    for solver, count in (("null", machine), ("daqp", bouts)):
+        one = row(solver=solver, timed="scheduled", due=3000, late=count, bouts=count, samples=3000)
+        rows.append(one)
+        times.append({**{name: one[name] for name in ("task", "timed", "repeat")}, "what": "response"})
+    found = Measurements(pd.DataFrame(rows), pd.DataFrame(times).assign(ns=[np.full(3000, 5_000)] * 2))
+    table = on_schedule(found)
+    assert table.set_index("solver").schedule.to_dict() == {"null": FLOOR_LINE, "daqp": expected}
+    assert table["p99.9"].tolist() == [5.0, 5.0]
+    (sentence,) = sentences(table)
+    assert ("cannot say" in sentence) == (expected == UNKNOWN)
+
+
+def test_a_process_that_answers_samples_that_never_came_has_tampered(tmp_path: Path, piezobench: CommandLine) -> None:
+    file = cheating_solvers.written(tmp_path, "honest")
+    file.write_text(file.read_text() + FORGES)
+    found = raced(piezobench, tmp_path, "run", "--solver", file, "--schedule", 50, "--scaling", "scaled")
+    rows = found.rows[(found.rows.solver == "honest") & (found.rows.timed == "scheduled")]
+    assert set(rows.status) == {str(Status.TAMPERED)}
+
+
+FORGES = """
+    def setup(self, problem):
+        self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+        self.set_data(problem.P, problem.q)
+        from bench.races import worker
+        scheduled = vars(worker).setdefault("kept", worker.TimedSolver.scheduled)
+        def forged(*arguments):
+            outcome = scheduled(*arguments)
+            outcome.times["sample"] += 1
+            return outcome
+        worker.TimedSolver.scheduled = forged
+"""
