@@ -37,11 +37,11 @@ class BoxMinimiser(LibrarySolver):
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self.outcome = self.minimise(warm_start)
-        return self.outcome.x if self.outcome.found else None
+        return self.outcome.x
 
     def report(self) -> Report:
-        x, _, status, iterations = self.outcome
-        return Report(x, box_duals(cost(self.program, x)[1], self.lb, self.ub, x), status, iterations)
+        x, found, status, iterations = self.outcome
+        return Report(found, box_duals(cost(self.program, x)[1], self.lb, self.ub, x), status, iterations)
 
 
 def cost(program: Program, x: Vector) -> tuple[float, Vector]:

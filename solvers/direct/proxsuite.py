@@ -22,6 +22,8 @@ from proxsuite import proxqp
 from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import PROXQP
 
+SOLVED = proxqp.QPSolverOutput.PROXQP_SOLVED
+
 
 class Proxsuite(LibrarySolver):
     """The library's ``proxqp.dense.QP``, bounds among the rows."""
@@ -53,13 +55,12 @@ class Proxsuite(LibrarySolver):
             self._qp.solve(warm_start, *self._dual)
         self._is_fresh = False
         results = self._qp.results
-        if results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED:
-            return None
-        self._dual = results.y.copy(), results.z.copy()  # an update resets them
+        if results.info.status == SOLVED:
+            self._dual = results.y.copy(), results.z.copy()  # an update resets them
         return results.x.copy()
 
     def report(self) -> Report:
         results, info = self._qp.results, self._qp.results.info
         w = np.empty(self._equal.size)
         w[self._equal], w[~self._equal] = results.y, results.z
-        return Report(results.x, w, info.status.name, info.iter, info.solve_time)
+        return Report(info.status == SOLVED, w, info.status.name, info.iter, info.solve_time)

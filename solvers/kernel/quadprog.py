@@ -37,4 +37,5 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
         )
 
     def report(self) -> Report:
-        return Report(self.x, self._lagrangian, MESSAGES[self.state[-1]], int(self._counts[0]))
+        flag = self.state[-1]
+        return Report(flag == 0, self._lagrangian, MESSAGES[flag], int(self._counts[0]))
