@@ -78,7 +78,7 @@ def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
 def failures(measurements: Measurements) -> pd.DataFrame:
     """WRONG, one row per solver lane, scaling and status: the number of failures, and the first. Rows that were not run
     are no failures."""
-    wrong = measurements.field[(measurements.field.message != "") & (measurements.field.status != Status.NOT_RUN)]
+    wrong = measurements.field[~measurements.field.status.isin([Status.OK, Status.NOT_RUN])]
     return combined(
         wrong.assign(such_as=wrong.problem_set + "/" + wrong.problem), WRONG, ["solver", "lane", "scaling", "status"]
     )

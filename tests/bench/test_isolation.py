@@ -49,7 +49,7 @@ STATUS = {
     "ignores_signals": Status.TIMED_OUT,
 }
 SAID = {
-    "nothing": "and the answer is judged all the same",
+    "nothing": "says 'as I say'",
     "segfaults": "SIGSEGV",
     "aborts": "SIGABRT, after printing 'about to fall'",
     "exits": "exit status 3",
@@ -59,8 +59,8 @@ SAID = {
     "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'",
     "raises_in_update": "ValueError: cannot update",
-    "answers_nan": "says solved and returned NaN",
-    "short": "says solved and returned no answer of the right shape",
+    "answers_nan": "says 'as I say', and gives no finite answer of 18 numbers",
+    "short": "says 'as I say', and gives no finite answer of 18 numbers",
     "odd_duals": "duals z_box are of shape (3,) and not (18,)",
     "unsupported": "takes no | scaled data",
     "answers_complex": "answers with complex numbers",

@@ -39,6 +39,7 @@ MISSES = (
     Column("status", heading="status"),
     *(Column(name, heading=name.replace("_", " "), format=gap) for name in ("cost_gap", "timed_gap", "violation")),
     Column("answer_us", heading="µs", format=number),
+    Column("message", heading="message"),
 )
 PROBLEMS = (
     Column("problem_set", heading="problem set"),
