@@ -98,9 +98,8 @@ class LibrarySolver(Solver):
         self.build(p, self.rows)
         self._missing = READY
 
-    @abstractmethod
     def build(self, p: Program, rows: Any) -> None:
-        """Make the library's object of the program and its rows."""
+        """Make the library's object of the program and its rows, if it has one."""
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for unchanged data."""
@@ -136,7 +135,7 @@ class LibrarySolver(Solver):
         start = None if warm_start is None and not self._missing else self._begin(Program.start, warm_start)
         self._missing, self.x = AT_WORK, None
         x = self.call_library(start)
-        self.x, self._missing = self.program.no_answer() if x is None else x, READY
+        self.x, self._missing = np.full(self.program.d, np.nan) if x is None else x, READY
         self.x.setflags(write=False)  # the solution may have the same memory
         return self.x
 
@@ -153,9 +152,8 @@ class LibrarySolver(Solver):
             return self.program.solution({"status": REASONS[UNSOLVED]})
         found, w, status, iterations, reported_us = self.report()
         extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
-        if np.isnan(self.x).all():
-            return self.program.solution(extras)
-        return self.program.solution(extras, self.x, self.rows.scatter(w), found)
+        answer = () if np.isnan(self.x).all() else (self.x, self.rows.scatter(w), found)
+        return self.program.solution(extras, *answer)
 
     def apply_settings(self, target: Any, **defaults: Any) -> None:
         """Write the defaults and the settings into the library's own object.

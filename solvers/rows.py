@@ -104,10 +104,6 @@ class Program:
         """A starting point (d,), checked, or None."""
         return None if warm_start is None else start_point(warm_start, self.q.shape)
 
-    def no_answer(self) -> Vector:
-        """The result of ``solve`` if the library returned no answer: NaN, shape (d,)."""
-        return np.full(self.d, np.nan)
-
     def solution(
         self, extras: dict[str, Any], x: Vector | None = None, w: Vector | None = None, found: bool = False
     ) -> Solution:

@@ -186,8 +186,11 @@ def of_oneshot(run: Run, rule: Rule) -> Iterator[Candidate]:
     _require_useful_deadline(run, rule, int(np.count_nonzero(idle > rule.deadline_us)), idle.size)
     every = found.every[(found.every.scaling == "scaled") & found.every.lane.isin([*map(str, rule.lanes)])]
     rows = supported(measured(every[every.solver != FLOOR]))
-    unused = (rows.message != "") & ~rows.solver.isin(EXACT_SOLVERS)  # by a learner, as its solver says not found
-    for line in chosen_settings(rows.assign(error=distance(rows).mask(unused, math.inf)), rule.accuracy):
+    # a learner does not use an answer that its solver does not call found, unless the core solves in its place
+    for line in chosen_settings(
+        rows.assign(error=distance(rows).mask((rows.message != "") & ~rows.solver.isin(EXACT_SOLVERS), math.inf)),
+        rule.accuracy,
+    ):
         of_lane = here[(here.solver == line["solver"]) & (here.lane == line["lane"])]
         chosen = of_lane[(of_lane.setting == line["furthest"]) & (of_lane.rung >= 0)]
         calls, hot = found.pooled(chosen.task, HOT, INTERLEAVED), found.pooled(chosen.task)

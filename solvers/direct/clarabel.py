@@ -46,5 +46,6 @@ class Clarabel(LibrarySolver):
 
     def report(self) -> Report:
         a = self._answer
-        found = a.status == clarabel.SolverStatus.Solved
-        return Report(found, np.array(a.z), str(a.status), a.iterations, 1e6 * a.solve_time)
+        return Report(
+            a.status == clarabel.SolverStatus.Solved, np.array(a.z), str(a.status), a.iterations, 1e6 * a.solve_time
+        )

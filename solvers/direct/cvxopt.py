@@ -35,7 +35,7 @@ class Cvxopt(LibrarySolver):
         try:
             self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
         except ValueError as error:  # the rows or the KKT matrix are singular
-            self._result = {"status": str(error), "x": self.program.no_answer(), "y": (), "z": ()}
+            self._result = {"status": str(error), "x": np.full(self.program.d, np.nan), "y": (), "z": ()}
         return np.array(self._result["x"]).ravel()
 
     def report(self) -> Report:

@@ -22,8 +22,6 @@ from proxsuite import proxqp
 from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import PROXQP
 
-SOLVED = proxqp.QPSolverOutput.PROXQP_SOLVED
-
 
 class Proxsuite(LibrarySolver):
     """The library's ``proxqp.dense.QP``, bounds among the rows."""
@@ -55,7 +53,7 @@ class Proxsuite(LibrarySolver):
             self._qp.solve(warm_start, *self._dual)
         self._is_fresh = False
         results = self._qp.results
-        if results.info.status == SOLVED:
+        if results.info.status.name == "PROXQP_SOLVED":
             self._dual = results.y.copy(), results.z.copy()  # an update resets them
         return results.x.copy()
 
@@ -63,4 +61,4 @@ class Proxsuite(LibrarySolver):
         results, info = self._qp.results, self._qp.results.info
         w = np.empty(self._equal.size)
         w[self._equal], w[~self._equal] = results.y, results.z
-        return Report(info.status == SOLVED, w, info.status.name, info.iter, info.solve_time)
+        return Report(info.status.name == "PROXQP_SOLVED", w, info.status.name, info.iter, info.solve_time)

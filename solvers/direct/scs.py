@@ -57,5 +57,10 @@ class Scs(LibrarySolver):
 
     def report(self) -> Report:
         r, info = self._result, self._result["info"]
-        found, w = info["status_val"] == scs.SOLVED, r["y"][: self.rows.r.size]
-        return Report(found, w, info["status"], info["iter"], 1e3 * info["solve_time"])
+        return Report(
+            info["status_val"] == scs.SOLVED,
+            r["y"][: self.rows.r.size],
+            info["status"],
+            info["iter"],
+            1e3 * info["solve_time"],
+        )

@@ -90,7 +90,7 @@ class CompiledLibrary(LibrarySolver):
         self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
-        x = self.program.no_answer()
+        x = np.full(self.program.d, np.nan)
         self._loop.solve(address(self.state), address(warm_start), address(x))
         return x
 

@@ -37,5 +37,4 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
         )
 
     def report(self) -> Report:
-        flag = self.state[-1]
-        return Report(flag == 0, self._lagrangian, MESSAGES[flag], int(self._counts[0]))
+        return Report(self.state[-1] == 0, self._lagrangian, MESSAGES[self.state[-1]], int(self._counts[0]))

@@ -85,6 +85,18 @@ def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: s
     assert "\n" not in row.message
 
 
+def test_the_race_ends_with_1_and_a_last_line_that_names_the_users_own_lanes_that_fail_or_err(
+    faulty_race: Race, clean_race: Race
+) -> None:
+    *_, last = faulty_race.call.stdout.splitlines()
+    wrong = {name for name, status in STATUS.items() if status != Status.OK} | {"lies", "infeasible"}
+    assert {name for name in STATUS if f" {name} (direct) " in last} == wrong
+    assert "segfaults (direct) fails on bouc_wen-staircase: the process ended with SIGSEGV" in last
+    assert "lies (direct) errs by " in last
+    assert faulty_race.call.status == 1
+    assert clean_race.call.status == 0
+
+
 @pytest.mark.parametrize(("name", "figure"), [("lies", "cost_gap"), ("infeasible", "violation")])
 def test_a_wrong_answer_is_measured_and_misses_every_tier(faulty_race: Race, name: str, figure: str) -> None:
     assert row_of(faulty_race, name)[figure] > 1e-2
