@@ -85,12 +85,12 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
 
 
 @pytest.mark.slow
-def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time(
+def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time_or_is_wrong(
     tmp_path: Path, piezobench: CommandLine
 ) -> None:
     texts = {block.rest: block.text for block in documents.blocks(ROOT / "docs" / "tutorial-solver-author.md")}
     source, workflow = texts['title="my_solver.py"'], texts['title=".github/workflows/solver.yml"']
-    (compare,) = re.findall(r"- run: piezobench (.*)", workflow)
+    race, compare = re.findall(r"- run: piezobench (.*)", workflow)
     for name in ("my_solver.py", "baseline.py"):
         (tmp_path / name).write_text(source)
     assert piezobench(*compare.split(), folder=tmp_path).status == 0
@@ -102,6 +102,13 @@ def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time(
         )
     )
     assert piezobench(*compare.split(), folder=tmp_path).status == 3
+    for name, answer in (("right", "x"), ("off", "x * (1.0 + 1e-4)"), ("nan", "np.full_like(x, np.nan)")):
+        (tmp_path / "my_solver.py").write_text(source.replace("        return x\n", f"        return {answer}\n"))
+        words = (*race.split(), "--solver", "projected_difference", "--name", name)  # which errs, and is not theirs
+        for call in (words, ("report", f"results/{name}")):
+            done = piezobench(*call, folder=tmp_path)
+            assert done.status == int(name != "right")
+            assert done.stdout.splitlines()[-1].startswith("Wrong: my_solver (direct) ") == (name != "right")
 
 
 def test_the_comparison_of_versions_on_the_page_is_that_of_the_runs_beside_the_reference(

@@ -89,7 +89,7 @@ ONESHOT = Schema(
         Column("answer_us", NUMBER, TYPICAL),
         Column("repeatable", FLAG, "all"),
         Column("mutates_input", FLAG, "any"),
-        Column("message", TEXT, first_text),
+        Column("message", TEXT, first_text, "message"),
         Column("digest", TEXT),
         Column("judged", COUNT),
         Column("timed_call", COUNT),
@@ -105,10 +105,11 @@ ONESHOT = Schema(
 """One row per measurement. A row is never rewritten: what is measured again, longer or in another way, is a row of its
 own. ``timed`` is hot, long or interleaved. ``answer`` is the first one, and ``timed_answer`` the worst of the
 ``judged`` timed ones, to the data of call ``timed_call``: ``timed_shares`` are the shares of the problem and its
-windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time of an answer, ``cpu_us`` the mean
-processor time of a call where that is more than half as long again. A line of the summary is a solver lane at a tier
-and its setting, over all problems of a set; the columns that begin with the solver are those of the large table,
-solver, accuracy and times first, since a screen may cut off the others."""
+windows in these data, ``timed_factors`` those of q. ``message`` says what failed, or of an answer to judge what its
+solver says if that is not found. ``answer_us`` is the median time of an answer, ``cpu_us`` the mean processor time of a
+call where that is more than half as long again. A line of the summary is a solver lane at a tier and its setting, over
+all problems of a set; the columns that begin with the solver are those of the large table, solver, accuracy and times
+first, since a screen may cut off the others."""
 
 
 def rows_of(run: Run) -> pd.DataFrame:

@@ -75,12 +75,15 @@ def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
     return table[(table.status != NOTHING) & (table.start == start)]
 
 
-def failures(measurements: Measurements) -> pd.DataFrame:
+def failures(rows: pd.DataFrame) -> pd.DataFrame:
     """WRONG, one row per solver lane, scaling and status: the number of failures, and the first. Rows that were not run
     are no failures."""
-    wrong = measurements.field[(measurements.field.message != "") & (measurements.field.status != Status.NOT_RUN)]
     return combined(
-        wrong.assign(such_as=wrong.problem_set + "/" + wrong.problem), WRONG, ["solver", "lane", "scaling", "status"]
+        rows.assign(such_as=rows.problem_set + "/" + rows.problem)[
+            (rows.message != "") & ~rows.status.isin([Status.OK, Status.NOT_RUN])
+        ],
+        WRONG,
+        ["solver", "lane", "scaling", "status"],
     )
 
 

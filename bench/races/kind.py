@@ -94,6 +94,7 @@ class Kind:
             report,
             title=f"{self.title} {run.path.name}",
             scope="; ".join(filter(None, scope)) + ".",
+            notes=[*filter(None, [report.failed]), *report.notes],
             limits=limits,
             environment=environment(run),
         )

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bench.messages.columns import Column
-from bench.report.words import by_heading, marked
+from bench.report.words import by_heading
 
 LEAST_GAP = 1e-17
 """Smallest cost gap on a plot; smaller ones are drawn at this value."""
@@ -169,17 +169,6 @@ class Table:
         return {name: texts for name, texts in found.items() if len(texts) > 1}
 
 
-def what_went_wrong(rows: pd.DataFrame, columns: Sequence[str], once: Sequence[str]) -> Table:
-    """The given columns of the rows with a message, one row for each combination of values in the columns ``once``."""
-    wrong = rows[rows.message != ""].drop_duplicates([*once])[[*columns]]
-    return Table(
-        "What went wrong",
-        columns,
-        wrong.assign(solver=wrong.solver.map(marked)).astype(str).values.tolist(),
-        len(columns),
-    )
-
-
 @dataclass(frozen=True)
 class Figure:
     """One or several plots of a table, one below the other."""
@@ -221,6 +210,8 @@ class Report:
     """Problems, machine and its drift, before the first figure."""
     files: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
     """Further files beside the report by name, and what writes them."""
+    failed: str = ""
+    """A sentence with the lanes of a user's own files that fail, for which the command ends with status 1."""
 
     @property
     def drawn(self) -> list[Figure]:
@@ -234,6 +225,7 @@ class Report:
         return {
             "verdict": self.verdict,
             "notes": self.notes,
+            "failed": self.failed,
             "rows": [] if self.summary is None else self.summary.to_dict("records"),
             "tables": [{"title": table.title, "rows": by_heading(table.headings, table.rows)} for table in tables],
         }

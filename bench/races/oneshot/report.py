@@ -8,6 +8,7 @@ import pandas as pd
 
 from bench.derived import ranking, summary, verdict
 from bench.derived.measurements import ONESHOT, Measurements
+from bench.derived.tiers import distance, failed, measured
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
 from bench.races.kind import Kind
@@ -39,6 +40,7 @@ MISSES = (
     Column("status", heading="status"),
     *(Column(name, heading=name.replace("_", " "), format=gap) for name in ("cost_gap", "timed_gap", "violation")),
     Column("answer_us", heading="µs", format=number),
+    Column("message", heading="message"),
 )
 PROBLEMS = (
     Column("problem_set", heading="problem set"),
@@ -101,15 +103,17 @@ def report(run: Run, race: OneshotSettings) -> Report:
     """The report of a finished run."""
     measurements, settings = Measurements.of(run), run.settings
     lines, table, costs = summary.summary(measurements), ranking.ranking(measurements), optima(run, measurements.rows)
-    drifted = settings.get("conditions", {}).get("sentinel_drift", 0.0)
     note = ranking.yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = lines.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
-    right = shown.right.astype(str) + "/" + shown.problems.astype(str)
     misses = dict(summary.kept(run, measurements, race.keep_misses))
     beside, missed = ranking.like_with_like(measurements), summary.misses(measurements)
-    versions = settings.get("field", {})
+    versions, every = settings.get("field", {}), measured(measurements.every)
     return Report(
-        verdict.verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
+        verdict.verdict(
+            measurements,
+            run.machine_of(measurements.rows)["core"],
+            settings.get("conditions", {}).get("sentinel_drift", 0.0),
+        ),
         ranking.short_table(table, note),
         lines,
         figures(measurements, lines),
@@ -121,11 +125,17 @@ def report(run: Run, race: OneshotSettings) -> Report:
             *remarks(run, measurements, misses),
         ],
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
+        # of the scaled rows, if there are any
+        failed=failed(every[every.scaling == every.scaling.max()].assign(error=distance), settings.get("own", {})),
         definitions=[*DEFINITIONS, *([f"Every solver ran in {race.repeats} {REPEATED}"] if race.repeats > 1 else [])],
         tables=[
             Table.of(
                 "Every solver at every tier",
-                shown.assign(right=right.mask(shown.status == summary.NOTHING, "–")),
+                shown.assign(
+                    right=(shown.right.astype(str) + "/" + shown.problems.astype(str)).mask(
+                        shown.status == summary.NOTHING, "–"
+                    )
+                ),
                 ONESHOT.columns,
                 3,
                 filters=("problem set", "scaling", "lane", "tier", "start", "status"),
@@ -170,7 +180,7 @@ def report(run: Run, race: OneshotSettings) -> Report:
             ),
             Table.of(
                 "What went wrong",
-                summary.failures(measurements),
+                summary.failures(measurements.field),
                 summary.WRONG,
                 8,
                 filters=("lane", "scaling", "status"),
@@ -212,9 +222,12 @@ def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) ->
 def _file_of(run: Run, solver: str, lane: str) -> list[str]:
     """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
     since, none."""
-    version = run.settings.get("field", {}).get(f"{solver} ({lane})", "")
-    paths = run.settings["settings"].get("solver_files", ())
-    return [path for path in paths if Path(path).is_file() and file_digest(Path(path)) in version]
+    settings = run.settings
+    return [
+        path
+        for path in settings["settings"].get("solver_files", ())
+        if Path(path).is_file() and file_digest(Path(path)) in settings.get("field", {}).get(f"{solver} ({lane})", "")
+    ]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:

@@ -65,7 +65,7 @@ STREAM = Schema(
         Column("samples", COUNT, "sum", "rows", whole),
         Column("solves", NUMBER, "sum", "solves", whole),
         Column("stopped", TEXT, first_text, "stopped"),
-        Column("message", TEXT, first_text),
+        Column("message", TEXT, first_text, "message"),
         Column("missed", NUMBER, "sum"),
         Column("stalls", NUMBER, "sum", "bouts", whole),
         Column("unanswered", NUMBER, "sum", "unanswered", whole),

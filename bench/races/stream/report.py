@@ -3,10 +3,12 @@
 import json
 import math
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import pandas as pd
 
+from bench.derived.tiers import failed
 from bench.messages.columns import Column
 from bench.messages.task import PAPER, Status
 from bench.races.chosen_settings import definition, tier_label
@@ -14,7 +16,7 @@ from bench.races.kind import Kind
 from bench.races.stream import summary as summaries
 from bench.races.stream.race import STREAM, StreamRace, StreamSettings
 from bench.races.stream.summary import FAILURES, FLOOR_NAME, column
-from bench.report.report import Axis, Figure, Plot, Report, Table, best_lines, what_went_wrong
+from bench.report.report import Axis, Figure, Plot, Report, Table, best_lines
 from bench.report.words import OURS_NOTE, gap, marked, number, percent, settings_label, share, solver_lanes
 from bench.store import Run
 from bench.timing.percentiles import QUANTILES, Percentile, needed
@@ -107,7 +109,15 @@ def report(run: Run, settings: StreamSettings) -> Report:
             ],
         ),
     ]
-    return report_of(table, settings, shown)
+    return replace(
+        report_of(table, settings, shown),
+        failed=failed(
+            rows.assign(
+                error=rows.own_gap_max.where(rows.unanswered == 0).fillna(math.inf).mask(rows.status == Status.OK, 0.0)
+            ),
+            run.settings.get("own", {}),
+        ),
+    )
 
 
 def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Figure] = ()) -> Report:
@@ -136,6 +146,7 @@ def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Fig
             ),
             len(NAMES),
         ),
+        Table.of("What went wrong", texts[texts.message != ""], _columns(*NAMES, "status", "message"), len(NAMES) + 2),
     ]
     return Report(
         verdict(table, settings),
@@ -143,7 +154,7 @@ def report_of(table: pd.DataFrame, settings: StreamSettings, shown: Sequence[Fig
         table,
         figures=shown,
         notes=notes(table, settings),
-        tables=[*tables, what_went_wrong(table, (*NAMES, "status", "message"), NAMES)],
+        tables=tables,
         definitions=definitions(settings),
         limits=["The operating system is not a real-time one."],
     )
