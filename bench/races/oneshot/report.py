@@ -19,18 +19,6 @@ from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_
 from bench.store import Run, RunError
 from solvers.registry import file_digest
 
-BESIDE = (
-    Column("lane", heading="lane"),
-    Column("timed", heading="timed"),
-    Column("d", heading="unknowns"),
-    Column("problems", heading="problems"),
-    Column("ours", heading="ours"),
-    Column("ours_us", heading="µs", format=number),
-    Column("other", heading="other"),
-    Column("version", heading="version"),
-    Column("other_us", heading="other, µs", format=number),
-    Column("ratio", heading="ratio", format=lambda ratio: f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.1g}"),
-)
 MISSES = (
     Column("solver", heading="solver", format=marked),
     Column("lane", heading="lane"),
@@ -144,11 +132,12 @@ def report(run: Run, race: OneshotSettings) -> Report:
             Table.of(
                 "Our solver against each other solver",
                 beside.assign(version=[versions.get(name, "") for name in beside.other + " (" + beside.lane + ")"]),
-                BESIDE,
+                ranking.BESIDE,
                 2,
                 filters=("lane", "timed", "unknowns"),
-                note="Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
-                f"first; a ratio below 1 is in our favour. {SIMD}",
+                note="Median µs of update and solve to 1e-9 on the problems that both reach it on, by lane and number "
+                "of unknowns, the fastest of the others first; a ratio below 1 is in our favour. – stands where there "
+                f"is no such problem. {SIMD}",
             ),
             Table.of(
                 "Wrapper overhead",
