@@ -96,7 +96,7 @@ def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_unknown_values_at_the
 ) -> None:
     browser.open(page)
     table = summary(wide_race.found)
-    for heading, values in (("solve, µs", table.solve_us_p50), ("worst cost gap", table.worst_cost_gap)):
+    for heading, values in (("solve, µs", table.solve_us_p50), ("worst gap", table.worst_gap)):
         known = values.notna().sum()
         for falling in (False, True):
             click(browser, heading)

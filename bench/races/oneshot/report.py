@@ -63,6 +63,7 @@ DEFINITIONS = (
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
     "|V*| / cost scale: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative "
     "to V* is that much looser.",
+    "worst gap: the largest cost gap or violation on any problem, of first and judged timed answers.",
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
     "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
     "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same "
