@@ -197,9 +197,9 @@ def like_with_like(measurements: Measurements) -> pd.DataFrame:
     ways = {HOT: rows.answer_us, INTERLEAVED: rows.interleaved_us}
     rows = pd.concat([rows.assign(timed=timed, us=us) for timed, us in ways.items()]).dropna(subset="us")
     ours = rows[rows.solver.isin(OURS)].rename(columns={"solver": "ours"})
-    others = rows[~rows.solver.isin(OURS)].rename(columns={"solver": "other"})
     lanes = ours.groupby(["lane", "timed", "ours"]).us.agg(["size", TYPICAL]).reset_index()
     best = lanes.sort_values(["size", TYPICAL], ascending=[False, True]).drop_duplicates(["lane", "timed"])
+    others = rows[~rows.solver.isin(OURS)].rename(columns={"solver": "other"})
     pairs = ours.merge(best, on=["lane", "timed", "ours"]).merge(others, on=["lane", "timed", "d"], suffixes=("", "_2"))
     shared = (pairs.problem_set == pairs.problem_set_2) & (pairs.problem == pairs.problem_2)
     pairs = pairs.assign(shared=shared, ours_us=pairs.us.where(shared), other_us=pairs.us_2.where(shared))

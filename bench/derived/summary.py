@@ -97,15 +97,13 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     missed = judged.assign(count=~judged.right, some=judged.right)
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
     missed = missed.assign(**counts)[~judged.right & (hopeless | (counts.some > 0))]
-    order = ["count", "solver", "lane", "problem"]
-    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)
+    return missed.fillna({"settings": "{}"}).sort_values(["count", "solver", "lane", "problem"], ignore_index=True)
 
 
 def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
     """The worst missed answers of at most ``most`` solver lanes, those with the fewest misses first, with names for
     their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
-    missed = misses(measurements, hopeless=True)
-    worst = missed.sort_values("gap", ascending=False)
+    worst = misses(measurements, hopeless=True).sort_values("gap", ascending=False)
     for line in worst.drop_duplicates(["solver", "lane"]).sort_index().head(most).to_dict("records"):
         rows = measurements.every[measurements.every.task == line["task"]]
         *_, row = rows.assign(distance=distance(rows)).sort_values("distance").to_dict("records")
@@ -114,8 +112,16 @@ def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str,
             x = row["answer"]
             if row["judged"] and row["timed_gap"] > max(row["cost_gap"], row["violation"]):
                 form, x = mixture(first, row["timed_shares"], row["timed_factors"]), row["timed_answer"]
-            optimum = np.array(form.certificate.x)
             yield (
                 f"{row['solver']}-{row['lane']}-{row['problem_set']}--{row['problem']}.npz",
-                Miss(row["solver"], row["lane"], row["settings"], first.qp, form.qp, x, optimum, form.yardstick),
+                Miss(
+                    row["solver"],
+                    row["lane"],
+                    row["settings"],
+                    first.qp,
+                    form.qp,
+                    x,
+                    np.array(form.certificate.x),
+                    form.yardstick,
+                ),
             )

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
@@ -203,8 +204,11 @@ def _file_of(run: Run, solver: str, lane: str) -> list[str]:
     """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
     since, none."""
     version = run.settings.get("field", {}).get(f"{solver} ({lane})", "")
-    paths = run.settings["settings"].get("solver_files", ())
-    return [path for path in paths if Path(path).is_file() and file_digest(Path(path)) in version]
+    return [
+        path
+        for path in run.settings["settings"].get("solver_files", ())
+        if Path(path).is_file() and file_digest(Path(path)) in version
+    ]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
@@ -213,23 +217,18 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
     problems = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
     lines = []
     for line in problems.to_dict("records"):
-        try:
+        line |= dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan)
+        with suppress(RunError):
             problem = run.problem(line["problem_set"], line["problem"])
             form = problem.forms[line["scaling"]]
-        except RunError:
-            lines.append(line | dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan))
-            continue
-        value = form.certificate.value_rounded
-        lines.append(
-            {
-                **line,
-                "V": value,
+            line |= {
+                "V": form.certificate.value_rounded,
                 "yardstick": form.yardstick,
-                "optimum": abs(value) / form.yardstick,
+                "optimum": abs(form.certificate.value_rounded) / form.yardstick,
                 "objective": problem.optimum,
                 "c": 0.0 if form.cost_unit else form.c,
             }
-        )
+        lines.append(line)
     return pd.DataFrame(lines)
 
 
