@@ -221,14 +221,15 @@ def _settings(texts: Sequence[str], race: Kind) -> dict[str, Any]:
     if "given" not in {field.name for field in fields(race.settings)}:
         require(len(texts) < 2, "--settings", "names one run")
         return {"settings_run": str(Path(texts[0]).resolve()) if texts else None}
-    given = dict(text.partition("=")[::2] for text in texts)
-    for solver, text in given.items():
+    given = [text.partition("=")[::2] for text in texts]
+    for i, (solver, text) in enumerate(given):
+        require(solver not in dict(given[:i]), "--settings", f"{solver}: takes one setting, and is given several")
         try:
             decoded(text, dict[str, Any])
         except ValueError as error:
             why = f"{solver}: must be SOLVER={{...}} with settings in JSON: {error}"
             raise typer.BadParameter(why, param_hint="--settings") from None
-    return {"given": given}
+    return {"given": dict(given)}
 
 
 @on_workers

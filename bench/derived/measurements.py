@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.tiers import LANE, applies, measured, right, supported, tier_settings
+from bench.derived.tiers import LANE, applies, distance, measured, right, supported, tier_settings
 from bench.messages.columns import (
     COUNT,
     FLAG,
@@ -61,7 +61,7 @@ ONESHOT = Schema(
         Column("lane", TEXT, heading="lane"),
         Column("tier", None, heading="tier"),
         Column("right", None, "sum", "right"),
-        Column("worst_cost_gap", None, worst, "worst cost gap", gap, of="cost_gap"),
+        Column("worst_gap", None, worst, "worst gap", gap, of="gap"),
         Column("update_us", NUMBER, TYPICAL, "update, µs", number),
         Column("solve_us_p50", NUMBER, TYPICAL, "solve, µs", number),
         Column("answer_us_p99", None, None, "p99 of an answer, µs", number),
@@ -82,7 +82,7 @@ ONESHOT = Schema(
         Column("interleaved_us", None, typical_of_all, "interleaved, µs", number),
         Column("rung", COUNT, "first"),
         Column("problems", None, "size", of="right"),
-        Column("median_cost_gap", None, TYPICAL, of="cost_gap"),
+        Column("median_gap", None, TYPICAL, of="gap"),
         Column("model_error_um", NUMBER, TYPICAL),
         Column("cpu_us", NUMBER, "max"),
         Column("answer_us_spread", None, TYPICAL),
@@ -205,8 +205,8 @@ class Measurements:
 
 
 def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting") -> pd.DataFrame:
-    """The rows of each tier's setting and of the defaults, with ``tier`` and ``right``; an answer that is not right has
-    the status missed.
+    """The rows of each tier's setting and of the defaults, with ``tier``, ``right`` and ``gap``, their distance, NaN if
+    that is infinite; an answer that is not right has the status missed.
 
     ``column`` names the setting's column: ``furthest`` gives a setting even if the tier is not reached.
     """
@@ -227,7 +227,9 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
     rows = rows[applies(rows, tier)]
     is_right = right(rows, tier)
     return rows.assign(
-        right=is_right, status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED))
+        right=is_right,
+        gap=distance(rows).replace(np.inf, np.nan),
+        status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED)),
     )
 
 

@@ -66,6 +66,8 @@ FAULTS = {
     "has_no_answer": "return np.full(18, np.nan)",
     "gives_up_later": "assert self.calls < 30, 'no more'",
     "too_short": "return np.zeros(3)",
+    "answers_outside": "x = solve_problem(Problem(self.P, self.q, lb=self.lb), solver='daqp').x; "
+    "return x - (x <= self.lb + 1e-12)",
     "answers_later": "return type('Later', (), {'__array__': lambda *_, **__: (time.sleep(1e-3), np.zeros(18))[1]})()",
     "asks_for_its_last": "assert self.calls == 1 or np.array_equal(warm_start, self.x), 'another start'",
 }
@@ -118,8 +120,8 @@ def streamed(tmp_path_factory: pytest.TempPathFactory) -> Streamed:
 def test_every_solver_lane_has_a_row_per_process_and_the_floor_is_measured_in_each_round(streamed: Streamed) -> None:
     counts = streamed.rows.groupby(["solver", "lane"]).repeat.nunique()
     assert (counts.drop(index=[("null", "direct")]) == 2).all()
-    assert len(counts) == 3 + 3 + 7 + 1  # kernel, direct, the user's, and the machine
-    assert counts["null", "direct"] == 4  # thirteen tasks a round, a floor before every ten
+    assert len(counts) == 3 + 3 + 8 + 1  # kernel, direct, the user's, and the machine
+    assert counts["null", "direct"] == 4  # fourteen tasks a round, a floor before every ten
 
 
 def test_misses_and_gaps_of_the_null_solver_follow_from_its_samples(streamed: Streamed) -> None:
@@ -180,6 +182,7 @@ def test_exact_solvers_are_exact_at_the_sample_they_answer(streamed: Streamed, s
         # It calls another solver five times, and reports a nanosecond.
         pytest.param("times_itself", "kernel", Status.OK, 10_001, id="a user's compiled solver is timed from outside"),
         pytest.param("answers_later", "direct", Status.MISSED, 1_000_000, id="a lazy answer is timed"),
+        pytest.param("answers_outside", "direct", Status.MISSED, 0, id="an answer is judged as it is, not clipped"),
         pytest.param("asks_for_its_last", "direct", Status.OK, 0, id="a warm start is the last answer"),
     ],
 )

@@ -66,6 +66,9 @@ def test_gaps_in_doubles_agree_with_the_exact_ones(short: StreamProblem) -> None
     instants, exact = short.exact_gaps(answers, used)
     assert instants.tolist() == list(short.instants)
     np.testing.assert_allclose(gaps[instants], exact, rtol=1e-6)
+    outside = short.best - np.abs(short.best).max() * (short.best <= short.start.lb)
+    assert (short.gaps(outside, np.arange(200)) >= 0.9).all()
+    assert (short.exact_gaps(outside, np.arange(200))[1] >= 0.9).all()
     assert short.gaps(short.best, np.arange(200)).max() == 0.0
     assert short.exact_gaps(short.best, np.arange(200))[1].max() < 1e-14
 

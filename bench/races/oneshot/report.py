@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
@@ -20,18 +21,6 @@ from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_
 from bench.store import Run, RunError
 from solvers.registry import file_digest
 
-BESIDE = (
-    Column("lane", heading="lane"),
-    Column("timed", heading="timed"),
-    Column("d", heading="unknowns"),
-    Column("problems", heading="problems"),
-    Column("ours", heading="ours"),
-    Column("ours_us", heading="µs", format=number),
-    Column("other", heading="other"),
-    Column("version", heading="version"),
-    Column("other_us", heading="other, µs", format=number),
-    Column("ratio", heading="ratio", format=lambda ratio: f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.1g}"),
-)
 MISSES = (
     Column("solver", heading="solver", format=marked),
     Column("lane", heading="lane"),
@@ -77,6 +66,7 @@ DEFINITIONS = (
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
     "|V*| / cost scale: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative "
     "to V* is that much looser.",
+    "worst gap: the largest cost gap or violation on any problem, of first and judged timed answers.",
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
     "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
     "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same "
@@ -154,11 +144,12 @@ def report(run: Run, race: OneshotSettings) -> Report:
             Table.of(
                 "Our solver against each other solver",
                 beside.assign(version=[versions.get(name, "") for name in beside.other + " (" + beside.lane + ")"]),
-                BESIDE,
+                ranking.BESIDE,
                 2,
                 filters=("lane", "timed", "unknowns"),
-                note="Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
-                f"first; a ratio below 1 is in our favour. {SIMD}",
+                note="Median µs of update and solve to 1e-9 on the problems that both reach it on, by lane and number "
+                "of unknowns, the fastest of the others first; a ratio below 1 is in our favour. – stands where there "
+                f"is no such problem. {SIMD}",
             ),
             Table.of(
                 "Wrapper overhead",
@@ -222,11 +213,11 @@ def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) ->
 def _file_of(run: Run, solver: str, lane: str) -> list[str]:
     """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
     since, none."""
-    settings = run.settings
+    version = run.settings.get("field", {}).get(f"{solver} ({lane})", "")
     return [
         path
-        for path in settings["settings"].get("solver_files", ())
-        if Path(path).is_file() and file_digest(Path(path)) in settings.get("field", {}).get(f"{solver} ({lane})", "")
+        for path in run.settings["settings"].get("solver_files", ())
+        if Path(path).is_file() and file_digest(Path(path)) in version
     ]
 
 
@@ -236,23 +227,18 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
     problems = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
     lines = []
     for line in problems.to_dict("records"):
-        try:
+        line |= dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan)
+        with suppress(RunError):
             problem = run.problem(line["problem_set"], line["problem"])
             form = problem.forms[line["scaling"]]
-        except RunError:
-            lines.append(line | dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan))
-            continue
-        value = form.certificate.value_rounded
-        lines.append(
-            {
-                **line,
-                "V": value,
+            line |= {
+                "V": form.certificate.value_rounded,
                 "yardstick": form.yardstick,
-                "optimum": abs(value) / form.yardstick,
+                "optimum": abs(form.certificate.value_rounded) / form.yardstick,
                 "objective": problem.optimum,
                 "c": 0.0 if form.cost_unit else form.c,
             }
-        )
+        lines.append(line)
     return pd.DataFrame(lines)
 
 

@@ -56,9 +56,10 @@ def definitions(settings: StreamSettings) -> tuple[str, ...]:
         "support is refused with the number of samples it needs. The intervals assume independent samples; delays come "
         "in bursts, so the true intervals are wider.",
         "Gap: the cost of the answer in use at the deadline of each sample above the optimum of that sample, over the "
-        "optimal cost: in doubles at all samples, against box_active_set, and exact at "
-        f"{settings.certified} instants with proven optima. Own answers: the largest gap of an answer at "
-        "its own sample. Reused: samples at whose deadline an older answer was in use.",
+        "optimal cost, or its violation of the bounds over the largest number of the optimum if that is more: in "
+        f"doubles at all samples, against box_active_set, and exact at {settings.certified} instants with proven "
+        "optima. Own answers: the largest gap of an answer at its own sample. Reused: samples at whose deadline an "
+        "older answer was in use.",
         f"A lane whose answers to the first {settings.give_up} samples are all late is stopped there. Every lane, the "
         "kernel's too, is called from Python for each sample, and runs in a fresh process after an untimed warm-up on "
         "the same rows, without garbage collection, on one thread and one core.",

@@ -10,12 +10,13 @@ The problem of sample k is the box QP of P(k), q(k). Its optimum is proven at a 
 all other samples the answer of box_active_set is the reference. The problem is a function of the race's settings, to
 the last bit, and is not stored.
 
-The cost of late answers is the gap between the answer in use at each sample and the optimum of that sample. With x the
-answer in use, clipped to the bounds, x* the optimum in doubles and g = P x* + q, the relative cost gap is
+The cost of late answers is the gap between the answer in use at each sample and the optimum of that sample. With x̂ the
+answer x in use, clipped to the bounds, x* the optimum in doubles and g = P x* + q, it is the larger of violation and
+relative cost gap, as `bench.races.metrics` defines them,
 
-    (½ (x − x*)ᵀ P (x − x*) + gᵀ(x − x*)) / (V(x*) + c),
+    ‖x − x̂‖∞ / ‖x*‖∞,   (½ (x̂ − x*)ᵀ P (x̂ − x*) + gᵀ(x̂ − x*)) / (V(x*) + c),
 
-which avoids the cancellation in V(x) − V*. At the proven instants the gap is also computed in exact arithmetic; the
+which avoids the cancellation in V(x̂) − V*. At the proven instants the gap is also computed in exact arithmetic; the
 difference of the two is the error of the doubles.
 """
 
@@ -28,9 +29,10 @@ from qpsolvers import Problem
 import solvers
 from bench.problems.protocol import CertifiedForm
 from bench.problems.simulation import SAMPLE_TIME, Experiment
+from bench.races.metrics import relative_gap
 from piezo_model.regressors import Regressors
 from solvers.arrays import Index, Matrix, Vector
-from solvers.certificate import certify, exact_cost_gap
+from solvers.certificate import certify
 from solvers.forgetting import absorb
 
 
@@ -60,21 +62,23 @@ class StreamProblem:
         return int(self.answer.size)
 
     def gaps(self, answers: Matrix, used: Index) -> Vector:
-        """Relative cost gap of ``answers[used[k]]`` at each sample k, shape (len(used),); −1 is the start's answer."""
+        """Cost gap or violation of ``answers[used[k]]`` at each sample k, shape (len(used),); −1 is the start's."""
         P, q, c = self.start.P.copy(), self.start.q.copy(), np.array([self.c])
-        in_use = np.vstack([answers, self.answer]).clip(self.start.lb, self.start.ub)[used]  # −1 is the last
-        gaps = np.empty(used.size)
+        given = np.vstack([answers, self.answer])[used]  # −1 is the last
+        in_use = given.clip(self.start.lb, self.start.ub)
+        gaps = np.abs(given - in_use).max(axis=1)  # the violations
         for k, (best, step) in enumerate(zip(self.best, in_use - self.best[: used.size], strict=False)):
             absorb(P, q, c, self.rows, k, k + 1, self.forgetting)
             Px = P @ best
-            gaps[k] = ((0.5 * (P @ step) + Px + q) @ step) / (c[0] + (0.5 * Px + q) @ best)
+            above = ((0.5 * (P @ step) + Px + q) @ step) / (c[0] + (0.5 * Px + q) @ best)
+            gaps[k] = max(above, gaps[k] / (np.abs(best).max() or 1.0))
         return gaps
 
     def exact_gaps(self, answers: Matrix, used: Index) -> tuple[Index, Vector]:
-        """The proven instants among the samples, and the gaps there in exact arithmetic."""
+        """The proven instants among the samples, and the same gaps there in exact arithmetic."""
         in_use = np.vstack([answers, self.answer])
         forms = {sample: form for sample, form in self.instants.items() if sample < used.size}
-        gaps = [exact_cost_gap(f.qp, f.certificate, in_use[used[k]], f.c).relative for k, f in forms.items()]
+        gaps = [max(relative_gap(form, in_use[used[k]])) for k, form in forms.items()]
         return np.array(list(forms), dtype=np.int64), np.array(gaps)
 
 
