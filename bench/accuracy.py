@@ -92,11 +92,8 @@ def _answer(child: SolverChild, setting: Setting, problem: RaceProblem) -> Check
     task = Task(problem.set_name, problem.name, "raw", entry.name, entry.lane, setting)
     outcome = child.ask(OneShot(task, fields_of(form.qp), c=form.unit))
     x, why = outcome.x, "" if outcome.found else outcome.message or outcome.solver_status
-    if x is not None and x.shape == form.qp.q.shape and np.isfinite(x).all():
-        return Checked(problem.name, outcome.found, max(relative_gap(form, x)), why)
-    if outcome.found:
-        return Checked(problem.name, True, math.inf, "called solved, without a finite answer (d,)")
-    return Checked(problem.name, False, math.nan, why, outcome.failure != Status.UNSUPPORTED)
+    error = math.inf if x is None or x.shape != form.qp.q.shape else max(relative_gap(form, x))
+    return Checked(problem.name, outcome.found, error, why, outcome.failure != Status.UNSUPPORTED)
 
 
 def worst(found: Sequence[Checked], count: int) -> list[Checked]:

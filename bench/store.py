@@ -122,6 +122,8 @@ class RunFile(TypedDict):
     models: NotRequired[dict[str, ModelNote]]
     field: NotRequired[dict[str, str]]
     absent: NotRequired[dict[str, str]]
+    own: NotRequired[dict[str, float]]
+    """The largest error that each lane of a user's own file states."""
     conditions: NotRequired[Conditions]
 
 

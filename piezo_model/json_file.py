@@ -22,7 +22,7 @@ T = TypeVar("T")
 LARGEST = 1e100
 """Largest number of a model: far above all quantities, and small enough for sums of squares in doubles."""
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
-FileName = Annotated[str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\x00-\x1f]+$")]
+FileName = Annotated[str, msgspec.Meta(pattern=r"^[^/\x00-\x1f]{1,200}$")]
 
 
 class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

@@ -5,8 +5,8 @@ methods:
 
     build         make the library's object, once
     pass_data     pass new P and q to it; not needed if the library reads the program at each solve
-    call_library  call it; x, or None if it found no answer
-    report        read multipliers, status and counts of the last call
+    call_library  call it; x as it is returned, or None if the library returns none
+    report        read whether x is found, multipliers, status and counts of the last call
 """
 
 from abc import abstractmethod
@@ -40,9 +40,10 @@ __all__ = [
 class Report(NamedTuple):
     """Report of a library on its last solve."""
 
-    x: Vector
+    found: bool
+    """Whether the library calls its answer found."""
     w: Vector
-    """Multipliers of the rows in the adapter's ``form``."""
+    """Multipliers of the rows in the adapter's ``form``; unused if the library returned no answer."""
     status: str
     """The library's own name of it."""
     iterations: int | None = None
@@ -67,8 +68,8 @@ class LibrarySolver(Solver):
     and only ``solution`` refers to them later."""
     program: Program
     rows: Any
-    found: bool | None = None
-    """Whether the last solve found an answer; None before a solve of the present data."""
+    x: Vector | None = None
+    """The last answer as the library returned it, NaN for none; None before a solve of the present data."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -92,26 +93,26 @@ class LibrarySolver(Solver):
         p = Program(problem)
         if self.refuses_fixed and np.any(p.lb == p.ub):
             raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
-        self._missing, self.found = SETUP, None
+        self._missing, self.x = SETUP, None
         self.program, self.rows = p, self.form(p)
         self.build(p, self.rows)
         self._missing = READY
 
-    @abstractmethod
     def build(self, p: Program, rows: Any) -> None:
-        """Make the library's object of the program and its rows."""
+        """Make the library's object of the program and its rows, if it has one."""
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for unchanged data."""
 
     @abstractmethod
     def call_library(self, warm_start: Vector | None) -> Vector | None:
-        """Call the library, from a contiguous ``warm_start`` (d,) or cold; x (d,), or None if it found no answer."""
+        """Call the library, from a contiguous ``warm_start`` (d,) or cold; x (d,) as it returns it, whatever it says of
+        it, or None if it returns none."""
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Pass P (d, d) and q (d,) on, of any strides; if the library refuses them, it must be set up again."""
         self._begin(Program.set_data, P, q, not self.reads_given_arrays)
-        self.found = None
+        self.x = None
         if P is not None or q is not None:  # Clarabel panics at an update of nothing
             self.pass_data(None if P is None else self.program.P, None if q is None else self.program.q)
         self._missing = READY
@@ -129,30 +130,30 @@ class LibrarySolver(Solver):
             raise
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the library's answer, read-only, NaN if it found none; ValueError if the solver is not ready."""
+        """Return the library's answer, read-only, whether the library calls it found or not, and NaN if it returned
+        none; ValueError if the solver is not ready."""
         start = None if warm_start is None and not self._missing else self._begin(Program.start, warm_start)
-        self._missing, self.found = AT_WORK, None
+        self._missing, self.x = AT_WORK, None
         x = self.call_library(start)
-        self.found, self._missing = x is not None, READY
-        answer = self.program.no_answer() if x is None else x
-        answer.setflags(write=False)  # the solution may have the same memory
-        return answer
+        self.x, self._missing = np.full(self.program.d, np.nan) if x is None else x, READY
+        self.x.setflags(write=False)  # the solution may have the same memory
+        return self.x
 
     @abstractmethod
     def report(self) -> Report:
-        """Read the library's report on its last solve; x and w are used only if it found an answer."""
+        """Read the library's report on its last solve."""
 
     def solution(self) -> Solution:
-        """Return the answer with the multipliers of the problem's own rows; before a solve of the present data, none is
-        found. ValueError as ``solve`` if the solver is not ready."""
+        """Return the answer with the multipliers of the problem's own rows, found if the library says so; no answer if
+        it returned none or NaN, and before a solve of the present data. ValueError as ``solve`` if the solver is not
+        ready."""
         self._require(self._missing)
-        if self.found is None:
-            return self.program.solution(None, None, {"status": REASONS[UNSOLVED]})
-        x, w, status, iterations, reported_us = self.report()
+        if self.x is None:
+            return self.program.solution({"status": REASONS[UNSOLVED]})
+        found, w, status, iterations, reported_us = self.report()
         extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
-        if not self.found:
-            return self.program.solution(None, None, extras)
-        return self.program.solution(np.array(x), self.rows.scatter(w), extras)
+        answer = () if np.isnan(self.x).all() else (self.x, self.rows.scatter(w), found)
+        return self.program.solution(extras, *answer)
 
     def apply_settings(self, target: Any, **defaults: Any) -> None:
         """Write the defaults and the settings into the library's own object.

@@ -111,19 +111,19 @@ class CvxpySolver(LibrarySolver):
         try:
             self.model.solve(solver=self.name.upper(), warm_start=warm_start is not None, **self.settings)
             self._status = str(self.model.status)
-        except cp.SolverError as error:  # the solver found no answer
-            self._status = str(error)
-        return self._x.value if self._status == cp.OPTIMAL else None
+        except cp.SolverError as error:  # and x keeps the answer of an earlier call
+            self._status, self._x.value = str(error), None
+        return self._x.value
 
     def report(self) -> Report:  # noqa: D102
         w = np.zeros(self.rows.size)
-        if not self.found:
-            return Report(w, w, self._status)
+        if self._x.value is None:
+            return Report(False, w, self._status)
         for numbers, sign, constraint in self._blocks:
-            w[numbers] += sign * constraint.dual_value
+            w[numbers] += sign * np.array(constraint.dual_value, dtype=np.float64)  # NaN for none
         stats = self.model.solver_stats
         reported_us = 1e6 * stats.solve_time if stats.solve_time else None
-        return Report(self._x.value, w, self._status, stats.num_iters, reported_us)
+        return Report(self._status == cp.OPTIMAL, w, self._status, stats.num_iters, reported_us)
 
 
 def make(name: str) -> type[Solver]:

@@ -128,7 +128,7 @@ class Solver(Entrant):
     Notes
     -----
     ``setup`` and ``update`` are timed separately from ``solve``. ``solve`` returns the array of the answer and builds
-    nothing else, so that the solver alone is timed; ``solution`` tells afterwards whether it found an answer. Input
+    nothing else, so that the solver alone is timed; ``solution`` tells afterwards whether it is found. Input
     arrays are never written to. Data and starts are checked before anything changes, and a call that raises leaves the
     solver as it was, or not ready: then every call raises ValueError, until what is missing has come.
     """
@@ -165,7 +165,7 @@ class Solver(Entrant):
 
     @abstractmethod
     def solve(self, warm_start: Vector | None = None) -> Vector:
-        """Return the answer, shape (d,), valid until the next call."""
+        """Return the answer, shape (d,), valid until the next call, found or not; NaN if there is none."""
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), all of them new data.
@@ -178,7 +178,7 @@ class Solver(Entrant):
         updates, solves : array (m,)
             Nanoseconds of each of the m ≤ n calls; a solve includes the copy of its answer.
         answers : array (m, d)
-            NaN if a library found no answer.
+            NaN if a library returned none.
         """
         raise Unsupported(f"{self.name} has no compiled loop to time")
 

@@ -89,7 +89,7 @@ class QpsolversSolver(LibrarySolver):
             raise Unsupported(f"{self.name} behind qpsolvers refuses the problem: {error}") from error
         except qpsolvers.SolverError as error:
             self._answer = Solution(self._problem, found=False, extras={"status": str(error)})
-        return np.asarray(self._answer.x) if self._answer.found else None
+        return None if self._answer.x is None else np.asarray(self._answer.x)
 
     def report(self) -> Report:  # noqa: D102
         a, p, w = self._answer, self.program, np.zeros(self.rows.size)
@@ -99,7 +99,7 @@ class QpsolversSolver(LibrarySolver):
         count = _first_of(a.extras, "iterations", "iter", "num_iterations")
         status = str(_first_of(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
         iterations = None if count is None else int(np.max(count))
-        return Report(a.x, w, status, iterations, None if a.solve_time is None else 1e6 * a.solve_time)
+        return Report(bool(a.found), w, status, iterations, a.solve_time and 1e6 * a.solve_time)
 
 
 def _first_of(extras: Mapping[str, Any], *names: str) -> Any:

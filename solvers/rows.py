@@ -104,12 +104,11 @@ class Program:
         """A starting point (d,), checked, or None."""
         return None if warm_start is None else start_point(warm_start, self.q.shape)
 
-    def no_answer(self) -> Vector:
-        """The result of ``solve`` if the library found no answer: NaN, shape (d,)."""
-        return np.full(self.d, np.nan)
-
-    def solution(self, x: Vector | None, w: Vector | None, extras: dict[str, Any]) -> Solution:
-        """The solution with the answer x (d,) and the multipliers w of all rows of the stack; None for no answer."""
+    def solution(
+        self, extras: dict[str, Any], x: Vector | None = None, w: Vector | None = None, found: bool = False
+    ) -> Solution:
+        """The solution with a copy of the answer x (d,) and the multipliers w of all rows of the stack; None for no
+        answer."""
         problem = deepcopy(self._problem)
         problem.P, problem.q = self.P.copy(), self.q.copy()
         if x is None or w is None:
@@ -118,8 +117,8 @@ class Program:
         z[self._finite] = w[self.inequalities]
         return Solution(
             problem,
-            found=True,
-            x=x,
+            found=found,
+            x=x.copy(),
             y=w[self.equalities].copy(),
             z=z,
             z_box=w[self.bounds].copy(),

@@ -22,7 +22,7 @@ from bench.derived.measurements import ROWS, Measurements
 from bench.derived.ranking import like_with_like, ranking
 from bench.derived.verdict import KNOWN
 from bench.messages.task import Status, Tier
-from bench.report.words import joined, number, rounded
+from bench.report.words import joined, marked, number, rounded
 from bench.store import Run
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
@@ -70,7 +70,7 @@ def test_links_lead_to_existing_files(page: Path) -> None:
 def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_existing_headings() -> None:
     for word in (*Status, *Lane, *Tier):
         assert f"`{word}`" in READING, word
-    for heading in ("lane", "tier", "worst cost gap", "right", "periods"):
+    for heading in ("lane", "tier", "worst gap", "right", "periods"):
         assert heading in {column.heading for column in ROWS.columns}
         assert re.search(rf"^\| [^|]*\b{heading}\b", READING, flags=re.MULTILINE), heading
 
@@ -85,12 +85,12 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
 
 
 @pytest.mark.slow
-def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time(
+def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time_or_is_wrong(
     tmp_path: Path, piezobench: CommandLine
 ) -> None:
     texts = {block.rest: block.text for block in documents.blocks(ROOT / "docs" / "tutorial-solver-author.md")}
     source, workflow = texts['title="my_solver.py"'], texts['title=".github/workflows/solver.yml"']
-    (compare,) = re.findall(r"- run: piezobench (.*)", workflow)
+    race, compare = re.findall(r"- run: piezobench (.*)", workflow)
     for name in ("my_solver.py", "baseline.py"):
         (tmp_path / name).write_text(source)
     assert piezobench(*compare.split(), folder=tmp_path).status == 0
@@ -102,6 +102,13 @@ def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time(
         )
     )
     assert piezobench(*compare.split(), folder=tmp_path).status == 3
+    for name, answer in (("right", "x"), ("off", "x * (1.0 + 1e-4)"), ("nan", "np.full_like(x, np.nan)")):
+        (tmp_path / "my_solver.py").write_text(source.replace("        return x\n", f"        return {answer}\n"))
+        words = (*race.split(), "--solver", "projected_difference", "--name", name)  # which errs, and is not theirs
+        for call in (words, ("report", f"results/{name}")):
+            done = piezobench(*call, folder=tmp_path)
+            assert done.status == int(name != "right")
+            assert done.stdout.splitlines()[-1].startswith("Wrong: my_solver (direct) ") == (name != "right")
 
 
 def test_the_comparison_of_versions_on_the_page_is_that_of_the_runs_beside_the_reference(
@@ -269,7 +276,7 @@ def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
         hot, turns = of_size.loc[["hot"]].iloc[0], of_size.loc[["interleaved"]].iloc[0]  # the best of the others
         cells = (
             word,
-            f"{hot.ours} {number(hot.ours_us)} µs",
+            f"{marked(hot.ours)} {number(hot.ours_us)} µs",
             f"{hot.other} {number(hot.other_us)} µs",
             f"{hot.ratio:.2f}",
             f"{turns.ratio:.2f}",

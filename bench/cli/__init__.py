@@ -1,7 +1,7 @@
 """The ``piezobench`` command; each file holds a group of verbs.
 
 A user's mistake ends in one sentence on standard error and exit status 2, without a traceback. Exit status 1 means a
-fault of the program itself.
+fault of the program itself, or of a user's own solver in a race or a certificate.
 """
 
 import atexit

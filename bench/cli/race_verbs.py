@@ -139,7 +139,9 @@ def race_verb(
 ) -> None:
     """Race solvers and compare their accuracy and speed.
 
-    Every answer is compared with an optimum that is proven in exact arithmetic. The run is a folder with a report.
+    Every answer is compared with an optimum that is proven in exact arithmetic. The run is a folder with a report. The
+    exit status is 1 if a solver of a file of your own fails, or errs by more than it states: 1e-9, or ten times what
+    the exponent of its finest setting says if that is more.
     """
     sets = problem_sets or [name for name, option in FILE_OF.items() if option in options]
     given: dict[str, Any] = {
@@ -180,7 +182,7 @@ def _given(texts: Sequence[str]) -> dict[str, str]:
     """Settings by solver, as JSON; refused if they are no JSON or given twice."""
     given: dict[str, str] = {}
     for solver, _, text in (each.partition("=") for each in texts):
-        require(solver not in given, "--settings", f"gives settings for {solver} twice")
+        require(solver not in given, "--settings", f"{solver}: takes one setting, and is given several")
         try:
             decoded(text, dict[str, Any])
         except ValueError as error:
@@ -305,7 +307,8 @@ def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
     ]
     below = lines_of(notes)
     if excluded:
-        below += ["", f"Not raced, {len(excluded)} of {len(excluded) + count} problems:"]
-        below += [f"{problem}: {why}" for problem, why in excluded]
+        below += ["", f"Not raced, {len(excluded)} of {len(excluded) + count} problems:", *map(": ".join, excluded)]
     document = {"run": run.path, "report": path, "page": page, "left_out": dict(excluded), **report.document}
-    print_report(report, document, as_json, below, [f"Page: {page}", f"Report: {path}"])
+    print_report(report, document, as_json, below, [f"Page: {page}", f"Report: {path}", *filter(None, [report.failed])])
+    if report.failed:
+        raise typer.Exit(1)

@@ -41,6 +41,7 @@ from bench.store import Run, RunError
 from bench.timing.percentiles import CONFIDENCE, percentile, rate_bound
 from bench.timing.schedule import PERIOD_US
 from piezo_model.json_file import decoded
+from piezo_model.learning.settings import EXACT_SOLVERS
 from piezo_model.learning.solving import require_setting
 from solvers import Lane, find
 
@@ -141,7 +142,7 @@ class Candidate:
         if not self.margin:
             return (
                 f"has a cost gap or violation above {rule.accuracy:g} on {self.problems - self.right} of "
-                f"{self.problems} problems at its best setting"
+                f"{self.problems} problems at its best setting, or an answer that it does not call found"
             )
         if not self.samples:
             return "has no times"
@@ -211,7 +212,11 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
     _require_useful_deadline(run, rule, int(np.count_nonzero(idle > rule.deadline_us)), idle.size)
     every = found.every[(found.every.scaling == "scaled") & found.every.lane.isin([*map(str, rule.lanes)])]
     rows = supported(measured(every[every.solver != FLOOR]))
-    for line in chosen_settings(rows.assign(error=distance(rows)), rule.accuracy):
+    # a learner does not use an answer that its solver does not call found, unless the core solves in its place
+    for line in chosen_settings(
+        rows.assign(error=distance(rows).mask((rows.message != "") & ~rows.solver.isin(EXACT_SOLVERS), math.inf)),
+        rule.accuracy,
+    ):
         of_lane = here[(here.solver == line["solver"]) & (here.lane == line["lane"])]
         chosen = of_lane[(of_lane.setting == line["furthest"]) & (of_lane.rung >= 0)]
         calls, hot = found.pooled(chosen.task, HOT, INTERLEAVED), found.pooled(chosen.task)

@@ -29,7 +29,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.tiers import LANE, MISSES, applies, measured, right, supported, tier_settings
+from bench.derived.tiers import LANE, MISSES, applies, distance, measured, right, supported, tier_settings
 from bench.messages.columns import (
     COUNT,
     FLAG,
@@ -66,7 +66,7 @@ ROWS = Schema(
         Column("right", None, "sum", "right"),
         Column("judged", COUNT, "min", "judged"),
         Column("miss_rate", None, worst, "misses, at most", share),
-        Column("worst_cost_gap", None, worst, "worst cost gap", gap, of="cost_gap"),
+        Column("worst_gap", None, worst, "worst gap", gap, of="gap"),
         Column("update_us", NUMBER, TYPICAL, "update, µs", number),
         Column("solve_us_p50", NUMBER, TYPICAL, "solve, µs", number),
         Column("answer_us_p99", None, None, "p99 of an answer, µs", number),
@@ -87,14 +87,14 @@ ROWS = Schema(
         Column("interleaved_us", None, typical_of_all, "interleaved, µs", number),
         Column("rung", COUNT, "first"),
         Column("problems", None, "size", of="right"),
-        Column("median_cost_gap", None, TYPICAL, of="cost_gap"),
+        Column("median_gap", None, TYPICAL, of="gap"),
         Column("model_error_um", NUMBER, TYPICAL),
         Column("cpu_us", NUMBER, "max"),
         Column("answer_us_spread", None, TYPICAL),
         Column("answer_us", NUMBER, TYPICAL),
         Column("repeatable", FLAG, "all"),
         Column("mutates_input", FLAG, "any"),
-        Column("message", TEXT, first_text),
+        Column("message", TEXT, first_text, "message"),
         Column("digest", TEXT),
         *(Column(name, COUNT) for name in ("draw_seed", "due", "late", "bouts", *MISSES.values())),
         Column("timed_call", COUNT),
@@ -111,10 +111,11 @@ ROWS = Schema(
 own. ``timed`` is hot, long, interleaved or scheduled; ``late`` answers of those that were ``due`` missed their
 deadline, in ``bouts``. ``answer`` is the first one, and ``timed_answer`` the worst of the ``judged`` timed ones,
 drawn with ``draw_seed``, to the data of call ``timed_call``: ``timed_shares`` are the shares of the problem and its
-windows in these data, ``timed_factors`` those of q. ``answer_us`` is the median time of an answer, ``cpu_us`` the
-mean processor time of a call where that is more than half as long again. A line of the summary is a solver lane at a
-tier and its setting, over all problems of a set; the columns that begin with the solver are those of the large table,
-solver, accuracy and times first, since a screen may cut off the others."""
+windows in these data, ``timed_factors`` those of q. ``message`` says what failed, or of an answer to judge what its
+solver says if that is not found. ``answer_us`` is the median time of an answer, ``cpu_us`` the mean processor time of
+a call where that is more than half as long again. A line of the summary is a solver lane at a tier and its setting,
+over all problems of a set; the columns that begin with the solver are those of the large table, solver, accuracy and
+times first, since a screen may cut off the others."""
 
 
 FLOOR = "null"
@@ -203,8 +204,8 @@ class Measurements:
 
 
 def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting") -> pd.DataFrame:
-    """The rows of each tier's setting and of the defaults, with ``tier`` and ``right``; an answer that is not right has
-    the status missed.
+    """The rows of each tier's setting and of the defaults, with ``tier``, ``right`` and ``gap``, their distance, NaN if
+    that is infinite; an answer that is not right has the status missed.
 
     ``column`` names the setting's column: ``furthest`` gives a setting even if the tier is not reached.
     """
@@ -227,6 +228,7 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
     return rows.assign(
         miss_rate=math.nan if tier is Tier.STAGE else rate_bound(missed, rows.judged),
         right=is_right,
+        gap=distance(rows).replace(np.inf, np.nan),
         status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED)),
     )
 

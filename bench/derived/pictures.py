@@ -16,8 +16,9 @@ import pandas as pd
 
 from bench.derived import ranking, summary, verdict
 from bench.derived.measurements import Measurements, at_tiers
+from bench.derived.tiers import distance
 from bench.messages.columns import TYPICAL, worst
-from bench.messages.task import Status, Tier
+from bench.messages.task import Tier
 from bench.report.report import BEST, LEAST_GAP, together
 from bench.report.words import MARK, duration, marked
 from solvers.registry import OURS
@@ -25,7 +26,7 @@ from solvers.registry import OURS
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
 OUR_BEST = "box_active_set"
 MOST_GAP = 1e3
-"""Largest cost gap on a plot; larger ones are drawn at this value."""
+"""Largest gap on a plot; larger ones are drawn at this value."""
 OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
 MOST_IN_PROFILE, MOST_BARS = 10, 24
 STAGES = ("set-up", "update", "solve")
@@ -54,19 +55,19 @@ def ranked(table: pd.DataFrame, score: pd.Series) -> pd.DataFrame:
 
 
 def work_precision(measurements: Measurements) -> pd.DataFrame:
-    """Worst cost gap against the time of an answer, one row per solver and setting that answers all its problems, in
-    the lane in which the solver is the fastest at its most exact setting.
+    """Worst gap or violation, timed answers included, against the time of an answer, one row per solver and setting
+    that answers all its problems, in the lane in which the solver is the fastest at its most exact setting.
 
     ``is_default`` marks the library's own settings, ``front`` the lines that are named, and ``end`` the setting at
     which the name stands. The paper's method is drawn at its own pace, one step per sampling period.
     """
     rows = measurements.field[measurements.field.start == "cold"]
-    rows = ranking.with_pace(rows.assign(cost_gap=rows.cost_gap.where(rows.status == Status.OK)))
+    rows = ranking.with_pace(rows.assign(gap=distance(rows)))
     table = (
         rows.groupby(["name", "scaling", "solver", "lane", "rung", "setting", "is_default"])
         .agg(
             problems=("problem", "size"),
-            worst_cost_gap=("cost_gap", worst),
+            worst_gap=("gap", worst),
             answer_us=("answer_us", TYPICAL),
             settings=("settings", "first"),
         )
@@ -74,9 +75,9 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
     )
     paced = table.name == ranking.PACE
     table = table.assign(label=np.where(paced, ranking.PACE, np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)))
-    table = table[table.worst_cost_gap.notna() & table.answer_us.notna() & (table.problems == table.problems.max())]
+    table = table[np.isfinite(table.worst_gap) & table.answer_us.notna() & (table.problems == table.problems.max())]
     line = ["scaling", "label", "solver"]
-    end = table.sort_values(["worst_cost_gap", "answer_us"]).drop_duplicates([*line, "lane"])
+    end = table.sort_values(["worst_gap", "answer_us"]).drop_duplicates([*line, "lane"])
     best = end.sort_values("answer_us").drop_duplicates(line)
     table = table.merge(best[[*line, "lane"]], on=[*line, "lane"])
     ends = pd.MultiIndex.from_frame(best[[*line, "setting"]])
@@ -84,11 +85,11 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
         view=table.scaling + " data",
         front=(table.label == ranking.PACE) | table.solver.isin((*verdict.KNOWN, OUR_BEST)),
         end=pd.MultiIndex.from_frame(table[[*line, "setting"]]).isin(ends),
-        drawn=np.clip(table.worst_cost_gap, LEAST_GAP, MOST_GAP),
+        drawn=np.clip(table.worst_gap, LEAST_GAP, MOST_GAP),
     )
     columns = ["view", "scaling", "label", "name", "solver", "lane", "rung", "is_default", "settings", "problems"]
     return table.sort_values(["scaling", "name", "rung"], ascending=[False, True, True], ignore_index=True)[
-        [*columns, "worst_cost_gap", "answer_us", "drawn", "front", "end"]
+        [*columns, "worst_gap", "answer_us", "drawn", "front", "end"]
     ]
 
 

@@ -5,10 +5,10 @@ solve over the problems at the tier's setting. Rows are ordered by the most accu
 1e-3, then by the time for it. The paper's method comes first, at its own pace of one step per sampling period of the
 problem, whatever a step costs.
 
-Ratios of times at the same accuracy and on the same problems: our fastest solver of each lane to each of the others,
-and a library through a wrapper to the same in the lane direct.
+Ratios of times at the same accuracy and on the same problems: our solver of each lane that is right on most problems,
+the fastest of several, to each of the others, and a library through a wrapper to the same in the lane direct.
 
-    ratio = median time of ours over the problems of a size / median time of the other
+    ratio = median time of ours over the problems of a size that both are right on / median time of the other
 
 at the settings for a cost gap of 1e-9, from a cold start, for each number of unknowns. *Hot* calls follow each other
 directly; *interleaved* with the other solvers, each call finds the caches that they left.
@@ -29,7 +29,7 @@ from bench.derived.tiers import PROBLEM, TARGETS, distance, right, supported
 from bench.messages.columns import TYPICAL, Column, combined
 from bench.messages.task import PAPER, Status, Tier
 from bench.report.report import Table
-from bench.report.words import MARK, OURS_NOTE, gap, marked, number, settings_label
+from bench.report.words import MARK, OURS_NOTE, gap, marked, number, rounded, settings_label
 from piezo_model.json_file import decoded
 from solvers import Lane
 from solvers.registry import FAMILIES, OURS
@@ -173,27 +173,38 @@ def yardstick(foreign: bool, own: bool) -> str:
     return f"Cost gap: the cost above the proven optimum V*, over {over}."
 
 
-COLUMNS = ["lane", "timed", "d", "problems", "ours", "ours_us", "other", "other_us", "ratio"]
+BESIDE = (
+    Column("lane", heading="lane"),
+    Column("timed", heading="timed"),
+    Column("d", heading="unknowns"),
+    Column("problems", None, "sum", "problems", of="shared"),
+    Column("ours", heading="ours", format=marked),
+    Column("ours_us", None, TYPICAL, "µs", number),
+    Column("other", heading="other"),
+    Column("version", heading="version"),
+    Column("other_us", None, TYPICAL, "other, µs", number),
+    Column("ratio", heading="ratio", format=lambda ratio: f"{ratio:.2f}" if ratio >= 0.1 else rounded(ratio, 1.0)),
+)
 
 
 def like_with_like(measurements: Measurements) -> pd.DataFrame:
-    """COLUMNS, one row per lane, way of timing, number of unknowns d and other solver that reaches 1e-9, the fastest
-    first."""
+    """BESIDE without the versions, one row per lane, way of timing, number of unknowns d and other solver that reaches
+    1e-9, the fastest first.
+
+    Times are those of the problems that both reach it on, whose number is ``problems``; NaN if there are none.
+    """
     rows = measurements.cold(measurements.tiers[measurements.tiers.tier == Tier.HIGH])
-    lines = []
-    for timed, us in ((HOT, rows.answer_us), (INTERLEAVED, rows.interleaved_us)):
-        for lane, part in rows.assign(us=us).dropna(subset="us").groupby("lane"):
-            ours, others = part[part.solver.isin(OURS)], part[~part.solver.isin(OURS)]
-            if ours.empty:
-                continue
-            best = ours.groupby("solver").us.median().idxmin()
-            for d, mine in ours[ours.solver == best].groupby("d"):
-                own = float(mine.us.median())
-                lines += [
-                    (lane, timed, d, len(mine), marked(str(best)), own, other, median, own / median)
-                    for other, median in others[others.d == d].groupby("solver").us.median().sort_values().items()
-                ]
-    return pd.DataFrame(lines, columns=COLUMNS)
+    ways = {HOT: rows.answer_us, INTERLEAVED: rows.interleaved_us}
+    rows = pd.concat([rows.assign(timed=timed, us=us) for timed, us in ways.items()]).dropna(subset="us")
+    ours = rows[rows.solver.isin(OURS)].rename(columns={"solver": "ours"})
+    lanes = ours.groupby(["lane", "timed", "ours"]).us.agg(["size", TYPICAL]).reset_index()
+    best = lanes.sort_values(["size", TYPICAL], ascending=[False, True]).drop_duplicates(["lane", "timed"])
+    others = rows[~rows.solver.isin(OURS)].rename(columns={"solver": "other"})
+    pairs = ours.merge(best, on=["lane", "timed", "ours"]).merge(others, on=["lane", "timed", "d"], suffixes=("", "_2"))
+    shared = (pairs.problem_set == pairs.problem_set_2) & (pairs.problem == pairs.problem_2)
+    pairs = pairs.assign(shared=shared, ours_us=pairs.us.where(shared), other_us=pairs.us_2.where(shared))
+    found = combined(pairs, BESIDE, ["lane", "timed", "d", "ours", "other"])
+    return found.assign(ratio=found.ours_us / found.other_us).sort_values(["timed", "lane", "d", "other_us"])
 
 
 OTHER_NAMES = {"highs": "highspy", "proxqp": "proxsuite"}

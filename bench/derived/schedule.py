@@ -87,7 +87,7 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
 NOTE = (
     f"Sample k is due at t₀ + k · {PERIOD_US:g} µs, whatever happened before; a solver that is still busy then "
     "continues with the newest due sample. Response time: from the due time of a sample to the end of the first solve "
-    f"that includes it; an answer is late above {PERIOD_US:g} µs, and a bout is a run of late answers. Floor: a solver that "
-    "answers at once, the machine itself; a solver is late if the whole 95 % interval of the ratio of the rates of "
-    "bouts is above 1. Every lane, the kernel's too, is called from Python for each sample."
+    f"that includes it. An answer is late above {PERIOD_US:g} µs, and a bout is a run of late answers. Floor: a solver "
+    "that answers at once, the machine itself. A solver is late if the whole 95 % interval of the ratio of the rates "
+    "of bouts is above 1. Every lane, the kernel's too, is called from Python for each sample."
 )

@@ -1,9 +1,9 @@
 """The large table of a race.
 
 A row is a solver lane at one tier and its setting, in one scaling, from a cold or warm start, over all problems of a
-set: the number of right answers, the worst cost gap, medians over the problems of the median times, and the p99 of an
-answer over all calls. A tier that is not reached has no row. The last row of each scaling is the floor, a solver that
-does nothing.
+set: the number of right answers, the worst gap or violation, medians over the problems of the median times, and the
+p99 of an answer over all calls. A tier that is not reached has no row. The last row of each scaling is the floor, a
+solver that does nothing.
 
 Beside it stand what went wrong, and where each solver lane misses a cost gap of 1e-9, problem by problem. There a lane
 is judged at its setting for 1e-9, or at the one that is right on most problems, from a cold start in the first scaling.
@@ -49,7 +49,9 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     ``settings`` are those of the first problem, since tolerances are multiples of a constant of the problem;
     ``left_out`` counts all sets together.
     """
-    nothing = measurements.rows[measurements.rows.solver == FLOOR].assign(tier=str(Tier.DEFAULT), right=False)
+    nothing = measurements.rows[measurements.rows.solver == FLOOR].assign(
+        tier=str(Tier.DEFAULT), right=False, gap=math.nan
+    )
     rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
     tasks = rows.groupby(GROUP, dropna=False).task
     table = combined(rows, ROWS.columns, GROUP).assign(
@@ -75,12 +77,15 @@ def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
     return table[(table.status != NOTHING) & (table.start == start)]
 
 
-def failures(measurements: Measurements) -> pd.DataFrame:
+def failures(rows: pd.DataFrame) -> pd.DataFrame:
     """WRONG, one row per solver lane, scaling and status: the number of failures, and the first. Rows that were not run
     are no failures."""
-    wrong = measurements.field[(measurements.field.message != "") & (measurements.field.status != Status.NOT_RUN)]
     return combined(
-        wrong.assign(such_as=wrong.problem_set + "/" + wrong.problem), WRONG, ["solver", "lane", "scaling", "status"]
+        rows.assign(such_as=rows.problem_set + "/" + rows.problem)[
+            (rows.message != "") & ~rows.status.isin([Status.OK, Status.NOT_RUN])
+        ],
+        WRONG,
+        ["solver", "lane", "scaling", "status"],
     )
 
 
@@ -95,15 +100,13 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     missed = judged.assign(count=~judged.right, some=judged.right)
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
     missed = missed.assign(**counts)[~judged.right & (hopeless | (counts.some > 0))]
-    order = ["count", "solver", "lane", "problem"]
-    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)
+    return missed.fillna({"settings": "{}"}).sort_values(["count", "solver", "lane", "problem"], ignore_index=True)
 
 
 def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
     """The worst missed answers of at most ``most`` solver lanes, those with the fewest misses first, with names for
     their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
-    missed = misses(measurements, hopeless=True)
-    worst = missed.assign(gap=missed[["cost_gap", "timed_gap"]].max(axis=1)).sort_values("gap", ascending=False)
+    worst = misses(measurements, hopeless=True).sort_values("gap", ascending=False)
     for line in worst.drop_duplicates(["solver", "lane"]).sort_index().head(most).to_dict("records"):
         rows = measurements.every[measurements.every.task == line["task"]]
         *_, row = rows.assign(distance=distance(rows)).sort_values("distance").to_dict("records")
@@ -112,8 +115,16 @@ def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str,
             x = row["answer"]
             if row["judged"] and row["timed_gap"] > max(row["cost_gap"], row["violation"]):
                 form, x = mixture(first, row["timed_shares"], row["timed_factors"]), row["timed_answer"]
-            optimum = np.array(form.certificate.x)
             yield (
                 f"{row['solver']}-{row['lane']}-{row['problem_set']}--{row['problem']}.npz",
-                Miss(row["solver"], row["lane"], row["settings"], first.qp, form.qp, x, optimum, form.yardstick),
+                Miss(
+                    row["solver"],
+                    row["lane"],
+                    row["settings"],
+                    first.qp,
+                    form.qp,
+                    x,
+                    np.array(form.certificate.x),
+                    form.yardstick,
+                ),
             )

@@ -18,7 +18,7 @@ the others is right.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -75,6 +75,27 @@ def supported(rows: pd.DataFrame) -> pd.DataFrame:
 def right(rows: pd.DataFrame, tier: Tier) -> pd.Series[bool]:
     """Whether each answer meets the tier."""
     return error(rows, tier) <= 1.0
+
+
+def failed(rows: pd.DataFrame, stated: Mapping[str, float]) -> str:
+    """A sentence with those solver lanes of ``stated``, the largest error of each, that fail or err by more, or "".
+
+    A lane fails if the ``error`` of a row is infinite, and errs by that of its most accurate setting on its worst
+    problem.
+    """
+    found, named = [], supported(rows).assign(name=rows.solver + " (" + rows.lane + ")")
+    for name, most in stated.items():
+        here = named[named["name"] == name]
+        wrong, least = here[np.isinf(here.error) & (here.status != Status.NOT_RUN)], here.groupby("setting").error.max()
+        if len(wrong) or not least.min() <= most:
+            found.append(
+                f"{name} fails on {wrong.problem.iloc[0]}: {wrong.message.iloc[0] or 'an answer is not finite'}"
+                if len(wrong)
+                else f"{name} errs by {least.min():.1e}, and states {most:.0e}"
+                if len(here)
+                else f"{name} takes no problem"
+            )
+    return f"Wrong: {'; '.join(found)}." if found else ""
 
 
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)

@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from pyarrow import parquet
 
 from bench.messages.task import Start, Tier, Timed
-from piezo_model.json_file import decoded
+from piezo_model.json_file import FileName, decoded
 from solvers.protocol import Lane
 
 TEXT, COUNT, FLAG, NUMBER = pa.large_string(), pa.int64(), pa.bool_(), pa.float64()
@@ -60,6 +60,10 @@ CHOICES = {
     "start": get_args(Start),
     "timed": get_args(Timed),
 }
+PATTERNS = {column: f"^({'|'.join(choices)})$" for column, choices in CHOICES.items()} | dict.fromkeys(
+    ("problem_set", "problem", "solver"), get_args(FileName)[1].pattern
+)
+"""What the texts of a column match: one of the choices, or a part of the name of a file."""
 
 TYPICAL = "median"
 """Of times, those that are known."""
@@ -166,8 +170,7 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
             _ = [decoded(text, dict[str, Any]) for text in values.unique().to_pylist()]
         except (ValueError, TypeError) as error:
             raise TableError(f"column {column!r} holds text that is not settings in JSON: {error}") from None
-    if column in CHOICES:
-        for value in values.unique().to_pylist():
-            if value is not None and value not in CHOICES[column]:
-                raise TableError(f"column {column!r} holds {value!r:.60} and not one of {', '.join(CHOICES[column])}")
+    if column in PATTERNS and (at := pc.index(pc.match_substring_regex(values, PATTERNS[column]), False).as_py()) >= 0:
+        wanted = f"one of {', '.join(CHOICES[column])}" if column in CHOICES else "a name for a file"
+        raise TableError(f"column {column!r} holds {values[at].as_py()!r:.60} in row {at + 1} and not {wanted}")
     return values

@@ -76,7 +76,7 @@ class Status(StrEnum):
     OK = "ok"
     """There is an answer to judge; of a tier, it has the required accuracy."""
     MISSED = "missed"
-    """The solver reports success, but the answer misses the required accuracy."""
+    """The answer misses the required accuracy, or the solver reports success and gives none."""
     SOLVER_FAILED = "solver_failed"
     """The solver itself reports that it found no answer, and there is none."""
     ADAPTER_FAILED = "adapter_failed"

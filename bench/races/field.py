@@ -90,7 +90,12 @@ def field_of(run: Run, pool: SolverPool) -> list[Described]:
     absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
     noted = before.get("field", {})
     same = {lane: was for lane, was in noted.items() if _release(was) == _release(versions.get(lane, was))}
-    run.note(field=versions | same, absent=before.get("absent", {}) | absent)
+    own = {  # 1e-9 at the finest: rungs may ask for more than rounding allows
+        f"{solver.name} ({solver.lane})": 10.0 ** (1 - min((10.0, *solver.exponents[-1:])))
+        for solver in described
+        if pool.children[solver.name, solver.lane].entry.path
+    }
+    run.note(field=versions | same, absent=before.get("absent", {}) | absent, own=own)
     present = {solver.name for solver in field}
     for solver in described:
         if solver.name in before["settings"]["solvers"] and solver.name not in present:

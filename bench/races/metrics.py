@@ -83,17 +83,17 @@ def measures(problem: RaceProblem, form: CertifiedForm, x: Vector) -> Row:
 
 
 def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
-    """Columns of an outcome; its status is ok if there is an answer to measure, whatever its solver says, and else
-    status and message are all."""
+    """Columns of an outcome; its status is ok if there is an answer to measure, whatever its solver says, which the
+    message quotes if that is not found, and else status and message are all."""
     if outcome.failure:
-        return _refused(Status(outcome.failure), outcome.message)
+        return {"status": str(Status(outcome.failure)), "message": outcome.message}
     form = problem.forms[scaling]
-    x = outcome.x
+    x, says = outcome.x, f"says {outcome.solver_status!r}"
     if x is None or x.shape != form.qp.q.shape or not np.all(np.isfinite(x)):
-        what = "no answer of the right shape" if x is None or x.shape != form.qp.q.shape else "NaN or infinity"
-        if outcome.found:
-            return _refused(Status.MISSED, f"says solved and returned {what}")
-        return _refused(Status.SOLVER_FAILED, f"{outcome.solver_status}: returned {what}")
+        return {
+            "status": str(Status.MISSED if outcome.found else Status.SOLVER_FAILED),
+            "message": f"{says}, and gives no finite answer of {form.qp.q.size} numbers",
+        }
     bounds = form.qp.q if form.qp.lb is not None or form.qp.ub is not None else None
     for name, dual, primal in (
         ("y", outcome.y, form.qp.b),
@@ -101,14 +101,17 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
         ("z_box", outcome.z_box, bounds),
     ):
         if dual is not None and primal is not None and dual.shape != primal.shape:
-            return _refused(Status.ADAPTER_FAILED, f"the duals {name} are of shape {dual.shape} and not {primal.shape}")
+            return {
+                "status": str(Status.ADAPTER_FAILED),
+                "message": f"the duals {name} are of shape {dual.shape} and not {primal.shape}",
+            }
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
-    told = "" if outcome.found else f"says {outcome.solver_status!r}, and the answer is judged all the same"
-    return {"status": str(Status.OK), "message": told, **measures(problem, form, x), **_residuals(solution)}
-
-
-def _refused(status: Status, message: str) -> Row:
-    return {"status": str(status), "message": message}
+    return {
+        "status": str(Status.OK),
+        "message": "" if outcome.found else says,
+        **measures(problem, form, x),
+        **_residuals(solution),
+    }
 
 
 def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
 
 from bench.derived import ranking, schedule, summary, verdict
 from bench.derived.measurements import ROWS, Measurements
+from bench.derived.tiers import distance, failed, measured
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
 from bench.races.figures import figures
@@ -17,18 +19,6 @@ from bench.report.words import OURS_NOTE, gap, joined, marked, number, settings_
 from bench.store import Run, RunError
 from solvers.registry import file_digest
 
-BESIDE = (
-    Column("lane", heading="lane"),
-    Column("timed", heading="timed"),
-    Column("d", heading="unknowns"),
-    Column("problems", heading="problems"),
-    Column("ours", heading="ours"),
-    Column("ours_us", heading="µs", format=number),
-    Column("other", heading="other"),
-    Column("version", heading="version"),
-    Column("other_us", heading="other, µs", format=number),
-    Column("ratio", heading="ratio", format=lambda ratio: f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.1g}"),
-)
 MISSES = (
     Column("solver", heading="solver", format=marked),
     Column("lane", heading="lane"),
@@ -37,6 +27,7 @@ MISSES = (
     Column("status", heading="status"),
     *(Column(name, heading=name.replace("_", " "), format=gap) for name in ("cost_gap", "timed_gap", "violation")),
     Column("answer_us", heading="µs", format=number),
+    Column("message", heading="message"),
 )
 PROBLEMS = (
     Column("problem_set", heading="problem set"),
@@ -75,6 +66,7 @@ DEFINITIONS = (
     "scaled: P has a unit diagonal; raw: volts and micrometres.",
     "|V*| / cost scale: how much larger the optimal cost V* is than what a gap is divided by. A tolerance relative "
     "to V* is that much looser.",
+    "worst gap: the largest cost gap or violation on any problem, of first and judged timed answers.",
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
     "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
     "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same "
@@ -108,7 +100,7 @@ def report(run: Run, race: RaceSettings) -> Report:
     misses = dict(summary.kept(run, measurements, race.keep_misses))
     at_8_khz = schedule.on_schedule(measurements)
     beside, missed = ranking.like_with_like(measurements), summary.misses(measurements)
-    versions = settings.get("field", {})
+    versions, every = settings.get("field", {}), measured(measurements.every)
     return Report(
         verdict.verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
         ranking.short_table(table, note),
@@ -123,6 +115,8 @@ def report(run: Run, race: RaceSettings) -> Report:
             *remarks(run, measurements, misses),
         ],
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
+        # of the scaled rows, if there are any
+        failed=failed(every[every.scaling == every.scaling.max()].assign(error=distance), settings.get("own", {})),
         definitions=[*DEFINITIONS, *([f"Every solver ran in {race.repeats} {REPEATED}"] if race.repeats > 1 else [])],
         tables=[
             Table.of(
@@ -146,11 +140,12 @@ def report(run: Run, race: RaceSettings) -> Report:
             Table.of(
                 "Our solver against each other solver",
                 beside.assign(version=[versions.get(name, "") for name in beside.other + " (" + beside.lane + ")"]),
-                BESIDE,
+                ranking.BESIDE,
                 2,
                 filters=("lane", "timed", "unknowns"),
-                note="Median µs of update and solve to 1e-9, by lane and number of unknowns, the fastest of the others "
-                f"first; a ratio below 1 is in our favour. {SIMD}",
+                note="Median µs of update and solve to 1e-9 on the problems that both reach it on, by lane and number "
+                "of unknowns, the fastest of the others first; a ratio below 1 is in our favour. – stands where there "
+                f"is no such problem. {SIMD}",
             ),
             *(
                 [Table.of("On the schedule of 8 kHz", at_8_khz, schedule.COLUMNS, 3, note=schedule.NOTE)]
@@ -177,7 +172,7 @@ def report(run: Run, race: RaceSettings) -> Report:
             ),
             Table.of(
                 "What went wrong",
-                summary.failures(measurements),
+                summary.failures(measurements.field),
                 summary.WRONG,
                 8,
                 filters=("lane", "scaling", "status"),
@@ -220,8 +215,11 @@ def _file_of(run: Run, solver: str, lane: str) -> list[str]:
     """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
     since, none."""
     version = run.settings.get("field", {}).get(f"{solver} ({lane})", "")
-    paths = run.settings["settings"].get("solver_files", ())
-    return [path for path in paths if Path(path).is_file() and file_digest(Path(path)) in version]
+    return [
+        path
+        for path in run.settings["settings"].get("solver_files", ())
+        if Path(path).is_file() and file_digest(Path(path)) in version
+    ]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
@@ -230,23 +228,18 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
     problems = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
     lines = []
     for line in problems.to_dict("records"):
-        try:
+        line |= dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan)
+        with suppress(RunError):
             problem = run.problem(line["problem_set"], line["problem"])
             form = problem.forms[line["scaling"]]
-        except RunError:
-            lines.append(line | dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan))
-            continue
-        value = form.certificate.value_rounded
-        lines.append(
-            {
-                **line,
-                "V": value,
+            line |= {
+                "V": form.certificate.value_rounded,
                 "yardstick": form.yardstick,
-                "optimum": abs(value) / form.yardstick,
+                "optimum": abs(form.certificate.value_rounded) / form.yardstick,
                 "objective": problem.optimum,
                 "c": 0.0 if form.cost_unit else form.c,
             }
-        )
+        lines.append(line)
     return pd.DataFrame(lines)
 
 

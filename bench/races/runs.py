@@ -70,6 +70,7 @@ def write(run: Run) -> tuple[Report, Path]:
         found,
         title=f"Race {run.path.name}",
         scope="; ".join(filter(None, scope)) + ".",
+        notes=[*filter(None, [found.failed]), *found.notes],
         limits=limits,
         environment=environment(run),
     )

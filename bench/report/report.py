@@ -210,6 +210,8 @@ class Report:
     """Problems, machine and its drift, before the first figure."""
     files: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
     """Further files beside the report by name, and what writes them."""
+    failed: str = ""
+    """A sentence with the lanes of a user's own files that fail, for which the command ends with status 1."""
 
     @property
     def drawn(self) -> list[Figure]:
@@ -223,6 +225,7 @@ class Report:
         return {
             "verdict": self.verdict,
             "notes": self.notes,
+            "failed": self.failed,
             "rows": [] if self.summary is None else self.summary.to_dict("records"),
             "tables": [{"title": table.title, "rows": by_heading(table.headings, table.rows)} for table in tables],
         }

@@ -42,13 +42,12 @@ class CasadiQrqp(LibrarySolver):
         p, g = self.program, self.program.general
         data = {"h": p.P, "g": p.q, "a": p.R[g], "lba": p.l[g], "uba": p.u[g], "lbx": p.lb, "ubx": p.ub}
         self._result = self._function(**{name: array for name, array in data.items() if array.size})
-        self._stats = self._function.stats()
-        return self._array("x") if self._stats["success"] else None
+        return self._array("x")
 
     def _array(self, name: str) -> Vector:
         return self._result[name].full().ravel()
 
     def report(self) -> Report:
         """Its multipliers have the signs of ours."""
-        w = np.concatenate([self._array("lam_x"), self._array("lam_a")])
-        return Report(self._array("x"), w, self._stats["return_status"], self._stats["iter_count"])
+        w, stats = np.concatenate([self._array("lam_x"), self._array("lam_a")]), self._function.stats()
+        return Report(stats["success"], w, stats["return_status"], stats["iter_count"])

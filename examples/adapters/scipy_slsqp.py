@@ -51,7 +51,7 @@ class ScipySlsqp(LibrarySolver):
             constraints=self._rows,
             options=self.settings,
         )
-        return self._result.x if self._result.success else None
+        return self._result.x
 
     def _cost(self, x: Vector) -> tuple[float, Vector]:
         """½ xᵀP x + qᵀx and its gradient P x + q, shape (d,)."""
@@ -67,4 +67,4 @@ class ScipySlsqp(LibrarySolver):
         gradient = self._cost(r.x)[1] + p.R.T @ w
         below, above = np.maximum(gradient, 0.0), np.minimum(gradient, 0.0)
         w[p.bounds] = -np.where(np.isfinite(p.lb), below, 0.0) - np.where(np.isfinite(p.ub), above, 0.0)
-        return Report(r.x, w, r.message, int(r.nit))
+        return Report(bool(r.success), w, r.message, int(r.nit))

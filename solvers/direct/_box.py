@@ -6,21 +6,14 @@ Files of this folder that begin with an underscore are shared parts, not solvers
 """
 
 from abc import abstractmethod
-from typing import NamedTuple
 
 import numpy as np
 
-from solvers.adapter import LibrarySolver, Program, Report, Stack
+from solvers.adapter import LibrarySolver, Program, Report
 from solvers.protocol import Vector, box_duals
 
-
-class BoxResult(NamedTuple):
-    """Result of the library's last call."""
-
-    x: Vector
-    found: bool
-    status: str
-    iterations: int | None = None
+BoxResult = tuple[Vector, bool, str, int | None]
+"""x, whether the library calls it found, its status and its number of iterations."""
 
 
 class BoxMinimiser(LibrarySolver):
@@ -28,20 +21,19 @@ class BoxMinimiser(LibrarySolver):
 
     bounds_only = True
 
-    def build(self, p: Program, rows: Stack) -> None:
-        self.lb, self.ub = p.lb, p.ub
-
     @abstractmethod
     def minimise(self, start: Vector | None) -> BoxResult:
         """Call the library."""
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self.outcome = self.minimise(warm_start)
-        return self.outcome.x if self.outcome.found else None
+        return self.outcome[0]
 
     def report(self) -> Report:
-        x, _, status, iterations = self.outcome
-        return Report(x, box_duals(cost(self.program, x)[1], self.lb, self.ub, x), status, iterations)
+        x, found, status, iterations = self.outcome
+        return Report(
+            found, box_duals(cost(self.program, x)[1], self.program.lb, self.program.ub, x), status, iterations
+        )
 
 
 def cost(program: Program, x: Vector) -> tuple[float, Vector]:

@@ -60,10 +60,10 @@ class Conic(LibrarySolver):
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._call()
-        self._stats = self._buffer.stats()
-        return self._x if self._stats["success"] else None
+        return self._x
 
     def report(self) -> Report:
-        stats, seconds = self._stats, self._stats.get("t_wall_solver")
+        stats = self._buffer.stats()
+        seconds = stats.get("t_wall_solver")
         status = f"{stats['unified_return_status']}: {stats['return_status']}"
-        return Report(self._x, self._w, status, stats["iter_count"], 1e6 * seconds if seconds else None)
+        return Report(stats["success"], self._w, status, stats["iter_count"], 1e6 * seconds if seconds else None)

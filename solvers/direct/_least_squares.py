@@ -28,7 +28,6 @@ class LeastSquares(BoxMinimiser):
     """A solver of minimise ‖Lᵀx − right‖ with bounds."""
 
     def build(self, p: Program, rows: Stack) -> None:
-        super().build(p, rows)
         self.L = cholesky(p.P, self.name)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
@@ -54,10 +53,10 @@ class NonNegative(LeastSquares):
 
     def minimise(self, start: Vector | None) -> BoxResult:
         try:
-            u = self.nonnegative(self.L.T, self.right(self.program.P @ self.lb + self.program.q))
+            u = self.nonnegative(self.L.T, self.right(self.program.P @ self.program.lb + self.program.q))
         except RuntimeError as error:
-            return BoxResult(self.program.no_answer(), False, str(error))
-        return BoxResult(self.lb + u, True, "solved")
+            return np.full(self.program.d, np.nan), False, str(error), None
+        return self.program.lb + u, True, "solved", None
 
 
 class LsqLinear(LeastSquares):
@@ -68,6 +67,10 @@ class LsqLinear(LeastSquares):
 
     def minimise(self, start: Vector | None) -> BoxResult:
         result = lsq_linear(
-            self.L.T, self.right(self.program.q), (self.lb, self.ub), method=self.method, **self.settings
+            self.L.T,
+            self.right(self.program.q),
+            (self.program.lb, self.program.ub),
+            method=self.method,
+            **self.settings,
         )
-        return BoxResult(result.x, bool(result.success), str(result.message), int(result.nit))
+        return result.x, bool(result.success), str(result.message), int(result.nit)

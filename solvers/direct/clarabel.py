@@ -42,8 +42,10 @@ class Clarabel(LibrarySolver):
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._answer = self._solver.solve()
-        return np.array(self._answer.x) if self._answer.status == clarabel.SolverStatus.Solved else None
+        return np.array(self._answer.x)
 
     def report(self) -> Report:
         a = self._answer
-        return Report(a.x, np.array(a.z), str(a.status), a.iterations, 1e6 * a.solve_time)
+        return Report(
+            a.status == clarabel.SolverStatus.Solved, np.array(a.z), str(a.status), a.iterations, 1e6 * a.solve_time
+        )

@@ -35,10 +35,10 @@ class Cvxopt(LibrarySolver):
         try:
             self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
         except ValueError as error:  # the rows or the KKT matrix are singular
-            self._result = {"status": str(error), "x": (), "y": (), "z": ()}
-        return np.array(self._result["x"]).ravel() if self._result["status"] == "optimal" else None
+            self._result = {"status": str(error), "x": np.full(self.program.d, np.nan), "y": (), "z": ()}
+        return np.array(self._result["x"]).ravel()
 
     def report(self) -> Report:
         r = self._result
-        x, y, z = (np.array(r[key]).ravel() for key in "xyz")
-        return Report(x, np.concatenate([y, z]), r["status"], r.get("iterations"))
+        w = np.concatenate([np.array(r[key]).ravel() for key in "yz"])
+        return Report(r["status"] == "optimal", w, r["status"], r.get("iterations"))

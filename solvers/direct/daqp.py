@@ -53,12 +53,12 @@ class Daqp(LibrarySolver):
         elif not self._is_cold:
             self._model.update(sense=self._cold)
         self._is_cold = False
-        self._answer = x, _, flag, _ = self._model.solve()
-        return x if flag > 0 else None
+        self._answer = self._model.solve()
+        return self._answer[0]
 
     def report(self) -> Report:
-        x, _, flag, info = self._answer
-        return Report(x, info["lam"], f"exit flag {flag}", info["iterations"], 1e6 * info["solve_time"])
+        _, _, flag, info = self._answer
+        return Report(flag > 0, info["lam"], f"exit flag {flag}", info["iterations"], 1e6 * info["solve_time"])
 
 
 def senses(program: Program) -> Sense:

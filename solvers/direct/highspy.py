@@ -63,15 +63,17 @@ class Highspy(LibrarySolver):
         self._begin_s = self._highs.getRunTime()
         self._highs.setOptionValue("time_limit", self._begin_s + self._time_limit_s)
         self._highs.run()
-        is_optimal = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
-        return np.array(self._highs.getSolution().col_value) if is_optimal else None
+        answer = self._highs.getSolution()
+        return np.array(answer.col_value) if answer.value_valid else None
 
     def report(self) -> Report:
         highs, answer, p = self._highs, self._highs.getSolution(), self.program
         w = -np.concatenate([answer.col_dual, answer.row_dual[: p.u.size - p.d]])
-        status = highs.modelStatusToString(highs.getModelStatus())
+        status, optimal = highs.getModelStatus(), highspy.HighsModelStatus.kOptimal
         reported_us = 1e6 * (highs.getRunTime() - self._begin_s)
-        return Report(answer.col_value, w, status, highs.getInfo().qp_iteration_count, reported_us)
+        return Report(
+            status == optimal, w, highs.modelStatusToString(status), highs.getInfo().qp_iteration_count, reported_us
+        )
 
 
 def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:

@@ -21,6 +21,14 @@ from scipy.sparse import csc_matrix
 from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
 from solvers.backend import OSQP
 
+WITH_ANSWER = (
+    osqp.SolverStatus.OSQP_SOLVED,
+    osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
+    osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
+    osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED,
+)
+"""With any other status the library returns no answer, but the bits of a NaN read as an integer."""
+
 
 class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
@@ -48,9 +56,8 @@ class Osqp(LibrarySolver):
         else:
             self._solver.warm_start(x=warm_start)
         self._result = self._solver.solve(raise_error=False)
-        # After a failure x is finite (the bits of a NaN read as an integer), so only the status tells.
-        return self._result.x if self._result.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None
+        return self._result.x if self._result.info.status_val in WITH_ANSWER else None
 
     def report(self) -> Report:
         r, info = self._result, self._result.info
-        return Report(r.x, r.y, info.status, info.iter, 1e6 * info.solve_time)
+        return Report(info.status_val == WITH_ANSWER[0], r.y, info.status, info.iter, 1e6 * info.solve_time)

@@ -38,9 +38,9 @@ class Piqp(LibrarySolver):
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._status = self._solver.solve()
-        return self._solver.result.x.copy() if self._status == piqp.PIQP_SOLVED else None
+        return self._solver.result.x.copy()
 
     def report(self) -> Report:
         r = self._solver.result
         w = np.concatenate([r.z_bu - r.z_bl, r.y, r.z_u])
-        return Report(r.x, w, self._status.name, r.info.iter, 1e6 * r.info.solve_time)
+        return Report(self._status == piqp.PIQP_SOLVED, w, self._status.name, r.info.iter, 1e6 * r.info.solve_time)

@@ -53,13 +53,12 @@ class Proxsuite(LibrarySolver):
             self._qp.solve(warm_start, *self._dual)
         self._is_fresh = False
         results = self._qp.results
-        if results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED:
-            return None
-        self._dual = results.y.copy(), results.z.copy()  # an update resets them
+        if results.info.status.name == "PROXQP_SOLVED":
+            self._dual = results.y.copy(), results.z.copy()  # an update resets them
         return results.x.copy()
 
     def report(self) -> Report:
         results, info = self._qp.results, self._qp.results.info
         w = np.empty(self._equal.size)
         w[self._equal], w[~self._equal] = results.y, results.z
-        return Report(results.x, w, info.status.name, info.iter, info.solve_time)
+        return Report(info.status.name == "PROXQP_SOLVED", w, info.status.name, info.iter, info.solve_time)

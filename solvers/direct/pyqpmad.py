@@ -40,15 +40,15 @@ class Pyqpmad(LibrarySolver):
             self._status = str(error)
             return None
         self._status = status.name
-        return self._x.view() if status == pyqpmad.ReturnStatus.OK else None
+        return self._x.view()
 
     def report(self) -> Report:
         p, w = self.program, np.zeros(self.rows.size)
-        if not self.found:
-            return Report(self._x, w, self._status)
+        if self._status not in pyqpmad.ReturnStatus.__members__:
+            return Report(False, w, self._status)
         dual = self._solver.get_inequality_dual()
         w[dual.indices] = np.where(dual.is_lower, -dual.dual, dual.dual)
         # The library gives no multipliers of equalities; they follow from stationarity.
         equal = p.l == p.u
         w[equal] = np.linalg.lstsq(p.R[equal].T, -(p.P @ self._x + p.q + p.R.T @ w), rcond=None)[0]
-        return Report(self._x, w, self._status, self._solver.get_num_iterations())
+        return Report(self._status == "OK", w, self._status, self._solver.get_num_iterations())

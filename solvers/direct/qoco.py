@@ -60,9 +60,9 @@ class Qoco(LibrarySolver):
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._result = self._solver.solve()
-        return self._result.x if self._result.status == "QOCO_SOLVED" else None
+        return self._result.x
 
     def report(self) -> Report:
         r = self._result
         w = self._unit * np.concatenate([r.y, r.z])
-        return Report(r.x, w, r.status, r.iters, 1e6 * r.solve_time_sec)
+        return Report(r.status == "QOCO_SOLVED", w, r.status, r.iters, 1e6 * r.solve_time_sec)

@@ -44,8 +44,8 @@ class Qpalm(LibrarySolver):
         if warm_start is not None:
             self._solver.warm_start(warm_start, None)
         self._solver.solve(asynchronous=False)
-        return self._solver.solution.x.copy() if self._solver.info.status == "solved" else None
+        return self._solver.solution.x.copy()
 
     def report(self) -> Report:
-        s, info = self._solver.solution, self._solver.info
-        return Report(s.x, s.y, info.status, info.iter, 1e6 * info.solve_time)
+        info = self._solver.info
+        return Report(info.status == "solved", self._solver.solution.y, info.status, info.iter, 1e6 * info.solve_time)

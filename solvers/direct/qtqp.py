@@ -35,8 +35,8 @@ class Qtqp(LibrarySolver):
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         linear = {"linear_solver": qtqp.LinearSolver.SCIPY_DENSE}
         self._result = self._solver.solve(verbose=False, **{**linear, **self.settings})
-        return self._result.x if self._result.status is qtqp.SolutionStatus.SOLVED else None
+        return self._result.x
 
     def report(self) -> Report:
         r = self._result
-        return Report(r.x, r.y, r.status.value, r.iterations)
+        return Report(r.status is qtqp.SolutionStatus.SOLVED, r.y, r.status.value, r.iterations)

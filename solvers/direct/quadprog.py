@@ -40,12 +40,11 @@ class Quadprog(LibrarySolver):
         except ValueError as error:
             if not str(error).endswith(NO_ANSWER):
                 raise
-            self._error = str(error)
-            return None
+            self._answer = None, str(error)
         return self._answer[0]
 
     def report(self) -> Report:
-        if not self.found:
-            return Report(self.program.no_answer(), np.zeros(0), self._error)
-        x, _, _, counts, lagrangian, _ = self._answer
-        return Report(x, lagrangian[: self.rows.r.size], "solved", int(counts[0]))
+        if self._answer[0] is None:
+            return Report(False, np.zeros(0), self._answer[1])
+        _, _, _, counts, lagrangian, _ = self._answer
+        return Report(True, lagrangian[: self.rows.r.size], "solved", int(counts[0]))

@@ -39,18 +39,18 @@ class ScipyLbfgsb(BoxMinimiser):
     warm_startable = True
 
     def minimise(self, start: Vector | None) -> BoxResult:
-        point, iterations = inside(start, self.lb, self.ub), 0
+        point, iterations = inside(start, self.program.lb, self.program.ub), 0
         for _ in range(1 + RESTARTS):
             result = minimize(  # type: ignore[call-overload]
                 partial(cost, self.program),
                 point,
                 jac=True,
                 method="L-BFGS-B",
-                bounds=Bounds(self.lb, self.ub),
+                bounds=Bounds(self.program.lb, self.program.ub),
                 options=self.settings,
             )
             point, iterations = result.x, iterations + int(result.nit)
             stuck = bool(self.settings) and any(word in result.message for word in STUCK)
             if not stuck:
                 break
-        return BoxResult(point, bool(result.success) and not stuck, str(result.message), iterations)
+        return point, bool(result.success) and not stuck, str(result.message), iterations

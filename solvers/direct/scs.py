@@ -51,11 +51,16 @@ class Scs(LibrarySolver):
             self._result = self._solver.solve(warm_start=False)
         else:
             self._result = self._solver.solve(warm_start=True, x=warm_start, **self._dual)
-        if self._result["info"]["status_val"] != scs.SOLVED:
-            return None
-        self._dual = {"y": self._result["y"], "s": self._result["s"]}
+        if self._result["info"]["status_val"] == scs.SOLVED:
+            self._dual = {"y": self._result["y"], "s": self._result["s"]}
         return self._result["x"]
 
     def report(self) -> Report:
         r, info = self._result, self._result["info"]
-        return Report(r["x"], r["y"][: self.rows.r.size], info["status"], info["iter"], 1e3 * info["solve_time"])
+        return Report(
+            info["status_val"] == scs.SOLVED,
+            r["y"][: self.rows.r.size],
+            info["status"],
+            info["iter"],
+            1e3 * info["solve_time"],
+        )

@@ -85,15 +85,14 @@ class CompiledLibrary(LibrarySolver):
         self._held = values  # the state has their addresses
         self.state: NDArray[np.int64] = np.array([*_data_addresses(p), p.d, *map(_as_integer, values)], dtype=np.int64)
         self._addresses = np.array(list(map(_as_integer, (self.state, self._loop.update, self._loop.solve))))
-        self.x = p.no_answer()
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
-        self.x = self.program.no_answer()
-        self._loop.solve(address(self.state), address(warm_start), address(self.x))
-        return None if np.isnan(self.x[0]) else self.x
+        x = np.full(self.program.d, np.nan)
+        self._loop.solve(address(self.state), address(warm_start), address(x))
+        return x
 
     def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
         P, q, start = self._begin(lambda p: several(P, q, warm_start, p.d))
@@ -102,8 +101,7 @@ class CompiledLibrary(LibrarySolver):
         self.program.set_data(P[last], q[last], copy=True)
         self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)
-        self.x = x = timings[2][last].copy()
-        self.found, self._missing = not np.isnan(x[0]), READY
+        self.x, self._missing = timings[2][last].copy(), READY
         return timings
 
 

@@ -14,8 +14,7 @@ typedef struct {
 } Problem;
 
 typedef struct {
-    double *x, *lam, fval, soft_slack;
-    int exitflag;
+    double *x;
 } Result;
 
 typedef struct {
@@ -89,9 +88,7 @@ static int solve(void *state, const double *start, double *x)
     }
     s->is_cold = 0;
     s->solve(s->result, s->workspace);
-    if (s->result->exitflag > 0) {
-        memcpy(x, s->result->x, (size_t)s->data.d * sizeof(double));
-    }
+    memcpy(x, s->result->x, (size_t)s->data.d * sizeof(double));
     return OK;
 }
 

@@ -85,7 +85,7 @@ class Daqp(CompiledLibrary, direct.Daqp):
 
     def report(self) -> Report:
         r = self._result
-        return Report(self.x, self._lam, f"exit flag {r.exitflag}", r.iter, 1e6 * r.solve_time)
+        return Report(r.exitflag > 0, self._lam, f"exit flag {r.exitflag}", r.iter, 1e6 * r.solve_time)
 
 
 def _release(work: Any, *held: object) -> None:

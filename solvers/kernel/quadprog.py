@@ -37,4 +37,4 @@ class Quadprog(CompiledLibrary, direct.Quadprog):
         )
 
     def report(self) -> Report:
-        return Report(self.x, self._lagrangian, MESSAGES[self.state[-1]], int(self._counts[0]))
+        return Report(self.state[-1] == 0, self._lagrangian, MESSAGES[self.state[-1]], int(self._counts[0]))

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from bench.messages.columns import CHOICES
+from bench.messages.columns import CHOICES, PATTERNS
 from bench.store import Run
 from bench.timing import machine
 
@@ -172,7 +172,9 @@ def make_hostile(run: Run, file: str, columns: Iterable[str], payloads: Sequence
     table = parquet.read_table(run.path / file)
     for name in columns:
         texts = [
-            json.dumps({**json.loads(text), payload: payload}) if name == "settings" else text + payload
+            json.dumps({**json.loads(text), payload: payload})
+            if name == "settings"
+            else text + (payload.replace("/", "") if name in PATTERNS else payload)
             for text, payload in zip(table[name].to_pylist(), cycle(payloads), strict=False)
         ]
         table = table.set_column(table.column_names.index(name), name, pa.array(texts))

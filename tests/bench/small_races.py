@@ -138,7 +138,8 @@ def killed_and_resumed(piezobench: CommandLine, run: Run, what: str, tasks: int,
 
 def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
     """A finished one-shot race with these options."""
-    call = piezobench.run("race", "--out", out, "--name", name, *words)
+    call = piezobench("race", "--out", out, "--name", name, *words)
+    assert call.status == ("\nWrong: " in call.stdout), (call.stdout, call.stderr)
     run = Run.open(out / name)
     return Race(run, run.rows(ROWS), call)
 

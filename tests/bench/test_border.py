@@ -219,7 +219,11 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
         ("rows.parquet", with_rows(lambda table: pa.concat_tables([table, table])), "occurs twice"),
         ("rows.parquet", with_column("solver", 1), "column 'solver' holds int64"),
         ("rows.parquet", with_column("settings", "{"), "column 'settings' holds text that is not settings in JSON"),
-        ("rows.parquet", with_column("lane", "x"), "column 'lane' holds 'x' and not one of kernel"),
+        *(
+            ("rows.parquet", with_column(name, "../../evil"), f"column {name!r} holds '../../evil' in row 1 and not")
+            for name in ("solver", "problem_set", "problem")
+        ),
+        ("rows.parquet", with_column("lane", "x"), "column 'lane' holds 'x' in row 1 and not one of kernel"),
     ],
 )
 def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
@@ -236,6 +240,7 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
     for words in (
         ["report", run.path],
         ["resume", run.path],
+        ["verify", run.path],
         ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
         ["deploy", run.path, "--out", tmp_path / "d.json", "--simulated"],
     ):
@@ -243,6 +248,7 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
         assert f"{path}: " in refusal
         assert message in refusal
     assert not list(tmp_path.iterdir())
+    assert [*run.path.parent.iterdir()] == [run.path]
 
 
 def test_a_damaged_cached_certificate_is_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -325,6 +331,24 @@ def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
     Run(run).note(field={})
     piezobench.run(*words[:-2], folder=tmp_path)
     assert "mine" in set(Run(run).rows(ROWS).solver)
+
+
+def test_no_verb_for_a_finished_run_executes_the_python_files_that_it_names(
+    piezobench: CommandLine, clean_race: Race, run: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(HARM)
+    file = str(tmp_path / "mine.py")
+    named = {"solver_files": [file], "problem_sets": ["paper", "test_set"], "set_options": {"test_set": file}}
+    run.note(settings={**run.settings["settings"], **named})
+    for words in (
+        ["report", run.path],
+        ["resume", run.path],
+        ["verify", run.path],
+        ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
+        ["deploy", run.path, "--out", tmp_path / "d.json", "--simulated", "--deadline", 1e6],
+    ):
+        piezobench.run(*words)
+    assert not (tmp_path / "HARMED").exists()
 
 
 def test_a_race_is_not_resumed_with_another_version_of_a_solver(

@@ -9,7 +9,7 @@ import pytest
 from measured_rows import ladder, measured, row, table
 
 from bench.derived.measurements import Measurements, merged
-from bench.derived.ranking import wrapper_share
+from bench.derived.ranking import BESIDE, like_with_like, wrapper_share
 from bench.derived.summary import raced, summary
 from bench.derived.tiers import FEWEST, TOLERANCE, choice, error, left_out, margin, right, tier_settings
 from bench.messages.task import Row, Status, Tier
@@ -444,3 +444,24 @@ def test_the_share_of_a_wrapper(
         for line in wrapper_share(measured(rows)).itertuples()
     }
     assert found == expected
+
+
+def test_ours_is_beside_another_on_the_problems_that_both_are_right_on_however_many_those_are() -> None:
+    quick = [row(solver="box_active_set", problem=f"p{i}", solve_us_p50=1.0) for i in range(3)]
+    found = like_with_like(
+        measured(
+            [
+                *quick,
+                row(solver="box_active_set", problem="slow", solve_us_p50=100.0),
+                row(solver="projected_difference", problem="p0", solve_us_p50=0.5),
+                row(solver="daqp", problem="slow", solve_us_p50=50.0),
+                row(solver="osqp", problem="p0", problem_set="orders", solve_us_p50=50.0),
+            ]
+        )
+    )
+    shown = found[["ours", "other", "problems", "ours_us", "other_us", "ratio"]].astype(object)
+    assert shown.where(found.notna(), None).to_numpy().tolist() == [
+        ["box_active_set", "daqp", 1, 100.0, 50.0, 2.0],
+        ["box_active_set", "osqp", 0, None, None, None],
+    ]
+    assert [column.format(math.nan) for column in BESIDE[-1:]] == ["–"]

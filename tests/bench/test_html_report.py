@@ -23,6 +23,7 @@ from bench.store import Run
 
 LARGEST = 6_000_000
 EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.title='run'</script>"
+NAME = EVIL.replace("/", "")
 
 
 def written(run: Run) -> Path:
@@ -95,7 +96,7 @@ def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_unknown_values_at_the
 ) -> None:
     browser.open(page)
     table = summary(wide_race.found)
-    for heading, values in (("solve, µs", table.solve_us_p50), ("worst cost gap", table.worst_cost_gap)):
+    for heading, values in (("solve, µs", table.solve_us_p50), ("worst gap", table.worst_gap)):
         known = values.notna().sum()
         for falling in (False, True):
             click(browser, heading)
@@ -176,8 +177,8 @@ def test_the_page_is_one_small_file_that_links_to_the_data_of_each_plot(browser:
 @pytest.mark.slow
 def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
     def evil(rows: pd.DataFrame) -> pd.DataFrame:
-        rows = rows.assign(solver=rows.solver.replace("daqp", EVIL), message=EVIL, problem=rows.problem + EVIL)
-        return rows.assign(settings=rows.settings.where(rows.solver != EVIL, json.dumps({EVIL: EVIL})))
+        rows = rows.assign(solver=rows.solver.replace("daqp", NAME), message=EVIL, problem=rows.problem + NAME)
+        return rows.assign(settings=rows.settings.where(rows.solver != NAME, json.dumps({EVIL: EVIL})))
 
     folder = tmp_path / "<img src=x onerror=document.title='run'>"
     run = wide_race.copied(folder, evil, machine={"warnings": [EVIL]}, field={EVIL: EVIL})
@@ -185,7 +186,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     assert browser.console() == []
     assert browser.run("return document.title") == f"One-shot race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
-    assert EVIL in column(browser, "solver")
+    assert NAME in column(browser, "solver")
     assert any(
         EVIL[:16] in text
         for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)")

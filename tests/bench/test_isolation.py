@@ -49,7 +49,7 @@ STATUS = {
     "ignores_signals": Status.TIMED_OUT,
 }
 SAID = {
-    "nothing": "and the answer is judged all the same",
+    "nothing": "says 'as I say'",
     "segfaults": "SIGSEGV",
     "aborts": "SIGABRT, after printing 'about to fall'",
     "exits": "exit status 3",
@@ -59,8 +59,8 @@ SAID = {
     "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'",
     "raises_in_update": "ValueError: cannot update",
-    "answers_nan": "says solved and returned NaN",
-    "short": "says solved and returned no answer of the right shape",
+    "answers_nan": "says 'as I say', and gives no finite answer of 18 numbers",
+    "short": "says 'as I say', and gives no finite answer of 18 numbers",
     "odd_duals": "duals z_box are of shape (3,) and not (18,)",
     "unsupported": "takes no | scaled data",
     "answers_complex": "answers with complex numbers",
@@ -83,6 +83,18 @@ def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: s
     assert SAID.get(name, "") in row.message
     assert (row.message == "") == (row.status == Status.OK and name not in SAID)
     assert "\n" not in row.message
+
+
+def test_the_race_ends_with_1_and_a_last_line_that_names_the_users_own_lanes_that_fail_or_err(
+    faulty_race: Race, clean_race: Race
+) -> None:
+    *_, last = faulty_race.call.stdout.splitlines()
+    wrong = {name for name, status in STATUS.items() if status != Status.OK} | {"lies", "infeasible"}
+    assert {name for name in STATUS if f" {name} (direct) " in last} == wrong
+    assert "segfaults (direct) fails on bouc_wen-staircase: the process ended with SIGSEGV" in last
+    assert "lies (direct) errs by " in last
+    assert faulty_race.call.status == 1
+    assert clean_race.call.status == 0
 
 
 @pytest.mark.parametrize(("name", "figure"), [("lies", "cost_gap"), ("infeasible", "violation")])

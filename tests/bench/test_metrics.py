@@ -104,19 +104,11 @@ NOT_FINITE = [np.where(np.arange(6) == 2, bad, BEST) for bad in (np.nan, np.inf,
 OTHER_SHAPES = [None, np.zeros(0), np.zeros(5), np.zeros((6, 1)), np.array(np.nan)]
 
 
-@pytest.mark.parametrize(
-    ("x", "what"),
-    [*((x, "NaN or infinity") for x in NOT_FINITE), *((x, "no answer of the right shape") for x in OTHER_SHAPES)],
-)
-def test_an_answer_that_cannot_be_measured_is_missed_if_called_found_and_failed_if_not(
-    x: np.ndarray | None, what: str
-) -> None:
-    for found, status, message in (
-        (True, Status.MISSED, "says solved and returned "),
-        (False, Status.SOLVER_FAILED, "solved: returned "),
-    ):
+@pytest.mark.parametrize("x", [*NOT_FINITE, *OTHER_SHAPES])
+def test_an_answer_that_cannot_be_measured_is_missed_if_called_found_and_failed_if_not(x: np.ndarray | None) -> None:
+    for found, status in ((True, Status.MISSED), (False, Status.SOLVER_FAILED)):
         ours = judged(BOX, "scaled", answered(x, found=found))
-        assert (ours.status, ours.message) == (status, message + what)
+        assert (ours.status, ours.message) == (status, "says 'solved', and gives no finite answer of 6 numbers")
         assert np.isnan(ours.cost_gap)
 
 
@@ -132,7 +124,7 @@ def test_an_answer_that_the_solver_calls_not_found_is_judged_like_others_and_its
     x: np.ndarray, right: bool
 ) -> None:
     ours = judged(BOX, "scaled", answered(x, found=False, solver_status="gave up"))
-    assert (ours.status, ours.message) == (Status.OK, "says 'gave up', and the answer is judged all the same")
+    assert (ours.status, ours.message) == (Status.OK, "says 'gave up'")
     assert is_right(ours, Tier.HIGH) == right
 
 

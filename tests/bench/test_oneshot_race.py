@@ -249,11 +249,15 @@ def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
 
 @pytest.mark.parametrize(
     ("settings", "sentence"),
-    [("osqp=1e-6", "osqp: must be SOLVER={...} with settings in JSON"), ("clarabel={}", "which does not race")],
+    [
+        (["osqp=1e-6"], "osqp: must be SOLVER={...} with settings in JSON"),
+        (["clarabel={}"], "which does not race"),
+        (['osqp={"eps_abs": 1e-4}', "osqp={}"], "--settings: osqp: takes one setting, and is given several"),
+    ],
 )
 def test_given_settings_that_are_none_are_refused(
-    piezobench: CommandLine, tmp_path: Path, settings: str, sentence: str
+    piezobench: CommandLine, tmp_path: Path, settings: list[str], sentence: str
 ) -> None:
-    call = piezobench("race", *GIVEN, "--settings", settings, "--out", tmp_path)
+    call = piezobench("race", *GIVEN, *(word for text in settings for word in ("--settings", text)), "--out", tmp_path)
     assert sentence in call.refusal
     assert not [*tmp_path.iterdir()]

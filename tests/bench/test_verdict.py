@@ -43,11 +43,13 @@ def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_resul
     assert cells([*noisy, *other])["osqp"][-2] == "–"
 
 
-def test_the_default_gap_is_that_of_the_timed_answers_where_they_are_worse_than_the_first() -> None:
+def test_every_gap_of_a_lane_is_that_of_the_timed_answers_where_they_are_worse_than_the_first() -> None:
     honest = ladder({"p1": [1e-14], "p2": [1e-12]}, is_default=True, timed_gap=1e-11)
     cheating = ladder({"p1": [0.0], "p2": [0.0]}, solver="caches", is_default=True, timed_gap=0.3)
-    shown = cells([*honest, *cheating])
+    shown, found = cells([*honest, *cheating]), measured([*honest, *cheating])
     assert (shown["daqp"][-1], shown["caches"][-1]) == ("1.0e-11", "3.0e-01")
+    for table in (pictures.work_precision(found), summary(found)[["solver", "worst_gap"]].drop_duplicates()):
+        assert table.set_index("solver").worst_gap.to_dict() == {"daqp": 1e-11, "caches": 0.3}
 
 
 def test_a_terminal_shows_the_lanes_with_a_ladder_or_without_such_lanes_all() -> None:

@@ -444,6 +444,11 @@ def test_a_solver_has_not_seen_the_data_when_it_is_set_up(monkeypatch: pytest.Mo
     assert not np.allclose(solved("box_active_set", {"lane": "kernel"}, program, np.zeros(2)), [1.0, 0.0])
 
 
+def test_an_answer_that_its_solver_does_not_call_found_is_not_learned() -> None:
+    program = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2))
+    assert np.isnan(solved("clarabel", {"max_iter": 1}, program, np.zeros(2))).all()
+
+
 def test_a_wrong_cycle_is_forgotten_in_the_next_but_one() -> None:
     plant = sensor()
     learner, y_ref = learner_for(plant), steps(plant, 36.8)

@@ -103,21 +103,24 @@ def test_a_setting_that_a_library_does_not_have_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_data_without_an_answer_leave_nan_in_their_row_alone(name: str) -> None:
+def test_data_without_an_answer_found_have_what_the_library_returned_in_their_row_alone(name: str) -> None:
     problem, P, q = programs("boxes", 6, 3)
-    compiled, _ = both(name, **LIMITED.get(name, {}))
-    compiled.setup(Problem(np.eye(6), np.zeros(6), lb=problem.lb, ub=problem.ub))
+    compiled, direct = both(name, **LIMITED.get(name, {}))
+    for solver in (compiled, direct):
+        solver.setup(Problem(np.eye(6), np.zeros(6), lb=problem.lb, ub=problem.ub))
     P[[0, 2]], q[[0, 2]] = np.eye(6), 0.0
     if name not in LIMITED:
         P[1] *= -1.0
     solved, unsolved = [0, 2], [1]
     *_, answers = compiled.time_kernel(P, q)
-    assert np.isnan(answers[unsolved]).all()
+    direct.update(P[1], q[1])
+    np.testing.assert_array_equal(answers[1], direct.solve())
+    assert np.isnan(answers[1]).all() == (name not in LIMITED)
     assert np.isfinite(answers[solved]).all()
     for k in (solved[-1], unsolved[-1]):
         compiled.time_kernel(P[[k]], q[[k]])
         assert compiled.solution().found == (k in solved)
-    assert np.isnan(compiled.solve()).all()
+    np.testing.assert_array_equal(compiled.solve(), answers[1])
 
 
 def test_data_that_daqp_refuses_are_refused_in_the_loop_and_others_are_taken_after_another_setup() -> None:

@@ -89,6 +89,18 @@ ADAPTING = ("osqp", "scs")
 """Solvers that keep the penalty adapted by the last solve."""
 UNCOUNTED = ("scipy_nnls",)
 
+LIMIT = {
+    **dict.fromkeys(("clarabel", "osqp", "piqp", "proxqp", "proxsuite", "pyqpmad", "qpalm", "qtqp"), "max_iter"),
+    **dict.fromkeys(("qoco", "scs", "ecos"), "max_iters"),
+    "cvxopt": "maxiters",
+    "daqp": "iter_limit",
+    "scipy_bvls": "max_iter",
+    "scipy_lbfgsb": "maxiter",
+}
+"""Setting for the number of iterations of libraries that return the last iterate when they reach it."""
+SILENT = [(Lane.QPSOLVERS, "daqp"), (Lane.QPSOLVERS, "pyqpmad"), (Lane.CVXPY, "cvxopt"), (Lane.CVXPY, "daqp")]
+"""Of these, the package passes no answer on, or none with multipliers, when the library did not find it."""
+
 Case = tuple[Lane, str]
 
 
@@ -189,12 +201,8 @@ def test_an_answer_found_at_a_tight_tolerance_is_as_exact_as_stated(name: str, f
     for d, decades in product(sizes(Lane.DIRECT, name, form)[-2:], (0.0, 4.0) if name in SPREAD else (0.0,)):
         problem = pair(form, d, seed=1, decades=decades)
         solver = ready(Lane.DIRECT, name, problem.problems[0], 1e-9)
-        x = solver.solve()
-        if solver.solution().found:
-            assert problem.error(x) <= DIRECT[name].high
-        else:
-            assert np.isnan(x).all()
-            assert DIRECT[name].gives_up
+        assert problem.error(solver.solve()) <= DIRECT[name].high
+        assert solver.solution().found or DIRECT[name].gives_up
 
 
 @each_common
@@ -282,6 +290,22 @@ def test_sparse_matrices_have_the_answer_of_dense_ones(lane: Lane, name: str) ->
 @pytest.mark.parametrize(("lane", "name"), parts(case for case in ALL if "rows" in stated(*case).forms))
 def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name: str) -> None:
     check_nothing_found(ready(lane, name, opposed_rows()))
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
+@pytest.mark.parametrize(("lane", "name"), [case for case in ALL if case[1] in LIMIT and case not in SILENT])
+def test_an_answer_that_a_library_does_not_call_found_is_kept_with_its_duals_and_its_status(
+    lane: Lane, name: str
+) -> None:
+    problem = pair("boxes", 18)
+    solver = make(lane, name, **{LIMIT[name]: 2})
+    solver.setup(problem.problems[0])
+    x, solution = solver.solve().copy(), solver.solution()
+    assert solution.found is False
+    assert solution.extras["status"] not in ("", "solved", "optimal")
+    np.testing.assert_array_equal(solution.x, x)
+    assert problem.error(x) < 30.0
+    assert np.isfinite(solution.z_box).all()
 
 
 @each_common
