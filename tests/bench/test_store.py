@@ -298,11 +298,3 @@ def test_a_run_knows_the_machine_of_each_of_its_rows_and_is_refused_without_it(
     another = described | {"cores": 1000}
     path.with_name(f"{machine.key(another)}.json").write_text(json.dumps(another))
     assert f"machines has no {path.stem}.json" in piezobench("report", tmp_path / "run").refusal
-
-    # an older run describes one machine in run.json
-    path.write_text(text)
-    path.with_name(f"{machine.key(another)}.json").unlink()
-    older = Run(tmp_path / "run")
-    older.note(machine={**described, "processor": "An abacus"})
-    assert {each["processor"] for each in older.machines.values()} == {"An abacus", described["processor"]}
-    assert older.machine_of(older.rows(ROWS)) == described
