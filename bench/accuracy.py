@@ -19,18 +19,18 @@ import numpy as np
 
 from bench.derived.measurements import ROWS
 from bench.messages.task import ChildSettings, Progress, Setting, Status, Task, default_setting, settings_ladder, silent
-from bench.problem_files.program import fields_of
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import SolverChild
+from bench.races.measuring import set_up
 from bench.races.metrics import measures, relative_gap, timed_measures
-from bench.races.worker import OneShot
+from bench.races.race import PRELOAD
 from bench.report.words import settings_label
 from bench.store import Run
 from solvers import Entry
 from solvers.certificate import NotCertified
 
-LIMITS = ChildSettings(time_limit_s=10.0, preload=(OneShot.__module__,))
+LIMITS = ChildSettings(time_limit_s=10.0, preload=PRELOAD)
 """Of one program, after which the solver's process is ended."""
 ROUNDING = 1e-9
 """Largest relative difference of a timed gap, and absolute one of an error of a model, that another order of additions
@@ -90,7 +90,7 @@ def _answer(child: SolverChild, setting: Setting, problem: RaceProblem) -> Check
     """The answer to one program, as far as it can be measured."""
     form, entry = problem.forms["raw"], child.entry
     task = Task(problem.set_name, problem.name, "raw", entry.name, entry.lane, setting)
-    outcome = child.ask(OneShot(task, fields_of(form.qp), c=form.unit))
+    outcome = set_up(child, task, form)
     x, why = outcome.x, "" if outcome.found else outcome.message or outcome.solver_status
     error = math.inf if x is None or x.shape != form.qp.q.shape else max(relative_gap(form, x))
     return Checked(problem.name, outcome.found, error, why, outcome.failure != Status.UNSUPPORTED)

@@ -26,7 +26,7 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races.metrics import judge, judge_timed
-from bench.races.worker import Further, OneShot, TimedSolver
+from bench.races.worker import Further, SetUp, TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_NS, runs
@@ -44,7 +44,10 @@ def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
     """Set up the solver of a task, which then waits for blocks; the outcome has its first answer. The certificate and
     the other windows stay here."""
     start = form.starts.get(task.start)
-    return child.ask(OneShot(task, fields_of(form.qp), start, form.unit, child.entry.times_itself))
+    outcome = child.ask(SetUp(task, fields_of(form.qp), start, form.unit, child.entry.times_itself))
+    if outcome.failure == "timed_out":
+        return replace(outcome, message=f"its set-up gave {outcome.message}")
+    return outcome if outcome.failure else child.ask(Further(task.key, TimedSolver.first, ()))
 
 
 def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: float = math.inf) -> Outcome:

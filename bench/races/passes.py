@@ -1,8 +1,8 @@
 """The two passes over the problems, each divided by problem, scaling and repeat.
 
 In the first pass every setting of every solver is timed hot. The settings of a solver lane follow each other from loose
-to tight; after a crash, a timeout or an answer that takes longer than 0.1 s, tighter settings are skipped on this
-problem.
+to tight; after a crash, a timeout or an answer that takes longer than a tenth of the time limit, tighter settings are
+skipped on this problem. That is far from what an answer takes here, so that accuracy does not depend on the clock.
 
 The second pass, after all settings were measured on all problems, has more calls of the fastest solvers, warm starts,
 and interleaved solves. Each solver lane has one setting here: the one chosen for 1e-9, else for 1e-6, else its
@@ -46,8 +46,8 @@ from solvers.registry import FAMILIES, Described
 
 Tell = Callable[[Task], None]
 """Called with each task before it starts."""
-LONGEST_US = 1e5
-"""Longest answer after which tighter settings are tried."""
+LONGEST = 0.1
+"""Longest answer after which tighter settings are tried, in time limits."""
 LONGEST_INTERLEAVED_US = 1000.0
 """Longest hot answer of an interleaved solver on any problem: caches hardly affect longer ones."""
 PREFERRED = (Tier.HIGH, Tier.MID)
@@ -155,8 +155,15 @@ class Pass:
                 rows.append(self._save(run, task, outcome, fresh))
                 pool.sentinel.sample(unless_within_s=EVERY_S)
             if task.setting.rung >= 0:
-                end = end or _end_of_ladder(rows[-1])
+                end = end or self._end_of_ladder(rows[-1])
         return rows
+
+    def _end_of_ladder(self, row: Row) -> str:
+        """Why tighter settings than that of a row are skipped on this problem, or ""."""
+        if row["status"] in (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY):
+            return f"ended with {row['status']}"
+        longest_s = LONGEST * self.settings.time_limit_s
+        return f"took longer than {longest_s:g} s" if row["answer_us"] > 1e6 * longest_s else ""
 
     def _interleaved(self, run: Run, pool: SolverPool, tell: Tell, tasks: Sequence[Task]) -> list[Row]:
         """Interleave the tasks, unless all are done, and save those that are not."""
@@ -173,13 +180,6 @@ class Pass:
         row = row_of(self.problem, task, outcome, fresh, self.proven)
         run.save(task, [row], outcome.times)
         return row
-
-
-def _end_of_ladder(row: Row) -> str:
-    """Why tighter settings than that of a row are skipped on this problem, or ""."""
-    if row["status"] in (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY):
-        return f"ended with {row['status']}"
-    return "took longer than 0.1 s" if row["answer_us"] > LONGEST_US else ""
 
 
 def second_pass(run: Run, settings: RaceSettings, field: Sequence[Described], first: Sequence[Pass]) -> Iterator[Pass]:

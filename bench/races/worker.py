@@ -1,4 +1,4 @@
-"""The child's side of the race: solve one problem, then be timed on data that arrive block by block.
+"""The child's side of the race: set up a solver, solve one problem, then be timed on data that arrive block by block.
 
 *Hot*: the same solver updates and solves again and again, so that its code is in the caches. *Interleaved*: one update
 and solve at a time, and other solvers run on the same core in between. In both cases the clock runs in the child; the
@@ -27,8 +27,8 @@ from solvers.protocol import Matrix, Solver, Vector
 
 
 @dataclass(frozen=True)
-class OneShot(Request):
-    """Set up a solver, solve one problem, and keep the solver for the blocks that follow, until the next set-up."""
+class SetUp(Request):
+    """Set up a solver, and keep it for what follows, until the next set-up."""
 
     task: Task
     fields: Mapping[str, Any]
@@ -41,7 +41,7 @@ class OneShot(Request):
     """Whether the clock runs inside compiled code."""
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Run the task; the first request of a process runs it twice, to warm up."""
+        """Set up; the first request of a process also solves first, to warm up."""
 
         def run() -> Outcome:
             solver = _ready[self.task.key] = TimedSolver(cls, self)
@@ -49,11 +49,8 @@ class OneShot(Request):
 
         _ready.clear()
         if first:
-            attempt(run)
-        outcome = attempt(run)
-        if outcome.failure and (failed := _ready.pop(self.task.key, None)) is not None:
-            outcome.mutated, outcome.settings = failed.were_inputs_changed(), failed.settings
-        return outcome
+            attempt(lambda: run() and _ready[self.task.key].first())
+        return attempted(self.task.key, run)
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,15 @@ class Further(Request):
 
     def answer(self, cls: type[Solver], first: bool) -> Outcome:
         """Call the method."""
-        return self.method(_ready[self.key], *self.arguments)
+        return attempted(self.key, lambda: self.method(_ready[self.key], *self.arguments))
+
+
+def attempted(key: str, work: Callable[[], Outcome]) -> Outcome:
+    """The outcome of work with the solver of a task, which is not ready any more if it fails."""
+    outcome = attempt(work)
+    if outcome.failure and (failed := _ready.pop(key, None)) is not None:
+        outcome.mutated, outcome.settings = failed.were_inputs_changed(), failed.settings
+    return outcome
 
 
 _ready: dict[str, TimedSolver] = {}
@@ -76,7 +81,7 @@ _ready: dict[str, TimedSolver] = {}
 class TimedSolver:
     """A solver that is set up on the problem of a request, with separate arrays for updates."""
 
-    def __init__(self, cls: type[Solver], request: OneShot) -> None:
+    def __init__(self, cls: type[Solver], request: SetUp) -> None:
         self._cls, self._request, given = cls, request, Problem(**request.fields)
         # Two copies, since a solver that writes into one must spoil neither the other nor the request.
         self._for_setup, self._for_update = copied(given), copied(given)
@@ -92,8 +97,12 @@ class TimedSolver:
         self._block_was_changed = False
 
     def begin(self) -> Outcome:
-        """Set up and solve the first problem; only the set-up is timed."""
+        """Set up, and time that."""
         self._setups.append(self.setup())
+        return Outcome(found=True)
+
+    def first(self) -> Outcome:
+        """Solve the problem of the set-up."""
         self._first = x = real(self._solve())
         info = solver_info(self.solver.solution())
         return Outcome(x=x, settings=self.settings, **info)
