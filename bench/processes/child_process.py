@@ -54,6 +54,7 @@ class Child:
         self._lifeline: Connection | None = None
         self._log: Any = None
         self._process: Any = None
+        self.is_interrupted = False
 
     @property
     def is_running(self) -> bool:
@@ -141,7 +142,7 @@ class Child:
 
     def interrupt(self) -> None:
         """End the process from another thread than the waiting one, which gets a LostError."""
-        process = self._process
+        self.is_interrupted, process = True, self._process
         if process is not None and process.pid is not None:
             process.kill()
 

@@ -105,7 +105,12 @@ def _cluster(scheduler: str, at_end: Callable[[], None] | None) -> Iterator[Exec
     with client:
         check_cores(client, scheduler)
         with client.get_executor() as executor:
-            yield executor
+            try:
+                yield executor
+            except BaseException:
+                executor.shutdown(wait=False)
+                client.run(interrupt_workers)
+                raise
         if at_end is not None:
             client.run(at_end)
 
@@ -158,7 +163,7 @@ class _Worker(ExitStack):
         # A Dask worker under a nanny is a daemon, and multiprocessing forbids daemons to have children; ours end with
         # their connection.
         multiprocessing.current_process().daemon = False
-        self.pool = self.enter_context(SolverPool(entries, settings, self.core.number))
+        self.pool, self.is_busy = self.enter_context(SolverPool(entries, settings, self.core.number)), False
 
 
 _workers: dict[int, _Worker] = {}
@@ -173,13 +178,24 @@ def work(part: Any, entries: tuple[Entry, ...], settings: ChildSettings) -> Any:
         if worker is not None:
             worker.close()
         worker = _workers[thread] = _Worker(entries, settings)
+    worker.is_busy = True
     try:
         with worker.core.pinned():
             part.do(worker.pool, lambda task: None)
     except BaseException:
         _workers.pop(thread).close()
         raise
+    worker.is_busy = False
     return part
+
+
+def interrupt_workers() -> None:
+    """End the solvers of this process in the middle of their tasks; each part that is being done fails, and the others
+    are closed."""
+    for thread, worker in [*_workers.items()]:
+        worker.pool.interrupt()
+        if not worker.is_busy:
+            _workers.pop(thread).close()
 
 
 def close_workers() -> None:

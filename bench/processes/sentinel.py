@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.processes.child_process import START_LIMIT_S
+from bench.processes.child_process import START_LIMIT_S, LateError, LostError
 from bench.processes.forked_child import ForkedChild
 from bench.timing.clock import Effort, no_garbage_collection, time_call
 
@@ -61,11 +61,16 @@ class Sentinel(ForkedChild):
         self.core, self.samples = core, list[tuple[float, list[int]]]()
 
     def sample(self, unless_within_s: float = 0.0) -> None:
-        """Time the work, unless the last sample is younger than ``unless_within_s``."""
-        if not self.samples or time.time() - self.samples[-1][0] >= unless_within_s:
+        """Time the work, unless the last sample is younger than ``unless_within_s``; ChildProcessError if its process
+        is lost."""
+        if self.samples and time.time() - self.samples[-1][0] < unless_within_s:
+            return
+        try:
             if not self.is_running and self.core is not None:
                 self.call(START_LIMIT_S, os.sched_setaffinity, 0, {self.core})
             self.samples.append((time.time(), self.call(START_LIMIT_S, work)))
+        except (LateError, LostError) as error:
+            raise ChildProcessError(f"the process that samples the speed of the core was lost ({error})") from None
 
     def take_samples(self) -> list[tuple[float, list[int]]]:
         """Return the samples so far, and clear them."""

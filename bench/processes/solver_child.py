@@ -76,6 +76,8 @@ class SolverChild(ForkedChild):
         except LateError as error:
             return Outcome("timed_out", str(error))
         except LostError as error:
+            if self.is_interrupted:
+                raise ChildProcessError("the race was interrupted") from None
             memory = "bad_alloc" in error.last_words or "MemoryError" in error.last_words
             return Outcome("out_of_memory" if memory else "crashed", f"the process ended with {error}")
         if outcome.failure == "out_of_memory":
@@ -115,6 +117,11 @@ class SolverPool(ExitStack):
             self._start(repeat)
             for child in self.children.values():
                 child.describe()  # waits for the libraries to load, which would disturb the first task
+
+    def interrupt(self) -> None:
+        """End the solvers' processes from another thread; their requests and the sentinel's are ChildProcessErrors."""
+        for child in [self.sentinel, *self.children.values()]:
+            child.interrupt()
 
     def child(self, task: Task) -> SolverChild:
         """The process of a task's solver."""

@@ -1,14 +1,16 @@
 """A race on several workers, local or of a cluster, gives the rows of a race on one."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import faulty_solvers
 import pandas as pd
 import pytest
-from command_line import CommandLine, kill_worker, wait_until_gone
+from command_line import CommandLine, kill_worker, wait_until, wait_until_gone
 from programs import library
 from small_races import MACHINES, SMALL, THIRD, TWO_CORES, Race, checkout, commit_of, commits, saved
 from test_store import of_first_answers
@@ -123,6 +125,22 @@ def test_a_worker_with_a_long_result_ends_with_the_race_that_was_killed(tmp_path
             time.sleep(0.01)
         race.kill()
     wait_until_gone(race.pid)
+
+
+@TWO_CORES
+def test_an_interrupted_race_on_a_cluster_ends_solvers_in_compiled_code_and_gives_the_cores_back(
+    piezobench: CommandLine, tmp_path: Path, scheduler: str
+) -> None:
+    file = faulty_solvers.written(tmp_path, "hangs", *faulty_solvers.FAULTS["hangs"])
+    on_cluster = ("--backend", "dask", "--scheduler", scheduler)
+    words = ("race", *SMALL, "--scaling", "scaled", "--out", tmp_path, *on_cluster, "--time-limit", 1000)
+    call, tasks = piezobench.start(*words, "--name", "first", "--solver", file), tmp_path / "first" / "tasks"
+    wait_until(lambda: len([*tasks.glob("osqp-*.npz")]) == 8, lambda: call.stderr.read_text())  # then hangs is next
+    time.sleep(0.5)
+    os.kill(call.pid, signal.SIGINT)
+    assert call.wait().status == 130
+    assert not [*tasks.glob("hangs-*")]
+    assert piezobench(*words, "--name", "second").status == 0
 
 
 COUNT = len(cores.usable())

@@ -25,6 +25,7 @@ from small_races import SMALL, TASKS, THIRD, Race
 
 from bench import problems
 from bench.derived.measurements import ROWS
+from bench.derived.tiers import MISSES
 from bench.messages.task import silent
 from bench.races.run_problems import problems_of
 from bench.races.runs import settings_of
@@ -48,6 +49,8 @@ TIMES = [
     "reported_us",
     "preemptions",
     "judged",
+    "draw_seed",
+    *MISSES.values(),
     *(name for name in ROWS.arrow.names if name.startswith("timed_")),
 ]
 
