@@ -309,24 +309,6 @@ class Recording(Source):
             y=self.y if gain_y == 1.0 else read_only(gain_y * self.y),
         )
 
-    def swapped(self) -> Self:
-        """Return the recording with input and output swapped; RecordingError if outputs are missing, since a drive must
-        not have gaps."""
-        if gaps := int(np.count_nonzero(self.uncounted)):
-            raise RecordingError(f"{self.name}: {gaps} samples have no output, which thus cannot be the input")
-        other = {"input": "output", "output": "input"}
-        return replace(
-            self,
-            x=self.y,
-            y=self.x,
-            x_range=self.y_range,
-            y_range=self.x_range,
-            input_unit=self.output_unit,
-            output_unit=self.input_unit,
-            columns={other.get(role, role): name for role, name in self.columns.items()},
-            reasons={other.get(role, role): why for role, why in self.reasons.items()},
-        )
-
     def describe(self) -> str:
         """Describe in two lines the samples, and the columns that were guessed, and in one each remark."""
         gaps = int(np.count_nonzero(self.uncounted))
