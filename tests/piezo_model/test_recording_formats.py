@@ -25,7 +25,6 @@ from recording_files import workbook as table_workbook
 from piezo_model.recordings import Recording, RecordingError, formats
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.opening import open_table
-from piezo_model.recordings.options import ReadOptions
 
 PERIOD = 5e-4
 T = np.arange(N) * PERIOD
@@ -335,7 +334,7 @@ def test_a_missing_library_is_a_sentence_that_says_what_to_install(tmp_path: Pat
 
 
 def test_a_format_is_one_function_and_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def read_doubles(path: Path, options: ReadOptions) -> Arrays:
+    def read_doubles(path: Path) -> Arrays:
         data = np.frombuffer(path.read_bytes()[8:]).reshape(-1, 2)
         return Arrays("doubles", {"u": data[:, 0], "y": data[:, 1]}, periods=0.01)
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from piezo_model.recordings.layout import layout_of
-from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import RecordingError, Table, check_size
 
 DAY_US = 86400e6
@@ -19,7 +18,7 @@ LARGE, DENSEST = 10_000_000, 30
 """Bytes of a part of a workbook, and its compression beyond which it is no table: numbers are compressed ninefold."""
 
 
-def open_workbook(path: Path, options: ReadOptions) -> Table:
+def open_workbook(path: Path, header_row: int | None, sheet: str | None) -> Table:
     """The largest table of a workbook, or that of the sheet that is named, read like a text: header, units and first
     row are found in the same way."""
     import openpyxl
@@ -30,18 +29,16 @@ def open_workbook(path: Path, options: ReadOptions) -> Table:
         check_size(path, sum(part.file_size for part in archive.infolist()))
     with path.open("rb") as file:  # opened here, since openpyxl checks the suffix of a name
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-        names = [sheet.title for sheet in book.worksheets]
-        if options.sheet is not None and options.sheet not in names:
-            raise RecordingError(
-                f"{path}: has no sheet {options.sheet!r}; its sheets are {', '.join(map(repr, names))}"
-            )
-        sheets = _rows(path, [sheet for sheet in book.worksheets if options.sheet in (None, sheet.title)])
+        names = [each.title for each in book.worksheets]
+        if sheet is not None and sheet not in names:
+            raise RecordingError(f"{path}: has no sheet {sheet!r}; its sheets are {', '.join(map(repr, names))}")
+        sheets = _rows(path, [each for each in book.worksheets if sheet in (None, each.title)])
     found = []
     for name, rows in sheets.items():
         # many cells can refer to one long text, and each letter is looked at many times
         check_size(path, sum(100 * len(cell) for row in rows[:1000] for cell in row if isinstance(cell, str)))
         lines = ["\t".join(map(_text, row)) for row in rows[:1000]]
-        layout = layout_of(lines, ".", options.header_row)
+        layout = layout_of(lines, ".", header_row)
         if layout is not None and layout.dialect.separator == "\t":
             found.append((len(rows) * len(layout.columns), name, layout))
     if not found:
