@@ -1,8 +1,8 @@
 """Assignment of the columns of a table to the roles time, input, output and reference.
 
 The user names columns, and the others are guessed by the most reliable evidence available: the words in a name
-(``input_voltage``), its unit, and being the only column left whose values vary, or that can be a time
-(:mod:`piezo_model.recordings.evidence`). Guesses are reported.
+(``input_voltage``), its unit, and being the only column left whose values vary, or that
+can be a time. Guesses are reported.
 Every word votes for the drive (positive) or for the sensor (negative). Between two columns that fit equally well no
 guess is made: the user has to name one.
 """
@@ -14,8 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from piezo_model.recordings.evidence import Profile, profiles
-from piezo_model.recordings.table import Column, RecordingError, Table, printable
+from piezo_model.recordings.table import Column, Profile, RecordingError, Table, printable
 from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES
 
 TIME_WORDS = (
@@ -96,7 +95,7 @@ class _Search:
     @cached_property
     def profiles(self) -> dict[int, Profile]:
         """Profiles of the candidates."""
-        return profiles(self.table, [k for k in self.candidates if self.table.columns[k].kind == "number"])
+        return self.table.profiles([k for k in self.candidates if self.table.columns[k].kind == "number"])
 
     def free(self) -> list[int]:
         """Candidates without a role."""
@@ -222,7 +221,7 @@ def words_of(column: Column) -> set[str]:
 def _find_time_by_name(search: _Search) -> None:
     ranks = {k: rank for k in search.free() if (rank := _time_rank(search.table.columns[k])) is not None}
     best = [k for k, rank in ranks.items() if rank == min(ranks.values())]
-    if len(best) > 1 and len(set(profiles(search.table, best).values())) == 1:
+    if len(best) > 1 and len(set(search.table.profiles(best).values())) == 1:
         best = best[:1]  # an oscilloscope repeats the times beside each channel
     search.assign("time", best, "by name")
 
