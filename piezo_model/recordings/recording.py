@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike
 
 from piezo_model import checks
 from piezo_model.recordings.bad_values import MOST_MISSING, last_known
-from piezo_model.recordings.joining import INPUT, OUTPUT, TIME, joined
+from piezo_model.recordings.joining import joined
 from piezo_model.recordings.opening import GUESS, open_table, read_signals
 from piezo_model.recordings.options import TIME_TOLERANCE, ReadOptions
-from piezo_model.recordings.roles import NO_CLOCK
 from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.table import RecordingError, check_sample_time
 from piezo_model.structure import SMALLEST
@@ -155,9 +154,7 @@ class Recording(Source):
         errors are those of :meth:`open`.
         """
         options = ReadOptions(**reading)
-        table, reasons = joined(input, output, time, options)
-        clock = None if options.sample_time else str(TIME + 1) if table.columns[TIME].kind == "number" else NO_CLOCK
-        named = {"time": clock, "input": str(INPUT + 1), "output": str(OUTPUT + 1)}
+        table, named, reasons = joined(input, output, time, options)
         return replace(cls._of(*read_signals(table, named, options)), reasons=reasons)
 
     @classmethod
