@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from piezo_model.recordings.array_table import table_of
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
-from piezo_model.recordings.formats.libraries import open_npy, read_hdf5, read_matlab, read_npz, read_tdms
+from piezo_model.recordings.formats.libraries import read_hdf5, read_matlab, read_npy, read_npz, read_tdms
 from piezo_model.recordings.formats.text import HEAD_BYTES, open_gcs, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
@@ -62,7 +62,7 @@ FORMATS = (
         lambda path, head: head.startswith(b"\xff\xff\xff\xff") and path.suffix in (".arrow", ".arrows"),
         open_stream,
     ),
-    Format("a NumPy file", begins(b"\x93NUMPY"), open_npy),
+    Format("a NumPy file", begins(b"\x93NUMPY"), read_npy),
     Format("an archive of NumPy", holds(".npy"), read_npz),
     Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "sheet")),
     Format(

@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.recordings.array_table import Arrays, table_of
+from piezo_model.recordings.array_table import Arrays
 from piezo_model.recordings.stated_period import period_in, period_in_scalars
-from piezo_model.recordings.table import MOST_BYTES, RecordingError, Table, check_size
+from piezo_model.recordings.table import MOST_BYTES, RecordingError, check_size
 
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
@@ -36,9 +36,9 @@ letter or another object of Python."""
 PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
-def open_npy(path: Path) -> Table:
+def read_npy(path: Path) -> Arrays:
     """An array of rows and columns, or a structured array."""
-    return table_of(path, Arrays("NumPy", {"": np.load(path, mmap_mode="r", allow_pickle=False)}))
+    return Arrays("NumPy", {"": np.load(path, mmap_mode="r", allow_pickle=False)})
 
 
 def read_npz(path: Path) -> Arrays:
