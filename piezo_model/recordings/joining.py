@@ -63,20 +63,20 @@ def joined(
         y = np.interp(times[common], others, y)
         times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
         repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
-    columns = (
+    columns = [
         replace(drive.column, name=f"{first.path}/{drive.column.name}", nested=True, rows=None),
         replace(sensor.column, name=f"{second.path}/{sensor.column.name}", nested=True, rows=None),
-        Column("time", drive.unit),
-    )
+    ]
     roles, arrays = {"time": NO_CLOCK, "input": "1", "output": "2"}, [x, y]
     if times is not None:
         unit = options.time_unit or "s"
-        arrays.append(times / (seconds(canonical(unit) or unit) or 1.0))
-        roles["time"] = "3"
+        columns.insert(0, Column("time", drive.unit))
+        arrays.insert(0, times / (seconds(canonical(unit) or unit) or 1.0))
+        roles = {"time": "1", "input": "2", "output": "3"}
     found = {"time": drive.reasons.get("time"), "input": drive.reasons.get("reference")}
     reasons = {role: why for role, why in {**found, "output": sensor.reasons.get("reference")}.items() if why}
     form = f"two files, the first {first.form}"
-    table = Table(path, form, columns[: len(arrays)], lambda at: [[arrays[k] for k in at]], where, repairs)
+    table = Table(path, form, tuple(columns), lambda at: [[arrays[k] for k in at]], where, repairs)
     return table, roles, reasons
 
 
